@@ -62,7 +62,7 @@ def of_the_run(run: Path, radius: dict[str, np.ndarray], truth: dict[str, np.nda
     import torch
 
     from cavirheo.training.export import load_model
-    from cavirheo.training.train import read_tensors
+    from cavirheo.training.loop import read_tensors
 
     torch.manual_seed(0)
     model = load_model(run / "best.safetensors")

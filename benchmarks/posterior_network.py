@@ -22,9 +22,9 @@ from cavirheo.physics.bubble import FIELD
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate_many
 from cavirheo.prior import uniforms
-from cavirheo.training.posterior.camera import film
-from cavirheo.training.posterior.recipe import posterior_recipe
-from cavirheo.training.posterior.store import CurveStore, _curve
+from cavirheo.training.camera import film
+from cavirheo.training.curves import COLUMNS, CurveStore, simulated_curve
+from cavirheo.training.recipe import read_recipe
 
 SHOWN = ("viscosity", "shear_modulus", "stretch", "accommodation", "confinement_damping")  # of the coverage
 SEED = 4242  # of curves; the training has others
@@ -92,16 +92,17 @@ def r2_table(n: int, weighed: bool = False) -> list[str]:
 
 
 def coverage(recordings: int) -> list[str]:
-    recipe = posterior_recipe(Path(__file__).parent.parent / "recipes" / "posterior.toml")
-    assert recipe is not None
-    kinds, model = recipe.posterior.kinds, load_posterior()
+    recipe = read_recipe(Path(__file__).parent.parent / "recipes" / "posterior.toml")
+    table = recipe.problem.model_copy(update={"max_radius_um": (30.0, 600.0)})
+    kinds, model = table.kinds, load_posterior()
     found: list = []
     index = 0
     while len(found) < 2 * recordings:
-        one = _curve(kinds, (30e-6, 600e-6), SEED, index)
+        one = simulated_curve(table, SEED, index)
         index += 1
         found += [one] if one is not None else []
-    store = CurveStore(*(np.array(column) for column in zip(*found, strict=True)))
+    columns = zip(COLUMNS.values(), zip(*found, strict=True), strict=True)
+    store = CurveStore(*(np.array(column, kind) for (kind, _), column in columns))
     shown = film(store, np.arange(len(found)), SEED)
     rng = np.random.default_rng(SEED)
     off: list[tuple[int, float, bool, float]] = []  # slot, noise, discrepancy, distance of the truth from the middle

@@ -23,9 +23,9 @@ from distributed import Client, LocalCluster
 
 from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
-from cavirheo.training.dataset import CHUNK, SHARD, Rows, columns, generate
+from cavirheo.training.dataset import CHUNK, SHARD, generate, grid_layout
 from cavirheo.training.recipe import read_recipe
-from cavirheo.training.shards import fill, write_hdf5
+from cavirheo.training.shards import Rows, fill
 from cavirheo.workflow.cluster.check import identity
 from cavirheo.workflow.cluster.executor import AHEAD, Workers, seconds_for
 
@@ -172,7 +172,8 @@ def main() -> None:
 
 def filled(block: range) -> Rows:
     """What `generate` gets for these curves, without their simulation."""
-    return np.ones((len(block), 3)), np.ones((len(block), 100), np.float32), ["ok"] * len(block)
+    n = len(block)
+    return {"theta": np.ones((n, 3)), "radius": np.ones((n, 100), np.float32), "status": ["ok"] * n}
 
 
 def million(workers: Workers) -> float:
@@ -180,10 +181,11 @@ def million(workers: Workers) -> float:
     a curve."""
     with tempfile.TemporaryDirectory() as folder:
         blocks = {Path(folder, f"{k:05d}.h5"): range(k * SHARD, (k + 1) * SHARD) for k in range(200)}
+        layout = grid_layout(read_recipe(RECIPE).problem)
         times, began = [time.perf_counter()], processor()
 
         def write(path: Path, block: range, parts: list[Rows]) -> None:
-            write_hdf5(path, {"start": block.start}, columns(parts))
+            layout.write({}, path, block, parts)
             times.append(time.perf_counter())
 
         fill(blocks, CHUNK, filled, write, workers, lambda _: None)

@@ -28,7 +28,7 @@ from cavirheo.parallel import Threads
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.reading import read_curves
-from cavirheo.training import dataset
+from cavirheo.training import dataset, shards
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.cluster import connected
@@ -122,14 +122,14 @@ def test_a_data_set_is_the_same_from_threads_and_a_cluster_and_after_it_was_stop
     assert len(files(tmp_path / "threads")) == 3
     assert files(tmp_path / "dask") == files(tmp_path / "threads")
 
-    write = dataset.write_hdf5
+    write = shards.write_hdf5
 
     def stopped(path, *content):
         write(path, *content)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(dataset, "write_hdf5", stopped)
+        patch.setattr(shards, "write_hdf5", stopped)
         with pytest.raises(KeyboardInterrupt):
             generate(PROBLEM, 14, tmp_path / "cut", seed=3, executor=workers, progress=False)
     assert len(files(tmp_path / "cut")) == 1

@@ -11,8 +11,7 @@ from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.training import dataset
 from cavirheo.training.dataset import generate, load
-from cavirheo.training.posterior import store
-from cavirheo.training.posterior.recipe import posterior_recipe
+from cavirheo.training.recipe import read_recipe
 
 FAILED = "the step size went to zero at t = 30 us"
 
@@ -180,9 +179,9 @@ def test_a_set_is_surveyed_while_it_grows(problem, fake, tmp_path):
 
 
 def test_curves_of_a_posterior_network_take_less_than_two_kilobytes(tmp_path):
-    path = Path(__file__).parent.parent / "recipes" / "posterior.toml"
-    store.generate(posterior_recipe(path), 60, tmp_path, seed=3, progress=False)
-    found = store.survey(tmp_path)
+    problem = read_recipe(Path(__file__).parent.parent / "recipes" / "posterior.toml").problem
+    generate(problem, 60, tmp_path, seed=3, progress=False)
+    found = dataset.survey(tmp_path)
     assert (found.curves, found.total, found.lacking) == (60, 60, 0)
     assert found.size / found.statuses["ok"] < 2000
-    assert len(store.load(posterior_recipe(path), tmp_path, tmp_path).kind) == found.statuses["ok"]
+    assert len(dataset.load_curves(problem, tmp_path, tmp_path).kind) == found.statuses["ok"]

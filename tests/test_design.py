@@ -22,8 +22,8 @@ from cavirheo.inference.posterior_model import load_posterior
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import result, result_of
-from cavirheo.training.posterior import store
-from cavirheo.training.posterior.recipe import posterior_recipe
+from cavirheo.training import curves as training_curves
+from cavirheo.training.recipe import read_recipe
 
 NHKV = Family("nhkv")
 LAW = np.log10([6e3, 0.05])
@@ -390,7 +390,7 @@ def test_the_range_where_a_network_is_too_wide_is_found_and_drawn_more_often(wea
     assert max(others) < 1.5
     assert made.recordings == 60
     assert "viscosity" in out
-    found = posterior_recipe(tmp_path / "weak" / "recipe.toml")
+    found = read_recipe(tmp_path / "weak" / "recipe.toml")
     assert found.posterior.more.ranges["viscosity"] == pytest.approx((worst.low, worst.high), rel=1e-5)
     assert {law for law, _, _ in found.posterior.kinds} == {law for law, _ in weak.card.kinds}
     low, high = found.posterior.more.ranges["viscosity"]
@@ -411,8 +411,8 @@ def _drawn_viscosity(recipe, index, often):
         raise InputError("not simulated")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(store, "simulate", simulate)
-        store._curve(recipe.posterior.kinds, (1e-4, 2e-4), 5, index, often)
+        patch.setattr(training_curves, "simulate", simulate)
+        training_curves.simulated_curve(recipe.posterior.model_copy(update={"more": often}), 5, index)
     return seen[0]
 
 
@@ -430,7 +430,7 @@ def test_a_recipe_draws_more_only_from_what_it_draws(tmp_path, text, told):
     recipe = (Path(__file__).parent.parent / "recipes/posterior.toml").read_text()
     (tmp_path / "r.toml").write_text(recipe.replace("[data]", f"[posterior.more]\n{text}\n\n[data]"))
     with pytest.raises(InputError, match=told):
-        posterior_recipe(tmp_path / "r.toml")
+        read_recipe(tmp_path / "r.toml")
 
 
 def test_a_network_is_not_looked_at_without_a_law_or_beside_a_result(run):

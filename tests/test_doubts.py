@@ -22,8 +22,8 @@ from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Bubble
+from cavirheo.reading import write_csv
 from cavirheo.reading.shots import read_shots
-from cavirheo.reading.table import write_csv
 from cavirheo.reporting import read_json
 from cavirheo.writing.terminal import once
 

@@ -17,13 +17,12 @@ from cavirheo.inference import input_checks
 from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
 from cavirheo.reading import read_curves, write_csv
-from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import expand, tidy
-from cavirheo.reading.message import decode, encode
+from cavirheo.reading.formats import kind_of, read_sheets, text_sheet
 from cavirheo.reading.shots import Recordings, read_shots
-from cavirheo.reading.tabular import kind_of, read_sheets, text_sheet
+from cavirheo.reading.subprocess_reader import decode, encode
+from cavirheo.reading.tables import Term, Vocabulary, read_columns
 from cavirheo.reading.trace import read_trace
-from cavirheo.reading.vocabulary import Term, Vocabulary
 
 R_MAX = 200e-6
 T_C = R_MAX * np.sqrt(998.0 / 101325.0)

@@ -23,9 +23,8 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.reading import read_curves
-from cavirheo.training.dataset import columns, generate, load, survey
-from cavirheo.training.rows import StoredRows, blocks
-from cavirheo.training.shards import write_hdf5
+from cavirheo.training.dataset import generate, load, survey
+from cavirheo.training.shards import StoredRows, blocks, write_hdf5
 from cavirheo.workflow import analyse
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.store import keep, read_kept
@@ -78,7 +77,7 @@ def test_a_bar_says_rate_and_time_left_on_a_terminal_and_nothing_in_a_pipe():
 
 
 def test_rows_on_the_disk_are_those_of_an_array(tmp_path, monkeypatch):
-    monkeypatch.setattr("cavirheo.training.rows.BLOCK", 4)
+    monkeypatch.setattr("cavirheo.training.shards.BLOCK", 4)
     whole = np.random.default_rng(0).normal(size=(11, 3)).astype(np.float32)
     rows = StoredRows(tmp_path, 3, np.float32)
     for start in range(0, 11, 5):
@@ -117,11 +116,11 @@ def test_a_single_bit_that_changed_is_noticed(tmp_path):
 
 
 def test_no_more_curves_are_held_out_than_memory_should_hold(tmp_path, monkeypatch):
-    train = pytest.importorskip("cavirheo.training.posterior.train")
-    from cavirheo.training.posterior.recipe import posterior_recipe
-    from cavirheo.training.posterior.store import CurveStore
+    train = pytest.importorskip("cavirheo.training.posterior_training")
+    from cavirheo.training.curves import CurveStore
+    from cavirheo.training.recipe import read_recipe
 
-    recipe = posterior_recipe(ROOT / "recipes" / "posterior.toml")
+    recipe = read_recipe(ROOT / "recipes" / "posterior.toml")
     shown = []
     monkeypatch.setattr(train, "film", lambda shots, index, seed: shown.append(len(index)))
     for n in (1000, 120_000, 1_000_000):
@@ -190,13 +189,13 @@ def test_nothing_is_unpickled_from_a_kept_answer_or_a_training_set(tmp_path):
     trap = np.array([Trap(sprung)] * 3, dtype=object)
     np.savez(tmp_path / "a.npz", arrays[0], trap, allow_pickle=True)
     assert read_kept(tmp_path / "a.npz", Posterior) is None
-    good = columns([(np.ones((3, 2)), np.ones((3, 100), np.float32), ["ok"] * 3)])
     generate(PROBLEM, 3, tmp_path / "set", seed=1, progress=False)
     (path,) = (tmp_path / "set").glob("*.h5")
     with h5py.File(path) as file:
-        head = dict(file.attrs)
+        head, radius = dict(file.attrs), {"data": file["radius"][:]}
+        status = {"data": file["status"][:], "dtype": h5py.string_dtype()}
     theta = {"data": np.frombuffer(pickle.dumps(Trap(sprung)), np.uint8)}
-    write_hdf5(path, head, good | {"theta": theta})
+    write_hdf5(path, head, {"theta": theta, "radius": radius, "status": status})
     with pytest.raises(InputError):
         load(tmp_path / "set")
     assert not sprung.exists()

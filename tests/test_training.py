@@ -23,7 +23,6 @@ from cavirheo.training import evaluate as judge
 from cavirheo.training import figures, robustness
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.metrics import breakdown, metrics
-from cavirheo.training.posterior.recipe import posterior_recipe
 from cavirheo.training.recipe import Recipe, read_recipe
 from cavirheo.writing.document import Outputs
 
@@ -111,12 +110,11 @@ def test_shipped_recipes(path):
 
 
 def test_the_recipe_of_the_posterior_network():
-    recipe = posterior_recipe(RECIPES[0].with_name("posterior.toml"))
+    recipe = read_recipe(RECIPES[0].with_name("posterior.toml"))
     assert recipe.export.name == "posterior"
     assert [list(kind[:2]) for kind in recipe.posterior.kinds] == [
         list(kind) for kind in json.loads(path_of("posterior").with_suffix(".json").read_text("utf-8"))["kinds"]
     ]
-    assert posterior_recipe(RECIPES[0]) is None
 
 
 def test_the_paper_protocol():
@@ -368,42 +366,48 @@ class TestTorch:
 
     @pytest.mark.parametrize("schedule", ["constant", "cosine"])
     def test_resumes_to_the_same_weights(self, recipe, data, tmp_path, monkeypatch, schedule):
-        from cavirheo.training import train as module
+        from cavirheo.training.loop import read_tensors
+        from cavirheo.training.point_training import PointTraining
+        from cavirheo.training.train import train
 
         recipe = changed(recipe, schedule=schedule, warmup_steps=3)
-        whole = module.train(recipe, data, tmp_path / "whole", **CPU)
-        epochs, one_epoch = [], module._Training._epoch
+        whole = train(recipe, data, tmp_path / "whole", **CPU)
+        steps, loss_of = [], PointTraining.loss
 
-        def cut(training, epoch, step_done):
-            if epoch == 2:
+        def cut(training, step):
+            if step == 2 * training.every + 1:
                 raise KeyboardInterrupt
-            return one_epoch(training, epoch, step_done)
+            return loss_of(training, step)
 
-        monkeypatch.setattr(module._Training, "_epoch", cut)
+        monkeypatch.setattr(PointTraining, "loss", cut)
         with pytest.raises(KeyboardInterrupt):
-            module.train(recipe, data, tmp_path / "cut", **CPU)
+            train(recipe, data, tmp_path / "cut", **CPU)
         assert not (tmp_path / "cut" / "result.json").exists()
         self.torch.manual_seed(99)  # whatever happened in between must not matter
-        monkeypatch.setattr(
-            module._Training, "_epoch", lambda run, k, done: epochs.append(k) or one_epoch(run, k, done)
-        )
-        resumed = module.train(recipe, data, tmp_path / "cut", **CPU)
-        assert epochs == [2, 3]
+        monkeypatch.setattr(PointTraining, "loss", lambda run, step: steps.append(step) or loss_of(run, step))
+        resumed = train(recipe, data, tmp_path / "cut", **CPU)
+        resumed_steps = list(range(max(steps) // 2 + 1, max(steps) + 1))  # of the last two of four epochs
+        assert steps == resumed_steps
         assert resumed["metrics"] == whole["metrics"]
         for name in ("last.safetensors", "best.safetensors"):
-            ours, theirs = (module.read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
+            ours, theirs = (read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
             assert ours.keys() == theirs.keys()
             assert all(self.torch.equal(ours[key], theirs[key]) for key in ours)
         before = (tmp_path / "cut" / "result.json").read_bytes()
-        module.train(recipe, data, tmp_path / "cut", **CPU)
-        assert epochs == [2, 3]  # a finished run is not trained, nor its test part looked at, again
+        train(recipe, data, tmp_path / "cut", **CPU)
+        assert steps == resumed_steps  # a finished run is not trained, nor its test part looked at, again
         assert (tmp_path / "cut" / "result.json").read_bytes() == before
 
     def test_dropout_ends_where_the_recipe_says(self, recipe, data, tmp_path, monkeypatch):
-        from cavirheo.training import train as module
+        from cavirheo.training.point_training import PointTraining
+        from cavirheo.training.train import train
 
         dropped, now = {}, []
-        forward, one_epoch = self.torch.nn.Dropout.forward, module._Training._epoch
+        forward, loss_of = self.torch.nn.Dropout.forward, PointTraining.loss
+
+        def loss(training, step):
+            now.append(step // training.every)
+            return loss_of(training, step)
 
         def seen(layer, x):
             if self.torch.is_grad_enabled():  # in training, not in the look at the validation part
@@ -411,8 +415,8 @@ class TestTorch:
             return forward(layer, x)
 
         monkeypatch.setattr(self.torch.nn.Dropout, "forward", seen)
-        monkeypatch.setattr(module._Training, "_epoch", lambda run, k, done: now.append(k) or one_epoch(run, k, done))
-        module.train(changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **CPU)
+        monkeypatch.setattr(PointTraining, "loss", loss)
+        train(changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **CPU)
         assert dropped == {0: {True}, 1: {True}, 2: {False}}
 
     def test_leaves_the_random_numbers_of_the_caller_alone(self, recipe, data, tmp_path):
@@ -436,7 +440,7 @@ class TestTorch:
         refused("training.another_problem", train, other, data, tmp_path / "other", **CPU)
 
     def test_learning_rate(self, recipe):
-        from cavirheo.training.train import learning_rate
+        from cavirheo.training.point_training import learning_rate
 
         assert learning_rate(recipe.training, 1000, 10) == 0.01
         cosine = changed(recipe, schedule="cosine", warmup_steps=10, epochs=4).training

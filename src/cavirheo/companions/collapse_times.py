@@ -19,12 +19,11 @@ from cavirheo.inference import input_checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
-from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.reading.matlab import read_variables
-from cavirheo.reading.selection import Chosen, selected
-from cavirheo.reading.shots import read_shots
-from cavirheo.reading.vocabulary import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary
+from cavirheo.reading.shots import Chosen, read_shots, selected
+from cavirheo.reading.tables import Term, Vocabulary, read_columns
+from cavirheo.reading.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
 from cavirheo.writing.style import BLUE, INK, VERMILLION, write
@@ -227,8 +226,8 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
                 if error.code.startswith(_OF_A_TABLE):
                     raise
                 return None  # the reader of curves knows more kinds of files, and says what is wrong
-            columns = [column and column.si for column in map(table.one, ("R_max", "lambda", "t_1"))]
-            name, notes = table.one("name"), table.notes
+            columns = [column and column.si for column in map(table.only, ("R_max", "lambda", "t_1"))]
+            name, notes = table.only("name"), table.notes
             names = name.text if name else []
         radius, given, time = columns
         missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"

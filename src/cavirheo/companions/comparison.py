@@ -20,8 +20,7 @@ from cavirheo.parallel import aside
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reading.files import MEASUREMENTS
-from cavirheo.reading.selection import shot_numbers
-from cavirheo.reading.shots import read_shots
+from cavirheo.reading.shots import read_shots, shot_numbers
 from cavirheo.reporting import DOCUMENTS, outputs, read_json, result, write_report
 from cavirheo.reporting import comparison as tables
 from cavirheo.reporting.group import REFERENCES, Published

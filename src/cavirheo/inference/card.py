@@ -154,7 +154,7 @@ class _Scores(BaseModel):
 
 
 class PosteriorCard(BaseModel):
-    """The card of a posterior network; a card says more, for people (training/posterior/export.py).
+    """The card of a posterior network; a card says more, for people (training/export.py).
 
     Attributes:
         schema_version: `schema` in the file; always 1.

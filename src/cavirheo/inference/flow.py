@@ -1,8 +1,8 @@
 """A posterior network answers: draws of the parameters with their density, for any recording, in milliseconds.
 
-The network (training/posterior) reads the frames of an experiment's window, whatever the camera, and gives the density
-of the slots (latent.py) one after the other, each a mixture of Gaussians given those before it. It was trained in
-water; in another medium the same Cauchy and Reynolds numbers make nearly the same curve:
+The network (training/posterior_network.py) reads the frames of an experiment's window, whatever the camera, and gives
+the density of the slots (latent.py) one after the other, each a mixture of Gaussians given those before it. It was
+trained in water; in another medium the same Cauchy and Reynolds numbers make nearly the same curve:
 
     G = G_water p/p_water,   mu = mu_water (p t_c)/(p t_c)_water,   t_c at the shot's R_max.
 

@@ -18,10 +18,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded
-from cavirheo.reading.number_format import Cells, is_number
-from cavirheo.reading.vocabulary import Name, Term, Vocabulary
+from cavirheo.reading.formats import Cells, is_number
+from cavirheo.reading.tables import Name, Term, Vocabulary, read_columns
 
 SIZE = "R_max"  # the word
 LOG_SIZE = "log10(R_max/µm)"  # the column that it stands for

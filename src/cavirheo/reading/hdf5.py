@@ -15,8 +15,8 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.reading import limits
+from cavirheo.reading.curve_tables import CURVES
 from cavirheo.reading.samples import make_curve
-from cavirheo.reading.table import CURVES
 
 _EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
 
@@ -49,7 +49,7 @@ def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
 
     arrays = {}
     for name in group:
-        kind, unit, _ = CURVES.known(name)
+        kind, unit, _ = CURVES.name_by_words(name)
         if kind in ("time", "radius", "radius_std"):
             item = limits.own(group, name)
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":

@@ -27,7 +27,7 @@ from cavirheo.reading.samples import make_curve, unusable
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
-WANTED = (*_CELLS, *_ONE_EACH.split())
+VARIABLES = (*_CELLS, *_ONE_EACH.split())
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
@@ -140,7 +140,7 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         elif not len(listed):  # time and radius both wait for the user's R_max
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
             waiting = {**began, "time_unscaled": True, "unscaled": reason}
-            curve = make_curve(time * per_radius, radius, about=waiting, **units, **stated)
+            curve = make_curve(time * per_radius, radius, fields=waiting, **units, **stated)
             curve = curve.labelled(notes=(*shared, reason))
         elif not largest > 0:
             curve = unusable(f"{cell} has samples but RmaxList gives R_max = {largest:.4g} m", began, **stated)
@@ -148,7 +148,7 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
             scale = f"R_max = {largest * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
             notes = (f"seconds from t* with {scale}", *shared)
             seconds, metres = time * (largest * per_radius), radius * largest
-            curve = make_curve(seconds, metres, notes=notes, about=began, **units, **stated)
+            curve = make_curve(seconds, metres, notes=notes, fields=began, **units, **stated)
             curve = curve.labelled(warnings=(*curve.warnings, *_density_warning(curve.frame_rate, density)))
         made.append(curve)
     return made

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.messages import UNIT, Message
-from cavirheo.reading.vocabulary import LENGTH_UNITS, TIME_UNITS
+from cavirheo.reading.units import LENGTH_UNITS, TIME_UNITS
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a stand-in until R_max is given
 _PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most
@@ -22,10 +23,27 @@ _SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
 _NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (denormals in one published file)
 
 
-def unusable(reason: str, about: Mapping[str, Any] | None = None, **meta: Any) -> RadiusCurve:
-    """A curve without samples that says why. about: its other fields."""
-    fields: dict[str, Any] = {**(about or {}), "unusable": reason}
-    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, **fields)
+@dataclass
+class _Remarks:
+    """What was done to samples: notes; hints, those of scale and constants; warnings, what makes them doubtful."""
+
+    notes: list[str]
+    hints: list[str]
+    warnings: list[Message]
+
+    def hint(self, text: str) -> None:
+        self.hints.append(text)
+        self.notes.append(text)
+
+    def warn(self, message: Message) -> None:
+        self.warnings.append(message)
+        self.notes.append(message.text)
+
+
+def unusable(reason: str, fields: Mapping[str, Any] | None = None, **meta: Any) -> RadiusCurve:
+    """A curve without samples that says why. fields: its other fields."""
+    meta["notes"] = (reason,)
+    return RadiusCurve(np.empty(0), np.empty(0), meta=meta, **{**(fields or {}), "unusable": reason})
 
 
 def make_curve(
@@ -37,7 +55,7 @@ def make_curve(
     radius_unit: str | None = None,
     notes: Sequence[str] = (),
     warnings: Sequence[Message] = (),
-    about: Mapping[str, Any] | None = None,
+    fields: Mapping[str, Any] | None = None,
     **meta: Any,
 ) -> RadiusCurve:
     """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
@@ -45,72 +63,82 @@ def make_curve(
     Frames with NaN or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left out; frames
     are sorted by time; frames of one time are averaged. Each is counted in the notes; a unit that the size contradicts,
     and times out of order, are among the curve's `warnings` too. The curve is `unusable` where time and radius are
-    swapped. about: other fields of the curve.
+    swapped. fields: other fields of the curve.
 
     Raises:
         InputError: no unit of time is given and it cannot be told.
     """
     t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
-    fields = {**(about or {}), "warnings": tuple(warnings)}
+    remarks = _Remarks(list(notes), list(meta.pop("hints", ())), list(warnings))
+    fields = {**(fields or {}), "warnings": tuple(warnings)}
     if len(t) != len(r) or len(std) != len(r):
         return unusable(f"{len(t)} times but {len(r)} radii", fields, **meta)
     if swapped(t, r):
-        back = f"the times go back in {np.count_nonzero(np.diff(t) < 0)} of {len(t) - 1} steps"
-        mend = "the radii rise in even steps, as times do: exchange the two columns, or their titles"
-        return unusable(f"time and radius seem to be swapped: {back}, and {mend}", fields, **meta)
-    said, hints = list(notes), list(meta.pop("hints", ()))
+        reason = f"time and radius seem to be swapped: the times go back in {np.count_nonzero(np.diff(t) < 0)} of "
+        reason += f"{len(t) - 1} steps, and the radii rise in even steps, as times do: exchange the two columns, or "
+        return unusable(f"{reason}their titles", fields, **meta)
+    t, r, std = _in_seconds(t, r, std, time_unit, remarks)
+    r, std, unscaled = _in_metres(r, std, radius_unit, remarks)
+    t, r, std = _in_order(t, r, std, remarks)
+    steps = np.diff(t)
+    if len(steps) > 1 and np.median(steps) and _even(steps):
+        meta.setdefault("frame_rate_hz", 1.0 / float(np.median(steps)))
+    meta["notes"] = (*remarks.notes, unscaled) if unscaled else tuple(remarks.notes)
+    meta |= {"hints": tuple(remarks.hints)} if remarks.hints else {}
+    try:
+        fields = {"unscaled": unscaled, **fields, "warnings": tuple(remarks.warnings)}
+        return RadiusCurve(t, r, std, meta, **fields)
+    except InputError as error:  # of no bubble: the others of its file are answered
+        fields["warnings"] = tuple(warnings)
+        return unusable(str(error), fields, **meta)
 
-    said += _absurd("times", t)
-    timed, known = np.abs(t) < _ABSURD, ~np.isnan(t)
-    if not known.all():
-        said.append(f"{np.count_nonzero(~known)} of {len(t)} frames without a time left out")
+
+def _in_seconds(
+    t: Floats, r: Floats, std: Floats, unit: str | None, remarks: _Remarks
+) -> tuple[Floats, Floats, Floats]:
+    """The frames that have a time, in s."""
+    remarks.notes += _absurd("times", t)
+    if missing := np.count_nonzero(np.isnan(t)):
+        remarks.notes.append(f"{missing} of {len(t)} frames without a time left out")
+    timed = np.abs(t) < _ABSURD
     t, r, std = t[timed], r[timed], std[timed]
-    if time_unit is None:
-        time_unit = _guess_time_unit(t)
-        hints.append(f"no unit given for time: taken as {time_unit} from its span")
-        said.append(hints[-1])
-    t = t * TIME_UNITS[time_unit]
+    if unit is None:
+        unit = _guess_time_unit(t)
+        remarks.hint(f"no unit given for time: taken as {unit} from its span")
+    return t * TIME_UNITS[unit], r, std
 
+
+def _in_metres(r: Floats, std: Floats, unit: str | None, remarks: _Remarks) -> tuple[Floats, Floats, str]:
+    """(radii in m, NaN where there is none; their deviations; why there is no scale)."""
     missing = np.count_nonzero(np.isnan(r))
-    said += _absurd("radii", r)
+    remarks.notes += _absurd("radii", r)
     r = np.where(np.abs(r) < _ABSURD, r, np.nan)
-    scale, found, unscaled = _radius_scale(_largest(r), radius_unit)
+    scale, remark, unscaled = _radius_scale(_largest(r), unit)
     r, std = r * scale, std * scale
     std[~(std > 0)] = np.nan
     empty = r < _NO_BUBBLE
     r[empty] = np.nan
-    doubtful = list(warnings)
-    if isinstance(found, Message):
-        doubtful.append(found)
-        said.append(found.text)
-    elif found:
-        hints.append(found)
-        said.append(found)
-    said += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
-    said += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
+    if isinstance(remark, Message):
+        remarks.warn(remark)
+    elif remark:
+        remarks.hint(remark)
+    remarks.notes += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
+    remarks.notes += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
+    return r, std, unscaled
 
+
+def _in_order(t: Floats, r: Floats, std: Floats, remarks: _Remarks) -> tuple[Floats, Floats, Floats]:
+    """Sorted by time, those of one time averaged."""
     if backwards := np.count_nonzero(np.diff(t) < 0):
-        doubtful.append(Message("check_input.time_order", {"steps": int(backwards)}))
-        said.append(doubtful[-1].text)
+        remarks.warn(Message("check_input.time_order", {"steps": int(backwards)}))
         order = np.argsort(t, kind="stable")
         t, r, std = t[order], r[order], std[order]
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > _SAME_TIME)
     if len(first) < len(t):
-        said.append(f"{len(t) - len(first)} frames repeat a time: the radii of one time averaged")
+        remarks.notes.append(f"{len(t) - len(first)} frames repeat a time: the radii of one time averaged")
         t, r, std = t[first], _averaged(r, first), _averaged(std, first)
-    steps = np.diff(t)
-    step = float(np.median(steps)) if len(steps) > 1 else 0.0
-    if step and _even(steps):
-        meta.setdefault("frame_rate_hz", 1.0 / step)
-    said += [unscaled] if unscaled else []
-    meta |= {"hints": tuple(hints)} if hints else {}
-    try:
-        return RadiusCurve(
-            t, r, std, {**meta, "notes": tuple(said)}, **{"unscaled": unscaled, **fields, "warnings": tuple(doubtful)}
-        )
-    except InputError as error:  # of no bubble: the others of its file are answered
-        return unusable(str(error), fields, **meta)
+    return t, r, std
 
 
 def swapped(time: Floats, radius: Floats) -> bool:
@@ -139,15 +167,15 @@ def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
     means = values[first]
     for k in np.flatnonzero(np.diff(first, append=len(values)) > 1):
         run = values[first[k] : first[k + 1] if k + 1 < len(first) else None]
-        known = run[np.isfinite(run)]
-        means[k] = known.mean() if known.size else np.nan
+        finite = run[np.isfinite(run)]
+        means[k] = finite.mean() if finite.size else np.nan
     return means
 
 
 def _largest(r: Floats) -> float:
     """The largest radius but for two frames, which may be wrong ones."""
-    known = np.sort(r[np.isfinite(r)])
-    return float(known[-3] if len(known) >= 5 else known.max(initial=0.0))
+    finite = np.sort(r[np.isfinite(r)])
+    return float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))
 
 
 def _radius_scale(largest: float, unit: str | None) -> tuple[float, Message | str, str]:
@@ -158,13 +186,13 @@ def _radius_scale(largest: float, unit: str | None) -> tuple[float, Message | st
     fits = [u for u in ("m", "mm", "um") if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
     if largest <= 0.0 or unit in fits:
         return RADIUS_UNITS[unit or "um"], "", ""
-    given = f"the radius is given in {unit}" if unit else "no unit is given for the radius"
+    words = f"the radius is given in {unit}" if unit else "no unit is given for the radius"
     if 0.8 < largest < 1.25:  # rather R/R_max than a bubble of 1 mm
-        return 1e-6, "", f"{given}, but its largest value {largest:.4g} looks like R/R_max"
+        return 1e-6, "", f"{words}, but its largest value {largest:.4g} looks like R/R_max"
     if len(fits) != 1:
-        return 1e-6, "", f"{given}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
+        return 1e-6, "", f"{words}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
     warning = Message(UNIT, {"given": unit, "largest": largest, "taken": fits[0]})
-    return RADIUS_UNITS[fits[0]], warning if unit else f"{given}: taken as {fits[0]} from its size", ""
+    return RADIUS_UNITS[fits[0]], warning if unit else f"{words}: taken as {fits[0]} from its size", ""
 
 
 def _guess_time_unit(t: Floats) -> str:
@@ -174,5 +202,5 @@ def _guess_time_unit(t: Floats) -> str:
         return "s"
     if 1.0 <= span <= 5e3:
         return "us"
-    why = f"the unit of time cannot be told from its span ({span:.4g})"
-    raise InputError(f"{why}; name it in the header, e.g. time_us", "table.time")
+    message = f"the unit of time cannot be told from its span ({span:.4g})"
+    raise InputError(f"{message}; name it in the header, e.g. time_us", "table.time")

@@ -1,15 +1,17 @@
 """Files read in a process of its own: one that exhausts time or memory, or ends the process, ends nothing else.
 
-It answers by arrays and JSON (message.py): whatever a file makes of the process that reads it, nothing that comes from
-there is executed. What is asked of it is pickled: this comes from our own code.
+It answers by arrays and JSON: whatever a file makes of the process that reads it, nothing that comes from there is
+executed. What is asked of it is pickled: this comes from our own code.
 """
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from io import BytesIO
 from itertools import count
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -21,13 +23,19 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.reading.message import decode, encode
+from cavirheo.messages import Message
 from cavirheo.reading.recordings import examine
 from cavirheo.reading.shots import Recordings, read_shots
-from cavirheo.video.measurement import Measurement
+from cavirheo.video.frames import Footage
+from cavirheo.video.measurement import Measurement, Stated
+from cavirheo.video.track import Track
+from cavirheo.writing.packing import pack, unpack
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
 
+_KINDS: dict[str, Any] = {
+    kind.__name__: kind for kind in (RadiusCurve, Message, Recordings, Footage, Measurement, Stated, Track, InputError)
+}
 _SPAWN = multiprocessing.get_context("spawn")
 
 Found = tuple[list[RadiusCurve], list[str]]
@@ -177,3 +185,22 @@ def _measure(pipe: Connection, path: str, images: str, most: float, options: dic
     require(seen.nbytes <= most, f"{large}: cut it to the bubble, or use cavirheo measure", "app.too_large")
     np.save(images, seen)
     return replace(found, recording=replace(found.recording, frames=seen[:0]))
+
+
+def encode(value: Any) -> bytes:
+    """What writing/packing.py packs. Raises TypeError: it holds something else."""
+    arrays: list[np.ndarray] = []
+    text = json.dumps(pack(value, arrays))
+    stream = BytesIO()
+    stream.write(f"{len(arrays)} {text}\n".encode("ascii"))
+    for array in arrays:
+        np.lib.format.write_array(stream, array, allow_pickle=False)
+    return stream.getvalue()
+
+
+def decode(message: bytes) -> Any:
+    """What was encoded. Raises ValueError, TypeError and the like: it is no message of ours."""
+    stream = BytesIO(message)
+    count, _, text = stream.readline().partition(b" ")
+    arrays = [np.lib.format.read_array(stream, allow_pickle=False) for _ in range(int(count))]
+    return unpack(json.loads(text), arrays, _KINDS)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from cavirheo.arrays import Floats
-from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded
-from cavirheo.reading.vocabulary import TIME_UNITS, Term, Vocabulary
+from cavirheo.reading.tables import Term, Vocabulary, read_columns
+from cavirheo.reading.units import TIME_UNITS
 
 _TRACE = Vocabulary(
     {

@@ -1,8 +1,9 @@
 """Training sets: simulated curves of a problem in shards of HDF5, the same bytes however they were made.
 
 Curve i depends on (problem, seed, i) alone and a shard holds a fixed range of i: processes or machines can share the
-work, and a killed run goes on where it stopped. A shard gets its name when it is complete. A failed simulation keeps
-its row (NaN where nothing was computed) with the solver's message: leaving it out would silently change the prior.
+work, and a killed run goes on where it stopped. A shard gets its name when it is complete. In a set on a grid of times
+a failed simulation keeps its row (NaN where nothing was computed) with the solver's message: leaving it out would
+silently change the prior.
 """
 
 from __future__ import annotations
@@ -13,38 +14,80 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
-from reprlib import repr as short
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import require
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
-from cavirheo.reading import limits
-from cavirheo.training.rows import StoredRows, blocks
-from cavirheo.training.shards import Survey, fill, size_and_sha256, write_hdf5
+from cavirheo.training.shards import (
+    FileKind,
+    Layout,
+    Rows,
+    Shard,
+    StoredRows,
+    blocks,
+    fill,
+    read_shard,
+)
 from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
 
+if TYPE_CHECKING:
+    from cavirheo.training.curves import CurveStore
+    from cavirheo.training.posterior_recipe import PosteriorTable
+
 Indices = NDArray[np.int64]
-Rows = tuple[Floats, NDArray[np.float32], list[str]]  # theta, radius over the reference R_max, statuses
 
 SHARD = 500  # curves in a file
 CHUNK = 50  # curves of a unit of work: about half a second
 SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do not sort the split by a parameter
-_HEAD = {"problem": str, "seed": int, "total": int, "made_by": str}  # attributes that all shards of a set share
-_COLUMNS = ("theta", "radius", "status")
+
+
+def grid_layout(problem: TrainingProblem) -> Layout:
+    """Curves on the problem's grid of times. theta: in the prior's scale. radius: over the reference R_max."""
+    prior, frames = problem.prior, problem.grid.frames
+    ranges = zip(prior.names, prior.low, prior.high, strict=True)
+    summary = [f"curves of {frames} frames: {problem.material_name} in {problem.medium.name}"]
+    summary += [f"{name}: {low:g} to {high:g}" for name, low, high in ranges]
+    columns = {"theta": (np.float64, (len(prior.names),)), "radius": (np.float32, (frames,)), "status": (object, ())}
+    return Layout(json.dumps(problem.to_dict()), SHARD, columns, partial(_simulated, problem), _checked, summary)
+
+
+def _checked(values: NDArray[Any]) -> dict[str, Any]:
+    """With a checksum, by which HDF5 refuses numbers that were damaged."""
+    return {"chunks": values.shape, "fletcher32": True}
+
+
+def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
+    theta = problem.prior.sample(block, seed)
+    runs = problem.simulate_many(theta, workers=1)
+    radius = np.array([run.radius for run in runs], dtype=float) / problem.reference_max_radius
+    finite = np.isfinite(radius).all(axis=1)
+    status = np.array([run.status for run in runs], dtype=object)
+    status[(status == "ok") & ~finite] = "the simulation ended well but its radius is not finite"
+    return {"theta": theta, "radius": radius.astype(np.float32), "status": status}
+
+
+def _curves_layout(table: PosteriorTable | Mapping[str, Any]) -> Layout:
+    from cavirheo.training.curves import curves_layout  # compiles: other trainings need not wait
+    from cavirheo.training.posterior_recipe import PosteriorTable
+
+    return curves_layout(PosteriorTable.model_validate(table))
+
+
+GRID = FileKind("shard", "problem", lambda problem: grid_layout(TrainingProblem.from_dict(problem)))
+CURVES = FileKind("curves", "posterior", _curves_layout)
 
 
 @dataclass(frozen=True)
@@ -56,7 +99,27 @@ class Generated:
     skipped: int  # shards that were complete already
     failures: dict[str, int]
     seconds: float
-    simulated: int  # curves that were simulated now
+    simulated: int  # curves that were simulated in this call
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What the files of a training set hold, read one after the other; `lacking`: files that are still to be made."""
+
+    made_by: str  # version of cavirheo
+    seed: int
+    total: int  # curves when it is complete
+    summary: Sequence[str]  # lines: what it is of
+    statuses: Mapping[str, int]  # curves that are there, by how their simulation ended
+    files: int
+    lacking: int
+    size: int  # bytes
+    sha256: str  # of the SHA-256 of all files in their order
+
+    @property
+    def curves(self) -> int:
+        """How many are there, failed ones included."""
+        return sum(self.statuses.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +177,7 @@ class Dataset:
 
 
 def generate(
-    problem: TrainingProblem,
+    problem: TrainingProblem | PosteriorTable,
     n: int,
     out_dir: str | Path,
     *,
@@ -132,53 +195,30 @@ def generate(
     Raises:
         InputError: the folder holds files of another problem, seed, number of curves or version.
     """
+    if isinstance(problem, TrainingProblem):
+        kind, layout = GRID, grid_layout(problem)
+    else:
+        kind, layout = CURVES, _curves_layout(problem)
     part, parts = shard
-    given = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"
-    require(n >= 1 and 1 <= part <= parts, given, "dataset.shard")
-    head = {"problem": json.dumps(problem.to_dict()), "seed": seed, "total": n, "made_by": version("cavirheo")}
+    message = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"
+    require(n >= 1 and 1 <= part <= parts, message, "dataset.shard")
+    head = {kind.attribute: layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
     began = time.perf_counter()
     with into(out_dir) as folder:
-        _afford(problem, n // parts, shutil.disk_usage(folder).free, f"on the disk of {folder}")
-        for path in sorted(folder.glob("shard-*.h5")):
-            _read(path, head)
-        starts = range(0, n, SHARD)[part - 1 :: parts]
-        blocks = {folder / _name(start): range(n)[start : start + SHARD] for start in starts}
-        todo = {path: block for path, block in blocks.items() if not path.exists()}
-        simulated = sum(map(len, todo.values()))
-        simulate = partial(_simulated, problem, seed)
-
-        def write(path: Path, block: range, parts: list[Rows]) -> None:
-            write_hdf5(path, head | {"start": block.start}, columns(parts))
-
+        _check_space(layout, n // parts, shutil.disk_usage(folder).free, f"on the disk of {folder}")
+        for path in sorted(folder.glob(f"{kind.prefix}-*.h5")):
+            read_shard(path, kind, head)
+        size = layout.per_file
+        starts = range(0, n, size)[part - 1 :: parts]
+        files = {folder / kind.name(start // size): range(n)[start : start + size] for start in starts}
+        todo = {path: block for path, block in files.items() if not path.exists()}
+        simulated, write = sum(map(len, todo.values())), partial(layout.write, head)
         with bar("simulating", simulated, shown=progress) as advance:
-            fill(todo, CHUNK, simulate, write, executor or Threads(workers), advance)
-        failures = Counter(status for path in blocks for status in _read(path)["status"].tolist() if status != "ok")
-    curves, seconds = sum(map(len, blocks.values())), time.perf_counter() - began
-    return Generated(curves, len(todo), len(blocks) - len(todo), dict(failures), seconds, simulated)
-
-
-def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
-    """These curves."""
-    theta = problem.prior.sample(block, seed)
-    runs = problem.simulate_many(theta, workers=1)
-    radius = np.array([run.radius for run in runs], dtype=float) / problem.reference_max_radius
-    unsaid = "the simulation ended well but its radius is not finite"
-    finite: Bools = np.asarray(np.isfinite(radius).all(axis=1))
-    said = zip((run.status for run in runs), finite.tolist(), strict=True)
-    return (
-        theta,
-        radius.astype(np.float32),
-        [unsaid if status == "ok" and not known else status for status, known in said],
-    )
-
-
-def columns(parts: Sequence[Rows]) -> dict[str, dict[str, Any]]:
-    """The datasets of a file; numbers have a checksum, by which HDF5 refuses those that were damaged."""
-    theta, radius, statuses = zip(*parts, strict=True)
-    status = np.array([one for part in statuses for one in part], dtype=object)
-    numbers = {"theta": np.concatenate(theta), "radius": np.concatenate(radius)}
-    checked = {name: {"data": one, "chunks": one.shape, "fletcher32": True} for name, one in numbers.items()}
-    return checked | {"status": {"data": status, "dtype": h5py.string_dtype()}}
+            fill(todo, CHUNK, partial(layout.simulate, seed), write, executor or Threads(workers), advance)
+        statuses = sum((read_shard(path, kind).statuses for path in files), Counter[str]())
+    failures = {status: count for status, count in statuses.items() if status != "ok"}
+    curves, seconds = sum(map(len, files.values())), time.perf_counter() - began
+    return Generated(curves, len(todo), len(files) - len(todo), failures, seconds, simulated)
 
 
 def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
@@ -187,109 +227,84 @@ def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
     Raises:
         InputError: no shards, a missing or damaged shard, files of different sets, or more than fits there.
     """
-    paths = sorted(Path(data_dir).glob("shard-*.h5"))
-    none = f"{data_dir} holds no training set (shard-*.h5); make one with `cavirheo generate`"
-    require(bool(paths), none, "dataset.none")
-    first, names = _read(paths[0]), {path.name for path in paths}
-    total, problem = first["total"], TrainingProblem.from_dict(json.loads(first["problem"]))
-    missing = list(islice((name for name in map(_name, range(0, total, SHARD)) if name not in names), 3))
-    count = -(-total // SHARD)
-    lacking = f"{data_dir}: {count - len(paths)} of {count} files are missing ({', '.join(missing)}, ...)"
-    require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
-    foreign = sorted(names - {_name(start) for start in range(0, total, SHARD)})
-    require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
-    head = {key: first[key] for key in _HEAD}
-    if scratch is not None:
-        _afford(problem, total, shutil.disk_usage(scratch).free, f"on the disk of {scratch}")
-        radius, rest = StoredRows(scratch, problem.grid.frames, np.float32), []
-        for path in paths:
-            shard = _read(path, head)
-            radius.append(shard["radius"])
-            rest.append((shard["theta"], shard["status"]))
-        theta, status = (np.concatenate(column) for column in zip(*rest, strict=True))
-        return Dataset(problem, first["seed"], first["made_by"], theta, radius, status)
-    if hasattr(os, "sysconf"):  # all but Windows
-        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        _afford(problem, 2 * total, memory, "of memory")  # read, and joined
-    shards = [_read(path, head) for path in paths]
-    columns = (np.concatenate([shard[name] for shard in shards]) for name in _COLUMNS)
-    return Dataset(problem, first["seed"], first["made_by"], *columns)
+    first, columns = _load(data_dir, GRID, {}, scratch, ("radius",))
+    problem = TrainingProblem.from_dict(json.loads(first.layout.problem))
+    return Dataset(problem, first.head["seed"], first.head["made_by"], **columns)
+
+
+def load_curves(problem: PosteriorTable, data_dir: str | Path, scratch: Path) -> CurveStore:
+    """The curves of a posterior network in a folder, unpacked in a nameless file in the folder `scratch`, 2 kB each.
+
+    Raises:
+        InputError: none, some missing or damaged, or made with another recipe.
+    """
+    expected = {"posterior": _curves_layout(problem).problem, "made_by": version("cavirheo")}
+    from cavirheo.training.curves import CurveStore
+
+    return CurveStore(**_load(data_dir, CURVES, expected, scratch, ("time", "radius"))[1])
 
 
 def survey(data_dir: str | Path) -> Survey:
     """What is there of a set that may still grow. Raises InputError: nothing, or damaged files, or of several sets."""
-    paths = sorted(Path(data_dir).glob("shard-*.h5"))
-    require(bool(paths), f"{data_dir} holds no training set (shard-*.h5)", "dataset.none")
-    first, statuses = _read(paths[0]), Counter[str]()
+    kind = CURVES if any(Path(data_dir).glob(f"{CURVES.prefix}-*.h5")) else GRID
+    paths, statuses, whole = _paths(data_dir, kind), Counter[str](), hashlib.sha256()
+    for shard in _shards(paths, kind, {}):
+        statuses.update(shard.statuses)
     for path in paths:
-        statuses.update(_read(path, {key: first[key] for key in _HEAD})["status"].tolist())
-    problem, total = TrainingProblem.from_dict(json.loads(first["problem"])), first["total"]
-    about = [f"curves of {problem.grid.frames} frames: {problem.material_name} in {problem.medium.name}"]
-    prior, lacking = problem.prior, -(-total // SHARD) - len(paths)
-    about += [
-        f"{name}: {low:g} to {high:g}" for name, low, high in zip(prior.names, prior.low, prior.high, strict=True)
-    ]
-    told = first["made_by"], first["seed"], total, about
-    return Survey(*told, dict(statuses), len(paths), lacking, *size_and_sha256(paths))
+        with path.open("rb") as file:
+            whole.update(hashlib.file_digest(file, "sha256").digest())
+    head, size = shard.head, sum(path.stat().st_size for path in paths)
+    lacking = -(-head["total"] // shard.layout.per_file) - len(paths)
+    origin = head["made_by"], head["seed"], head["total"], shard.layout.summary
+    return Survey(*origin, dict(statuses), len(paths), lacking, size, whole.hexdigest())
 
 
-def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """The first entry in which two nested settings differ, in words; empty if none does."""
-    for key in new:
-        before, after = old.get(key), new[key]
-        if isinstance(before, dict) and isinstance(after, dict):
-            if inner := difference(before, after):
-                return f"{key}.{inner}"
-        elif before != after:
-            return f"{key} = {short(before)}, where {short(after)} is asked now"
-    return ""
+def _load(
+    data_dir: str | Path, kind: FileKind, expected: Mapping[str, Any], scratch: Path | None, wide: Sequence[str]
+) -> tuple[Shard, dict[str, Any]]:
+    """The first file of a complete set, and all columns; with the folder `scratch` those that are wide are there."""
+    paths = _paths(data_dir, kind)
+    first = read_shard(paths[0], kind, expected)
+    layout, total, names = first.layout, first.head["total"], {path.name for path in paths}
+    starts = range(0, total, layout.per_file)
+    missing = list(islice((name for name in map(kind.name, range(len(starts))) if name not in names), 3))
+    lacking = f"{data_dir}: {len(starts) - len(paths)} of {len(starts)} files are missing ({', '.join(missing)}, ...)"
+    require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
+    foreign = sorted(names - {*map(kind.name, range(len(starts)))})
+    require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
+    stored: dict[str, StoredRows] = {}
+    if scratch is not None:
+        _check_space(layout, total, shutil.disk_usage(scratch).free, f"on the disk of {scratch}")
+        stored = {name: StoredRows(scratch, layout.columns[name][1][0], layout.columns[name][0]) for name in wide}
+    elif hasattr(os, "sysconf"):  # all but Windows
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        _check_space(layout, 2 * total, memory, "of memory")  # read, and joined
+    parts: dict[str, list[Any]] = {name: [] for name in layout.columns if name not in stored}
+    for shard in _shards(paths, kind, expected):
+        for name, rows in stored.items():
+            rows.append(shard.rows[name])
+        for name, values in parts.items():
+            values.append(shard.rows[name])
+    return first, stored | {name: np.concatenate(values) for name, values in parts.items()}
 
 
-def _afford(problem: TrainingProblem, n: int, there: int, where: str) -> None:
-    """Raises InputError: n curves need more bytes than there are."""
-    need, frames = n * (4 * problem.grid.frames + 8 * len(problem.prior.names) + 16), problem.grid.frames
-    message = (
-        f"the set (curves of {frames} frames) needs {need / 1e9:.3g} GB {where}, and there are {there / 1e9:.3g} GB"
-    )
-    require(need <= there, f"{message}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
+def _paths(data_dir: str | Path, kind: FileKind) -> list[Path]:
+    paths = sorted(Path(data_dir).glob(f"{kind.prefix}-*.h5"))
+    message = f"{data_dir} holds no training set ({kind.prefix}-*.h5); make one with `cavirheo generate`"
+    require(bool(paths), message, "dataset.none")
+    return paths
 
 
-def _read(path: Path, expected: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Attributes and columns of a shard.
-
-    Raises InputError: not readable, other attributes than expected, or columns that are not what these say.
-    """
-    try:
-        require(path.is_file(), "it is no file", "dataset.unreadable")  # a pipe would be waited for
-        with h5py.File(path, "r") as file:
-            found: dict[str, Any] = {key: np.asarray(file.attrs[key]).item() for key in (*_HEAD, "start")}
-            for key, kind in _HEAD.items():
-                require(type(found[key]) is kind, f"{key} is {short(found[key])}", "dataset.unreadable")
-            for key, value in (expected or {}).items():
-                if found[key] != value:
-                    both = [json.loads(one) if key == "problem" else {key: one} for one in (found[key], value)]
-                    message = f"made with another {key} ({difference(*both) or 'other keys'})"
-                    raise InputError(f"{message}; use an empty folder or its settings", f"dataset.another_{key}")
-            problem, start = TrainingProblem.from_dict(json.loads(found["problem"])), found["start"]
-            rows, columns = min(SHARD, found["total"] - start), len(problem.prior.names)
-            items = {name: limits.own(file, name) for name in _COLUMNS}
-            limits.arrays(items.values())
-            shapes = {name: item.shape for name, item in items.items()}
-            needed = {"theta": (rows, columns), "radius": (rows, problem.grid.frames), "status": (rows,)}
-            fine = shapes == needed and path.name == _name(start) and items["theta"].dtype == float
-            require(fine, f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
-            found |= {"theta": items["theta"][:], "radius": items["radius"][:].astype(np.float32, casting="same_kind")}
-            found["status"] = np.array(items["status"].asstr()[:], dtype=str)
-        known = np.isfinite(found["radius"]).all(axis=1) & np.isfinite(found["theta"]).all(axis=1)
-        require(known[found["status"] == "ok"].all(), "values of its good curves are not finite", "dataset.values")
-    except InputError as error:
-        mend = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
-        raise InputError(f"{path}: {error}{mend}", error.code) from error
-    except Exception as error:  # libraries raise nearly anything of a damaged file
-        message = f"{path} cannot be read as a training set ({error}); delete it and generate again"
-        raise InputError(message, "dataset.unreadable") from error
-    return found
+def _shards(paths: Sequence[Path], kind: FileKind, expected: Mapping[str, Any]) -> Iterator[Shard]:
+    """The files of one set. Raises InputError: one is of another."""
+    for path in paths:
+        shard = read_shard(path, kind, expected)
+        expected = {key: shard.head[key] for key in (kind.attribute, "seed", "total", "made_by")}
+        yield shard
 
 
-def _name(start: int) -> str:
-    return f"shard-{start // SHARD:05d}.h5"
+def _check_space(layout: Layout, n: int, free: int, place: str) -> None:
+    """Raises InputError: n curves need more bytes than are free."""
+    need = n * layout.curve_bytes
+    message = f"the set ({n} curves) needs {need / 1e9:.3g} GB {place}, and there are {free / 1e9:.3g} GB"
+    require(need <= free, f"{message}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")

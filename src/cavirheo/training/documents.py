@@ -37,25 +37,23 @@ class Metrics(Document):
 
 
 class TrainingRun(Document):
-    """A finished training of one of the networks that give values.
+    """A finished training of a network.
 
     Attributes:
-        problem_id: of what it was trained on.
-        outputs: what the network answers.
-        epochs: how many passes were made.
+        epochs: how often it was validated: a pass over the set, or some steps of a posterior network.
         best_epoch: of which the weights are.
         best_validation_loss: of that epoch.
         seconds: wall time of all epochs.
         device: where it was trained.
         parameters: how many weights.
         history: losses of each epoch, by part.
+        problem_id: of what a network that gives values was trained on.
+        outputs: what it answers.
         data: the set and its parts.
         metrics: of each output on the test part.
     """
 
     kind: Literal["training"] = "training"
-    problem_id: str
-    outputs: list[str]
     epochs: int
     best_epoch: int
     best_validation_loss: float
@@ -63,8 +61,10 @@ class TrainingRun(Document):
     device: str
     parameters: int
     history: dict[str, list[float]]
-    data: dict[str, Any]
-    metrics: dict[str, dict[str, float]]
+    problem_id: str = ""
+    outputs: list[str] = []
+    data: dict[str, Any] = {}
+    metrics: dict[str, dict[str, float]] = {}
 
 
 def print_metrics(document: Metrics) -> None:

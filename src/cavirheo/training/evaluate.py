@@ -15,9 +15,10 @@ from cavirheo.inference.model import Network
 from cavirheo.parallel import Executor
 from cavirheo.parameters import LOG10, about, natural_name
 from cavirheo.training import figures
-from cavirheo.training.dataset import Dataset, difference, load
+from cavirheo.training.dataset import Dataset, load
 from cavirheo.training.documents import Metrics
 from cavirheo.training.metrics import breakdown, metrics
+from cavirheo.training.recipe import difference
 from cavirheo.training.robustness import robustness
 from cavirheo.writing.document import Outputs, write_json
 from cavirheo.writing.style import available

@@ -1,8 +1,9 @@
 """Export: a finished run becomes one .onnx file with its card beside it, which is all that inference needs.
 
-The model maps R/R_max on the grid of its problem, (batch, frames) float32, to the prior's scale, (batch, outputs)
-float32: log10 of SI values, the scaling of the targets included. The card (JSON) says what it is and what it was made
-of; its keys are those of `card`.
+A network that gives one value maps R/R_max on the grid of its problem, (batch, frames) float32, to the prior's scale,
+(batch, outputs) float32: log10 of SI values, the scaling of the targets included. A posterior network gives draws and
+densities (`SequentialDraws`); its weights have half precision, and it computes at single. The card (JSON) says what the
+model is and what it was made of (inference/card.py).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import logging
 import platform
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, date, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -23,26 +24,38 @@ import numpy as np
 import onnx
 import onnxscript  # noqa: F401  torch exports with it: better missed now than after the training
 import torch
+from onnx import TensorProto, helper, numpy_helper
+from torch import nn
 
 from cavirheo.errors import require
-from cavirheo.inference.card import ModelCard
+from cavirheo.inference.bins import SIZE
+from cavirheo.inference.card import ModelCard, PosteriorCard
+from cavirheo.inference.flow import INPUTS
 from cavirheo.inference.graph import check_graph
+from cavirheo.inference.latent import SLOTS
 from cavirheo.inference.model import predict
 from cavirheo.parameters import LOG10, about
+from cavirheo.physics.media import WATER
 from cavirheo.problem import TrainingProblem
-from cavirheo.training.dataset import difference
+from cavirheo.training.camera import FASTEST, FEWEST, MOST, SLOWEST
+from cavirheo.training.loop import of_run, read_result, read_tensors, write_text
 from cavirheo.training.network import BubbleTransformer, Standardised
-from cavirheo.training.recipe import NetworkTable, Recipe
-from cavirheo.training.train import of_run, read_result, read_tensors, scaling, write_text
+from cavirheo.training.point_training import scaling
+from cavirheo.training.posterior_network import PosteriorNetwork, SequentialDraws
+from cavirheo.training.posterior_recipe import PosteriorRecipe
+from cavirheo.training.recipe import NetworkTable, Recipe, difference
 from cavirheo.writing.document import into, whole
 
 OPSET = 18
 # Largest difference between the exported model and the trained one, in the prior's scale: rounding to single precision
 # alone moves an answer by up to 1e-4 of a decade
 TOLERANCE = 5e-4
+_HALVED = 1000  # numbers in an array, from which it is stored at half precision
 
 
-def export(recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, on: date | None = None) -> Path:
+def export(
+    recipe: Recipe | PosteriorRecipe, run_dir: str | Path, out_dir: str | Path, *, on: date | None = None
+) -> Path:
     """Write NAME.onnx and NAME.json for a finished run; the path of the former. `on` is the date on the card.
 
     Raises:
@@ -51,28 +64,51 @@ def export(recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, on: date
     """
     run = Path(run_dir)
     result = read_result(run)
-    other = difference(result, recipe.settings())
-    require(not other, f"{run} was not trained with this recipe: {other}", "export.another_recipe")
+    changed = difference(result, recipe.settings())
+    require(not changed, f"{run} was not trained with this recipe: {changed}", "export.another_recipe")
+    with into(out_dir) as folder:
+        target = folder / f"{recipe.export.name}.onnx"
+        with whole(target) as temporary:
+            if isinstance(recipe, PosteriorRecipe):
+                with of_run(run / "best.safetensors"):
+                    network = load_posterior_network(run / "best.safetensors", recipe)
+                write_posterior_onnx(network, temporary)
+                check_graph(temporary.read_bytes(), INPUTS)
+                deviation = 0.0
+            else:
+                deviation = _export_point(recipe, run, temporary)
+        with of_run(run / "result.json"):
+            content: dict[str, Any] = {"schema": 1, "name": target.stem}
+            sha256 = hashlib.sha256(target.read_bytes()).hexdigest()
+            if isinstance(recipe, PosteriorRecipe):
+                content |= _posterior_card(recipe, result) | {"onnx": {"sha256": sha256}}
+            else:
+                content |= _point_card(recipe, result)
+                content["onnx"] = {"sha256": sha256, "opset": OPSET, "largest_difference_from_torch": deviation}
+            packages = ("cavirheo", "numpy", "onnxruntime")
+            versions = {"python": platform.python_version(), "torch": result["torch"]}
+            content["versions"] = versions | {package: version(package) for package in packages}
+            content |= {"license": "MIT", "date": (on or datetime.now(UTC).date()).isoformat()}
+            (PosteriorCard if isinstance(recipe, PosteriorRecipe) else ModelCard).model_validate(content)
+        text = json.dumps(content, indent=2)
+        # a list of numbers or words on one line
+        text = re.sub(r"\[\s+([^][{}]+?)\s+\]", lambda match: f"[{' '.join(match[1].split())}]", text)
+        write_text(target.with_suffix(".json"), text + "\n")
+    return target
+
+
+def _export_point(recipe: Recipe, run: Path, path: Path) -> float:
+    """Write the model; the largest difference from the trained network on the curves of the test part."""
     with of_run(run / "best.safetensors"):
         model = load_model(run / "best.safetensors")
     with of_run(run / "test.npz"), np.load(run / "test.npz") as test:
         radius = test["radius"]
-    with into(out_dir) as folder:
-        target = folder / f"{recipe.export.name}.onnx"
-        with whole(target) as temporary:
-            write_onnx(model, recipe.problem.grid.frames, temporary)
-            deviation = largest_difference(model, temporary, radius)
-            if not deviation <= TOLERANCE:
-                raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {TOLERANCE:g}")
-            check_graph(temporary.read_bytes())  # else nobody could use it
-        with of_run(run / "result.json"):
-            about = card(target, recipe, result, deviation, on or datetime.now(UTC).date())
-            ModelCard.model_validate(about)
-        text = json.dumps(about, indent=2)
-        # a list of numbers on one line
-        text = re.sub(r"\[\s+([-+.\deE,\s]+?)\s+\]", lambda found: f"[{' '.join(found[1].split())}]", text)
-        write_text(target.with_suffix(".json"), text + "\n")
-    return target
+    write_onnx(model, recipe.problem.grid.frames, path)
+    deviation = largest_difference(model, path, radius)
+    if not deviation <= TOLERANCE:
+        raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {TOLERANCE:g}")
+    check_graph(path.read_bytes())  # else nobody could use it
+    return deviation
 
 
 def load_model(checkpoint: Path) -> Standardised:
@@ -84,27 +120,65 @@ def load_model(checkpoint: Path) -> Standardised:
     return Standardised(network, *scaling(problem.prior, outputs)).eval()
 
 
+def load_posterior_network(checkpoint: Path, recipe: PosteriorRecipe) -> PosteriorNetwork:
+    """The posterior network of a best.safetensors, ready to answer."""
+    network = PosteriorNetwork(len(recipe.posterior.kinds), **recipe.network.model_dump())
+    network.load_state_dict(read_tensors(checkpoint)[0])
+    return network.eval()
+
+
 def write_onnx(model: Standardised, frames: int, path: Path) -> None:
-    """One self-contained file with a free batch size, and without the exporter's notes of where our code lies."""
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # else it tells of operators that we do not use
+    """A self-contained file with a free batch size."""
     free = {"radius": {0: torch.export.Dim("batch", min=1)}}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # deprecations inside the exporter, not ours to mend
-        program = torch.onnx.export(
-            model, (torch.ones(2, frames),), input_names=["radius"], output_names=["theta"],
-            dynamic_shapes=free, opset_version=OPSET, dynamo=True, verbose=False,
-        )  # fmt: skip
-    assert program is not None  # it is None only where a file is asked for
-    content = without_notes(program.model_proto)
+    onnx.save_model(_onnx(model, (torch.ones(2, frames),), ["radius"], ["theta"], free), path)
+
+
+def write_posterior_onnx(network: PosteriorNetwork, path: Path) -> None:
+    """A self-contained file with a free number of draws."""
+    slots, kinds = len(SLOTS), len(network.kind)
+    random = torch.zeros(5, slots, network.parts), torch.zeros(5, slots), torch.zeros(5, slots), torch.zeros(slots)
+    example = torch.zeros(1, SIZE), torch.zeros(1, kinds), torch.ones(slots), torch.ones(slots), *random
+    draws = torch.export.Dim("draws", min=2)
+    free = (None, None, None, None, {0: draws}, {0: draws}, {0: draws}, None)
+    content = _onnx(SequentialDraws(network), example, INPUTS, ["z", "log_density", "guess"], free)
+    _halve(content.graph)
+    onnx.checker.check_model(content)
     onnx.save_model(content, path)
 
 
-def without_notes(content: onnx.ModelProto) -> onnx.ModelProto:
+def _onnx(
+    model: nn.Module, example: tuple[Any, ...], inputs: Sequence[str], outputs: Sequence[str], free: Any
+) -> onnx.ModelProto:
     """A model without the exporter's notes of where our code lies."""
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # else it tells of operators that we do not use
+    names: dict[str, Any] = {"input_names": list(inputs), "output_names": list(outputs)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # deprecations inside the exporter, not ours to mend
+        program = torch.onnx.export(
+            model, example, dynamic_shapes=free, opset_version=OPSET, dynamo=True, verbose=False, **names
+        )
+    assert program is not None  # it is None only where a file is asked for
+    content = program.model_proto
     for item in (*content.graph.node, *content.graph.value_info, *content.functions, content.graph, content):
         item.ClearField("doc_string")
         item.ClearField("metadata_props")
     return content
+
+
+def _halve(graph: onnx.GraphProto) -> None:
+    """Large arrays at half precision, cast back where they are used."""
+    arrays, casts = [], []
+    for array in graph.initializer:
+        values = numpy_helper.to_array(array)
+        if values.dtype == np.float32 and values.size >= _HALVED:
+            arrays.append(numpy_helper.from_array(values.astype(np.float16), f"{array.name}_half"))
+            casts.append(helper.make_node("Cast", [f"{array.name}_half"], [array.name], to=TensorProto.FLOAT))
+        else:
+            arrays.append(array)
+    nodes = [*casts, *graph.node]
+    del graph.initializer[:], graph.node[:]
+    graph.initializer.extend(arrays)
+    graph.node.extend(nodes)
 
 
 @torch.inference_mode()
@@ -115,16 +189,13 @@ def largest_difference(model: Standardised, path: Path, radius: np.ndarray) -> f
     return float(max(np.abs(together - expected).max(), np.abs(alone - expected[:1]).max()))
 
 
-def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float, on: date) -> dict[str, Any]:
-    """What an exported model is, and what it was made of."""
-    problem, sha256 = recipe.problem, hashlib.sha256(path.read_bytes()).hexdigest()
+def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
+    """What a network that gives one value is, and what it was made of."""
+    problem = recipe.problem
     meaning = "R/R_max at R_max and at equal steps after it; the step is grid_step(R_max, medium)"
-    how = {key: result[key] for key in ("best_epoch", "best_validation_loss", "seconds", "device")}
-    packages = {package: version(package) for package in ("cavirheo", "numpy", "onnxruntime")}
+    training = {key: result[key] for key in ("best_epoch", "best_validation_loss", "seconds", "device")}
     scales = {output: "log10" if output.startswith(LOG10) else "linear" for output in recipe.outputs}
     return {
-        "schema": 1,
-        "name": path.stem,
         "kind": "point",  # one value per output, no uncertainty
         "material": problem.material_name,
         "problem_id": problem.id,
@@ -132,13 +203,32 @@ def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float
         "input": {"name": "radius", "shape": ["batch", problem.grid.frames], "dtype": "float32", "meaning": meaning},
         "outputs": [{"name": name, "unit": about(name).unit, "scale": scale} for name, scale in scales.items()],
         "network": result["network"] | {"parameters": result["parameters"]},
-        "training": result["training"] | how,
+        "training": result["training"] | training,
         # of the figure of the losses; more digits than can be seen would be most of the card
         "history": {part: [float(f"{loss:.5g}") for loss in losses] for part, losses in result["history"].items()},
         "data": result["data"],
         "metrics": result["metrics"],  # of the test part
-        "onnx": {"sha256": sha256, "opset": OPSET, "largest_difference_from_torch": deviation},
-        "versions": {"python": platform.python_version(), "torch": result["torch"]} | packages,
-        "license": "MIT",
-        "date": on.isoformat(),
+    }
+
+
+def _posterior_card(recipe: PosteriorRecipe, result: Mapping[str, Any]) -> dict[str, Any]:
+    """What a posterior network is, and what it was made of."""
+    low, high = recipe.posterior.max_radius_um
+    ranges = {
+        "max_radius_um": (1.2 * low, high / 1.08),
+        "frame_interval_us": (FASTEST * 1e6, SLOWEST * 1e6),
+        "frames": (0.75 * FEWEST, MOST),
+        "noise_over_rmax": (0.0, 0.06),
+        "density": (0.89 * WATER.density, 1.11 * WATER.density),
+        "pressure": (0.89 * WATER.pressure, 1.11 * WATER.pressure),
+    }
+    training = {key: result[key] for key in ("samples", "curves", "held_out")} | {"seconds": round(result["seconds"])}
+    return {
+        "kind": "posterior",
+        "kinds": [(law, bubble) for law, bubble, _ in recipe.posterior.kinds],
+        "trained": {name: [float(f"{end:.3g}") for end in ends] for name, ends in ranges.items()},
+        "network": recipe.network.model_dump() | {"parameters": result["parameters"]},
+        "training": recipe.training.model_dump() | training | {"loss": result["best_validation_loss"]},
+        "loss_by_kind": result["loss_by_kind"],
+        "coverage": result["coverage"],
     }

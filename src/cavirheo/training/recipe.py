@@ -1,19 +1,21 @@
 """Recipe: one TOML file that says how a shipped model is made, from the problem to the name of the export.
 
-Its sections are the fields of `Recipe`. [prior] holds one [low, high] for each parameter of the material and for the
-stretch; `medium` is a name, or a table whose values replace those of the `name` in it (`unusual = true`
-accepts values that no liquid or gel has); [network] may be left out.
+A recipe with the section [posterior] is of a posterior network (posterior_recipe.py), any other of a network that gives
+one value: its sections are the fields of `Recipe`. [prior] holds one [low, high] for each parameter of the material and
+for the stretch; `medium` is a name, or a table whose values replace those of the `name` in it (`unusual = true` accepts
+values that no liquid or gel has); [network] may be left out.
 """
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import fields
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from reprlib import repr as short
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
@@ -23,16 +25,20 @@ from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import Prior
 from cavirheo.problem import FrameGrid, TrainingProblem
 
+if TYPE_CHECKING:
+    from cavirheo.training.posterior_recipe import PosteriorRecipe
+
 LARGEST = 50_000  # bytes of a recipe
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Size = Annotated[int, Field(gt=0, le=4096)]  # of one part of a network
+Range = Annotated[tuple[float, float], Field(strict=False)]  # [low, high] in the file
 
 
-class _Section(BaseModel):
+class Section(BaseModel):
     model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class ProblemTable(_Section):
+class ProblemTable(Section):
     material: str
     medium: str | dict[str, Any] = "water"
     reference_max_radius_um: PositiveFloat = 245.0
@@ -40,12 +46,12 @@ class ProblemTable(_Section):
     frames: PositiveInt = 100
 
 
-class DataTable(_Section):
+class DataTable(Section):
     n: PositiveInt
     seed: Seed = 0
 
 
-class NetworkTable(_Section):
+class NetworkTable(Section):
     """Sizes of the Bubble Dynamics Transformer; one choice that its description leaves open is marked."""
 
     # names in the prior's scale; empty: all parameters but the stretch
@@ -61,7 +67,7 @@ class NetworkTable(_Section):
     norm_epsilon: PositiveFloat = 1e-6
 
 
-class TrainingTable(_Section):
+class TrainingTable(Section):
     epochs: Annotated[int, Field(gt=0, le=1_000_000)] = 100
     batch: Annotated[int, Field(gt=0, le=1_000_000)] = 32
     lr: PositiveFloat = 1e-3  # Adam
@@ -71,13 +77,13 @@ class TrainingTable(_Section):
     dropout_epochs: PositiveInt | None = None  # without dropout afterwards; None leaves answers 3 to 7 % off scale
 
 
-class ExportTable(_Section):
+class ExportTable(Section):
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9.-]*$", max_length=100)
 
 
-class Recipe(_Section):
+class Recipe(Section):
     problem_table: ProblemTable = Field(alias="problem")
-    prior: dict[str, Annotated[tuple[float, float], Field(strict=False)]]
+    prior: dict[str, Range]
     data: DataTable
     network: NetworkTable = NetworkTable()
     training: TrainingTable = TrainingTable()
@@ -87,15 +93,14 @@ class Recipe(_Section):
     def problem(self) -> TrainingProblem:
         """Raises InputError where the physics does not accept the values."""
         table = self.problem_table
-        changed = {"name": table.medium} if isinstance(table.medium, str) else table.medium
-        constants: dict[str, Any] = {"name": "water"} | changed
-        known = [*(field.name for field in fields(Medium)), "unusual"]
-        other = {"name": ((str,), "a name"), "unusual": ((bool,), "true or false")}
+        constants = {"name": table.medium} if isinstance(table.medium, str) else {"name": "water"} | table.medium
+        names = [*(field.name for field in fields(Medium)), "unusual"]
+        special = {"name": ((str,), "a name"), "unusual": ((bool,), "true or false")}
         for key, value in constants.items():
-            near = get_close_matches(key, known, 1)
-            meant = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
-            require(key in known, f"[problem] medium: unknown constant {key!r}, {meant}", "recipe.medium")
-            kinds, words = other.get(key, ((int, float), "a number in SI units"))
+            similar = get_close_matches(key, names, 1)
+            hint = f"did you mean {similar[0]}?" if similar else f"known: {', '.join(names)}"
+            require(key in names, f"[problem] medium: unknown constant {key!r}, {hint}", "recipe.medium")
+            kinds, words = special.get(key, ((int, float), "a number in SI units"))
             message = f"[problem] medium: {key} must be {words}, got {short(value)}"
             require(type(value) in kinds, message, "recipe.medium")
         liquid = medium(**constants)
@@ -106,11 +111,11 @@ class Recipe(_Section):
     @property
     def outputs(self) -> tuple[str, ...]:
         """What the network answers, in the order of its outputs. Raises InputError: one without a prior."""
-        given = self.network.outputs
-        fine = len({*given}) == len(given) and {*given} <= {*self.prior}
-        message = f"[network] outputs: each once and of the prior ({', '.join(self.prior)}), got {', '.join(given)}"
+        names = self.network.outputs
+        fine = len({*names}) == len(names) and {*names} <= {*self.prior}
+        message = f"[network] outputs: each once and of the prior ({', '.join(self.prior)}), got {', '.join(names)}"
         require(fine, message, "recipe.outputs")
-        return given or tuple(name for name in self.prior if name != "stretch")
+        return names or tuple(name for name in self.prior if name != "stretch")
 
     def settings(self) -> dict[str, Any]:
         """All that decides the trained weights apart from the data: plain data for JSON."""
@@ -121,19 +126,29 @@ class Recipe(_Section):
             "training": self.training.model_dump(mode="json", exclude_none=True),
         }
 
+    def check(self) -> None:
+        """Raises InputError: a problem that the physics does not accept, or an output without a prior."""
+        _ = self.problem, self.outputs
 
-def read_recipe(path: str | Path) -> Recipe:
+
+def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
     """The recipe in a TOML file.
 
     Raises:
         InputError: not readable, not TOML, an unknown key, or a value missing or refused; the first few are named.
     """
     content = read_bytes(path, LARGEST)
+    kind: type[Recipe | PosteriorRecipe] = Recipe
     try:
-        recipe = Recipe.model_validate(tomllib.loads(content.decode()))
-        _ = recipe.problem, recipe.outputs
+        sections = tomllib.loads(content.decode())
+        if "posterior" in sections:
+            from cavirheo.training.posterior_recipe import PosteriorRecipe  # compiles: other trainings need not wait
+
+            kind = PosteriorRecipe
+        recipe = kind.model_validate(sections)
+        recipe.check()
     except ValidationError as error:
-        raise InputError(f"{path} cannot be used: {explained(error, Recipe)}", "recipe.value") from error
+        raise InputError(f"{path} cannot be used: {explained(error, kind)}", "recipe.value") from error
     except InputError as error:
         raise error.within(f"{path} cannot be used") from error
     except UnicodeDecodeError as error:
@@ -141,3 +156,15 @@ def read_recipe(path: str | Path) -> Recipe:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {error}", "recipe.syntax") from error
     return recipe
+
+
+def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """The first entry in which two nested settings differ, in words; empty if none does."""
+    for key in new:
+        before, after = old.get(key), new[key]
+        if isinstance(before, dict) and isinstance(after, dict):
+            if inner := difference(before, after):
+                return f"{key}.{inner}"
+        elif before != after:
+            return f"{key} = {short(before)}, where {short(after)} is asked now"
+    return ""

@@ -25,12 +25,10 @@ def generate(
     """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
     from cavirheo.physics.simulate import load_solver
     from cavirheo.training import dataset
-    from cavirheo.training.posterior import store
-    from cavirheo.training.posterior.recipe import posterior_recipe
-    from cavirheo.training.recipe import Recipe, read_recipe
+    from cavirheo.training.recipe import read_recipe
     from cavirheo.workflow.cluster import connected
 
-    content = posterior_recipe(recipe) or read_recipe(recipe)
+    content = read_recipe(recipe)
     try:
         part, parts = (int(number) for number in shard.split("/"))
     except ValueError:
@@ -41,14 +39,11 @@ def generate(
     n, seed = content.data.n if n is None else n, content.data.seed if seed is None else seed
     how: dict[str, Any] = {"workers": workers, "shard": (part, parts), "progress": not quiet}
     with connected(scheduler, lambda text: None if quiet else say(text)) as executor:
-        if isinstance(content, Recipe):
-            made = dataset.generate(content.problem, n, out, seed=seed, executor=executor, **how)
-        else:
-            made = store.generate(content, n, out, seed=seed, executor=executor, **how)
+        made = dataset.generate(content.problem, n, out, seed=seed, executor=executor, **how)
     messages = [f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there"]
     if made.simulated:
         rate = made.simulated / made.seconds
         messages.append(f"{made.simulated} simulated in {made.seconds:.0f} s ({rate:.0f} per s)")
-    messages += [f"{count} failed and are kept with their status: {status}" for status, count in made.failures.items()]
+    messages += [f"{count} failed: {status}" for status, count in made.failures.items()]
     if not quiet:
         print(*messages, sep="\n", file=sys.stderr)

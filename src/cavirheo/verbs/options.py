@@ -132,7 +132,7 @@ class Reading(Trust):
 
     def __post_init__(self) -> None:
         if self.shots is not None:
-            from cavirheo.reading.selection import shot_numbers
+            from cavirheo.reading.shots import shot_numbers
 
             shot_numbers(self.shots)
 

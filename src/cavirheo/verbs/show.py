@@ -114,14 +114,13 @@ def _show_document(document: Document, path: Path, json: bool) -> None:
 def _show_training_set(path: Path) -> None:
     """File by file: it may be larger than the memory, and still grow."""
     from cavirheo.training import dataset
-    from cavirheo.training.posterior import store
     from cavirheo.writing.terminal import console
 
-    found = (dataset if any(path.glob("shard-*.h5")) else store).survey(path)
+    found = dataset.survey(path)
     lines = [f"{path}: training set, written by cavirheo {found.made_by}, seed {found.seed}"]
     growing = f"growing: {found.lacking} of {found.files + found.lacking} files are still to be made"
     lines.append(f"  {found.curves} of {found.total} curves, {growing if found.lacking else 'complete'}")
-    lines += [f"  {line}" for line in found.about]
+    lines += [f"  {line}" for line in found.summary]
     lines += [f"  {count} {what}" for what, count in sorted(found.statuses.items(), key=lambda one: -one[1])]
     lines.append(f"  {found.size / 1e6:.3g} MB, {found.size / found.curves:.0f} bytes a curve; checksum {found.sha256}")
     console().print("\n".join(lines))

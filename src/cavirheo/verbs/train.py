@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
-
-if TYPE_CHECKING:
-    from cavirheo.training.posterior.recipe import PosteriorRecipe
 
 
 def train(
@@ -28,12 +25,8 @@ def train(
         from cavirheo.training.train import train as run
     except ModuleNotFoundError as error:
         raise InputError(f"training needs {error.name}: install cavirheo with the extra [train]") from error
-    from cavirheo.training.posterior.recipe import posterior_recipe
     from cavirheo.training.recipe import read_recipe
 
-    if wanted := posterior_recipe(recipe):
-        _train_posterior(wanted, data, out, threads, device, quiet)
-        return
     content = read_recipe(recipe)
     try:
         result = run(content, data, out, device=device, threads=threads, progress=not quiet)
@@ -42,19 +35,8 @@ def train(
         raise InputError(f"training stopped: {str(error).partition(chr(10))[0]}", "training.torch") from error
     if quiet:
         return
-    for name, score in result["metrics"].items():
+    for name, score in result.get("metrics", {}).items():
         print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
+    if "coverage" in result:
+        print(f"loss {result['best_validation_loss']:.3f} on curves that were never shown")
     print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)
-
-
-def _train_posterior(
-    recipe: PosteriorRecipe, data: Path, out: Path, threads: int | None, device: str | None, quiet: bool
-) -> None:
-    from cavirheo.training.posterior.export import made
-
-    message = f"a posterior network is trained on the processor: leave out --device {device}"
-    require(device in (None, "cpu"), message, "training.device")
-    path, loss = made(recipe, data, out, threads=threads, progress=not quiet)
-    if not quiet:
-        print(f"loss {loss:.3f} on curves that were never shown")
-        print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)

@@ -17,9 +17,8 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.errors import InputError, printable, require
-from cavirheo.reading.columns import Table, read_columns
 from cavirheo.reading.files import guarded, sha256, shown
-from cavirheo.reading.vocabulary import Term, Vocabulary
+from cavirheo.reading.tables import Table, Term, Vocabulary, read_columns
 from cavirheo.writing.digits import counted
 
 _PASCAL = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "pa": 1.0, "KPa": 1e3, "kpa": 1e3, "dyncm2": 0.1}
@@ -36,7 +35,7 @@ _NO_SWEEP = "rheometer.no_sweep"  # the code of a table of moduli that is no swe
 def _modulus(symbol: str, words: str, named: str) -> Term:
     """Titles by themselves, and those that may have the symbol beside them."""
     beside = (f"{symbol}{word} {word}{symbol}" for word in named.split())
-    return Term(" ".join([symbol, words, named, *beside]), _PASCAL, unit="Pa", shown=symbol.upper())
+    return Term(" ".join([symbol, words, named, *beside]), _PASCAL, unit="Pa", label=symbol.upper())
 
 
 VOCABULARY = Vocabulary(  # as exported, in English, German and French, as the programs speak
@@ -59,17 +58,17 @@ VOCABULARY = Vocabulary(  # as exported, in English, German and French, as the p
             unit="rad/s",
         ),
         "frequency": Term(
-            "frequency freq frequenz frequence", _HERTZ | _PER_SECOND | dict.fromkeys(_INVERSE, math.nan), mend=_TWO_PI
+            "frequency freq frequenz frequence", _HERTZ | _PER_SECOND | dict.fromkeys(_INVERSE, math.nan), hint=_TWO_PI
         ),
         "strain": Term(
             "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude",
             _STRAIN,
-            mend=_CENT,
+            hint=_CENT,
         ),
         "shear strain": Term(  # where no title is more exact
             "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement",
             _STRAIN,
-            mend=_CENT,
+            hint=_CENT,
         ),
         "interval": Term("actionname interval intervalno step stepname segment sweep sample run repeat replicate test"),
     },

@@ -22,7 +22,7 @@ from cavirheo.inference.bins import END, SCALE, cells, half_widths
 from cavirheo.inference.latent import SLOTS
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.media import WATER
-from cavirheo.training.posterior.store import STEPS, TOP, CurveStore
+from cavirheo.training.curves import STEPS, TOP, CurveStore
 
 FEWEST, MOST = 20, 400  # frames
 FASTEST, SLOWEST = 1e-7, 1e-5  # s between them

@@ -1,28 +1,30 @@
 """The one reader of tables: text of every dialect or a workbook goes in with a vocabulary, columns in SI come out.
 
-Titles are found below whatever stands above them, with units in them or in the row below. Rows of means, sums and the
-like at the end are no measurements; a first column without a title numbers the rows. Everything that is left out or
-recognised is counted in `notes`.
+A vocabulary holds the quantities that columns may have, the words that name each, as people write them (`R [um]`,
+`Zeit / µs`), and its units. Titles are found below whatever stands above them, with units in them or in the row below.
+Rows of means, sums and the like at the end are no measurements; a first column without a title numbers the rows.
+Everything that is left out or recognised is counted in `notes`.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from itertools import islice, takewhile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.reading.number_format import Cells, is_number, number
-from cavirheo.reading.tabular import Row, Sheet, read_sheets
-from cavirheo.reading.vocabulary import Name, Term, Vocabulary, plain_title, unit_of
+from cavirheo.reading.formats import Cells, Row, Sheet, is_number, number, read_sheets
+from cavirheo.reading.units import ALIASES, plain, plain_title, plain_unit, unit_of
 
 Need = Sequence[str] | Callable[[Cells], bool]
+_LONGEST = 120  # characters of a title; more is a sentence, and takes time
 _SUMMARIES = {  # as `plain_title` writes them
     word
     for words in (
@@ -33,6 +35,94 @@ _SUMMARIES = {  # as `plain_title` writes them
     for word in words.split()
 }
 _LISTED = 8  # titles in a message
+
+
+class Name(NamedTuple):
+    """What a title names. kind: of the vocabulary, "" for none. unit: as the vocabulary has it, as written where it
+    stands in brackets and is not known, None where there is none. number: "2" of R2, else ""."""
+
+    kind: str = ""
+    unit: str | None = None
+    number: str = ""
+
+
+@dataclass(frozen=True)
+class Term:
+    """What a column may hold."""
+
+    words: str  # titles that name it, separated by spaces, as `plain_title` writes them
+    units: Mapping[str, float] = field(default_factory=dict)  # factor to SI of each; NaN: known, but cannot be used
+    unit: str | None = None  # of a title that names none; None where it must name one
+    label: str = ""  # its name in messages
+    hint: str = ""  # how to write its unit, where it is missing
+    twice: str = "keep the one that counts"  # how to mend a table with two columns of it
+    symbols: str = ""  # titles, as `words`, that count only with a unit
+
+
+@dataclass(frozen=True, eq=False)
+class Vocabulary:
+    """What the columns of a table may hold, by kind, and how the table is laid out.
+
+    A declared table is typed by a person: its first line has the titles, every other one counts. A measured one may
+    have other lines above its titles, units below them, and means and sums at its end. With sections a file holds
+    several tables, each under its own titles.
+    """
+
+    terms: Mapping[str, Term]
+    expected: str  # in a table, for messages
+    codes: Mapping[str, str] = field(default_factory=dict)  # of errors, where they are not "tabular.…"
+    other: Callable[[str], Name] | None = None  # what a title names that no term does
+    marks: str = "#%"  # that begin a comment
+    declared: bool = False
+    sections: bool = False
+    bare: bool = False  # whether numbers without titles are a table, too
+
+    def name(self, title: str) -> Name:
+        """What a title such as `time_us`, `R [um]`, `Shear Strain (%)` or `omega in rad/s` names."""
+        return _name(self, title)
+
+    def name_by_words(self, title: str) -> Name:
+        """As `name`, by the words of the vocabulary alone."""
+        if len(title) > _LONGEST:
+            return Name()
+        text, with_foreign_unit = plain(title).strip(), Name()
+        for cut in re.finditer(r"\s*[\s_\[(/,.\-]\s*((in|en)\s)?", text):
+            kind = self._kinds.get(plain_title(text[: cut.start()]))
+            if kind is None:
+                continue
+            written = text[cut.end() :].rstrip("]), ")
+            unit = plain_unit(written)
+            for spelling in (unit, unit.lower(), ALIASES.get(unit), ALIASES.get(unit.lower())):
+                if spelling is not None and spelling in self.terms[kind].units:
+                    return Name(kind, spelling)
+            if re.fullmatch(r"\s*[\[(][^\[\]()]+[\])]\s*", text[cut.start() :]):
+                with_foreign_unit = Name(kind, written)
+        whole = plain_title(text)
+        kind = self._kinds.get(whole)
+        return Name(kind) if kind and whole not in self.terms[kind].symbols.split() else with_foreign_unit
+
+    def code(self, mistake: str) -> str:
+        return self.codes.get(mistake, f"tabular.{mistake}")
+
+    def units(self, kind: str) -> Mapping[str, float]:
+        """Of a kind; none of texts and of what is not known."""
+        return self.terms[kind].units if kind else {}
+
+    def label(self, kind: str) -> str:
+        return self.terms[kind].label or kind
+
+    @cached_property
+    def _kinds(self) -> dict[str, str]:
+        words = ((kind, f"{term.words} {term.symbols}".split()) for kind, term in self.terms.items())
+        return {plain_title(word): kind for kind, titles in words for word in titles}
+
+
+@lru_cache(4096)
+def _name(vocabulary: Vocabulary, title: str) -> Name:
+    if is_number(title):
+        return Name()
+    name = vocabulary.name_by_words(title)
+    return vocabulary.other(title) if vocabulary.other and not name.kind else name
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +169,10 @@ class Column:
         if not units:
             return 1.0
         missing = unit is None or np.isnan(units.get(unit, 1.0))
-        known = ", ".join([one for one in units if one.isascii()][:4])
-        mend = self._term.mend or f"write it into the title, as in {self.title.split()[0]} ({next(iter(units))})"
-        require(not missing, f"{self.title!r} has no unit: {mend}; {vocabulary.expected}", vocabulary.code("no_unit"))
-        unknown = f"{self.title!r} has the unknown unit {unit!r} ({known}); {vocabulary.expected}"
+        first_units = ", ".join([name for name in units if name.isascii()][:4])
+        hint = self._term.hint or f"write it into the title, as in {self.title.split()[0]} ({next(iter(units))})"
+        require(not missing, f"{self.title!r} has no unit: {hint}; {vocabulary.expected}", vocabulary.code("no_unit"))
+        unknown = f"{self.title!r} has the unknown unit {unit!r} ({first_units}); {vocabulary.expected}"
         require(unit in units, unknown, vocabulary.code("unit"))
         return units[str(unit)]
 
@@ -118,13 +208,13 @@ class Table:
     def all(self, kind: str) -> list[Column]:
         return [column for column in self.columns if column.name.kind == kind]
 
-    def one(self, kind: str) -> Column | None:
-        """The only column of a kind, if there is one. Raises InputError: there are two."""
-        return only(self.all(kind))
+    def only(self, kind: str) -> Column | None:
+        """The one column of a kind, if there is any. Raises InputError: there are two."""
+        return single(self.all(kind))
 
     def column(self, kind: str) -> Column:
-        """The only column of a kind that the table is known to have. Raises InputError: there are two."""
-        column = self.one(kind)
+        """The one column of a kind that the table must have. Raises InputError: there are two."""
+        column = self.only(kind)
         assert column is not None
         return column
 
@@ -133,12 +223,12 @@ class Table:
         return replace(self, rows=rows)
 
 
-def only(columns: Sequence[Column]) -> Column | None:
+def single(columns: Sequence[Column]) -> Column | None:
     """The one column of one kind, if there is one. Raises InputError: there are two."""
     if len(columns) > 1:
         vocabulary, kind = columns[0].table.vocabulary, columns[0].name.kind
         two = " and ".join(repr(column.title) for column in columns[:2])
-        message = f"two columns for {vocabulary.shown(kind)}: {two}; {vocabulary.terms[kind].twice}"
+        message = f"two columns for {vocabulary.label(kind)}: {two}; {vocabulary.terms[kind].twice}"
         raise InputError(message, vocabulary.code("twice"))
     return columns[0] if columns else None
 
@@ -147,7 +237,7 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
     """The table of a text file or of a workbook's first sheet; with sections all tables of all sheets.
 
     Args:
-        path: text of any dialect (tabular.py), .xlsx, .xls, .xlsb or .ods.
+        path: text of any dialect (formats.py), .xlsx, .xls, .xlsb or .ods.
         vocabulary: what columns may hold.
         need: columns whose titles are a header, "time|frame" for one of two; or what tells a header.
 
@@ -164,7 +254,7 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
         if callable(need):
             return need(cells)
         kinds = {vocabulary.name(cell).kind for cell in cells}
-        return all(not kinds.isdisjoint(one.split("|")) for one in need)
+        return all(not kinds.isdisjoint(needed.split("|")) for needed in need)
 
     sheets = read_sheets(path, is_header, most=None if vocabulary.sections else 1, marks=vocabulary.marks)
     tables = [table for sheet in sheets for table in _tables(sheet, vocabulary, is_header)]
@@ -179,18 +269,18 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
 
 
 def _no_titles(rows: list[Cells], vocabulary: Vocabulary, need: Need) -> InputError:
-    """That no row is a header: the row that is nearest to one, and what it lacks."""
+    """That no row is a header: the row that is closest to one, and what it lacks."""
     if not rows:
         return InputError(f"no rows of data; {vocabulary.expected}", vocabulary.code("empty"))
     data = (k for k, row in enumerate(rows) if all(map(is_number, row)) and any(re.search(r"\d", c) for c in row))
-    near = max(next(data, 1) - 1, 0)
+    above_data = max(next(data, 1) - 1, 0)
     kinds = [{vocabulary.name(cell).kind for cell in row} - {""} for row in rows]
-    near = max(range(len(rows)), key=lambda k: (len(kinds[k]), k == near))
-    titles = ", ".join(repr(title[:30]) for title in rows[near][:_LISTED])
-    missing = [] if callable(need) else [one for one in need if kinds[near].isdisjoint(one.split("|"))]
-    names = " and ".join(vocabulary.shown(one.split("|")[0]) for one in missing)
-    said = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}" if missing else f"the titles are {titles}"
-    return InputError(f"{said}; {vocabulary.expected}", vocabulary.code("columns"))
+    closest = max(range(len(rows)), key=lambda k: (len(kinds[k]), k == above_data))
+    titles = ", ".join(repr(title[:30]) for title in rows[closest][:_LISTED])
+    missing = [] if callable(need) else [kind for kind in need if kinds[closest].isdisjoint(kind.split("|"))]
+    names = " and ".join(vocabulary.label(kind.split("|")[0]) for kind in missing)
+    lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}" if missing else f"the titles are {titles}"
+    return InputError(f"{lack}; {vocabulary.expected}", vocabulary.code("columns"))
 
 
 def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[Cells], bool]) -> Iterator[Table]:
@@ -206,12 +296,12 @@ def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[Cells], b
                 rows = [Row(row.number, [" ".join(row.cells)]) for row in rows]
         else:
             notes += [f"{_lines(at)} above the titles left out"] if at and not vocabulary.sections else []
-            titles, rows, said = _measured(titles, rows, vocabulary)
-            notes += said
+            titles, rows, more = _measured(titles, rows, vocabulary)
+            notes += more
         if wide := next((row for row in rows if any(row.cells[len(titles) :])), None):
-            why = f"row {wide.number} has {len(wide.cells)} cells, the header {len(titles)}"
-            mend = "is a comma decimal, or part of a text that needs quotes?"
-            raise InputError(f"{why}: {mend}", vocabulary.code("width"))
+            message = f"row {wide.number} has {len(wide.cells)} cells, the header {len(titles)}"
+            message += ": is a comma decimal, or part of a text that needs quotes?"
+            raise InputError(message, vocabulary.code("width"))
         above = [*sheet.comments, *(" ".join(row.cells) for row in sheet.rows[: min(at, 1000)])]
         yield Table(vocabulary, titles, rows, notes, above, sheet.rows[at].number, sheet.name)
 
@@ -223,10 +313,11 @@ def _measured(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple[C
     notes, rows = [f"units from the row below the titles: {units}"] if units else [], rows[len(below) :]
     if vocabulary.sections:
         rows = list(takewhile(lambda row: not _begins_section(row), rows))
-    rows, said = _without_summary(rows)
+    rows, summary = _without_summary(rows)
+    notes += summary
     if _first_numbers_rows(titles, rows):
-        return ["", *titles], rows, [*notes, *said, "a first column without a title, which numbers the rows, left out"]
-    return titles, rows, notes + said
+        return ["", *titles], rows, [*notes, "a first column without a title, which numbers the rows, left out"]
+    return titles, rows, notes
 
 
 def _lines(count: int) -> str:
@@ -248,9 +339,9 @@ def _with_units(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple
     for _, cells in units:
         for k, (title, cell) in enumerate(zip(titles, cells, strict=False)):
             kind, unit, _ = vocabulary.name(title)
-            known, bare = vocabulary.units(kind), cell.strip("[]() ")
-            below = unit_of(bare, known)
-            if not known or (below is None and is_number(bare)):
+            units_of_kind, bare = vocabulary.units(kind), cell.strip("[]() ")
+            below = unit_of(bare, units_of_kind)
+            if not units_of_kind or (below is None and is_number(bare)):
                 continue
             both = f"the column {title!r} has the unit {unit!r} in its title, and {cell!r} in the row below"
             require(unit in (None, below or bare), both, vocabulary.code("units"))
@@ -260,11 +351,11 @@ def _with_units(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple
 
 def _are_words(titles: Cells, cells: Cells, vocabulary: Vocabulary) -> bool:
     """Whether a row has words and units, not numbers, in the columns that have units."""
-    known = [vocabulary.units(vocabulary.name(title).kind) for title in titles]
-    mine = [(cell, units) for cell, units in zip(cells, known, strict=False) if units and cell]
-    some = [cell for cell, units in mine if unit_of(cell.strip("[]() "), units) is None or not is_number(cell)]
-    some = some or (cells if vocabulary.sections else [])
-    return not all(map(is_number, some)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in some)
+    units = [vocabulary.units(vocabulary.name(title).kind) for title in titles]
+    measured = [(cell, of_kind) for cell, of_kind in zip(cells, units, strict=False) if of_kind and cell]
+    words = [cell for cell, of_kind in measured if unit_of(cell.strip("[]() "), of_kind) is None or not is_number(cell)]
+    words = words or (cells if vocabulary.sections else [])
+    return not all(map(is_number, words)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in words)
 
 
 def _without_summary(rows: list[Row]) -> tuple[list[Row], list[str]]:

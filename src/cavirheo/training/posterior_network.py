@@ -78,12 +78,56 @@ class PosteriorNetwork(nn.Module):
 
     def log_density(self, read: Tensor, kind: Tensor, z: Tensor) -> Tensor:
         """(m, 9) of each slot in z, given those before it."""
-        share, mean, width = self.mixtures(read, kind, z)
-        off = (z[:, :, None] - mean) * torch.exp(-width)
-        return torch.logsumexp(share - width - 0.5 * (off**2 + LOG_2PI), dim=-1)
+        return log_mixture(*self.mixtures(read, kind, z), z)
+
+
+def log_mixture(share: Tensor, mean: Tensor, width: Tensor, z: Tensor) -> Tensor:
+    """Log density at z (...) of mixtures (..., parts)."""
+    off = (z[..., None] - mean) * torch.exp(-width)
+    return torch.logsumexp(share - width - 0.5 * (off**2 + LOG_2PI), dim=-1)
 
 
 def _parts(out: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Log shares, means and log widths of the components."""
     share, mean, width = out.chunk(3, dim=-1)
     return torch.log_softmax(share, dim=-1), mean, 7.0 * torch.tanh(width / 7.0)
+
+
+class SequentialDraws(nn.Module):
+    """Draws of one recording, slot by slot, or stated ones, and their density: what an .onnx file computes.
+
+    cells: (1, SIZE). kind: (1, kinds), zeros and a one. has: (9,) 1 for the slots of that kind, else 0. counted: (9,) 1
+    for the slots whose density is asked for. choice: (draws, 9, parts) from Gumbel's distribution and normal: (draws,
+    9) from the standard normal one, of which draws are made. given: (draws, 9), taken instead where `take` (9,) is 1.
+    Returns z (draws, 9), log density of the counted slots given those before them (draws,), and log odds of the kinds
+    (1, kinds).
+    """
+
+    def __init__(self, network: PosteriorNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(
+        self,
+        cells: Tensor,
+        kind: Tensor,
+        has: Tensor,
+        counted: Tensor,
+        choice: Tensor,
+        normal: Tensor,
+        given: Tensor,
+        take: Tensor,
+    ) -> tuple[Tensor, ...]:
+        net = self.network
+        encoded, kind_score = net.encode(cells)
+        encoded = encoded + torch.einsum("bk,kdh->bdh", kind, net.kind)
+        earlier: list[Tensor] = []
+        log_density = torch.zeros_like(normal[:, 0])
+        for k in range(len(SLOTS)):
+            share, mean, width = net.slot(k, encoded[:, k].expand(normal.shape[0], -1), earlier)
+            part = torch.argmax(share + choice[:, k], dim=1, keepdim=True)
+            centre, scale = torch.gather(mean, 1, part)[:, 0], torch.exp(torch.gather(width, 1, part)[:, 0])
+            z = take[k] * given[:, k] + (1.0 - take[k]) * (centre + scale * normal[:, k])
+            log_density = log_density + counted[k] * log_mixture(share, mean, width, z)
+            earlier.append(has[k] * z)
+        return torch.stack(earlier, dim=1), log_density, torch.log_softmax(kind_score, dim=-1)

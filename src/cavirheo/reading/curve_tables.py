@@ -23,10 +23,10 @@ from cavirheo.errors import InputError, require
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.reading import limits
-from cavirheo.reading.columns import Column, Table, only, read_columns
-from cavirheo.reading.number_format import is_number
+from cavirheo.reading.formats import is_number
 from cavirheo.reading.samples import RADIUS_UNITS, TIME_UNITS, make_curve, swapped
-from cavirheo.reading.vocabulary import Name, Term, Vocabulary, unit_of
+from cavirheo.reading.tables import Column, Name, Table, Term, Vocabulary, read_columns, single
+from cavirheo.reading.units import unit_of
 from cavirheo.writing.document import write_rows
 
 ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
@@ -52,19 +52,19 @@ def _of_one_shot(title: str) -> Name:
 
     A length under the name of a shot is a "shot".
     """
-    found = _NUMBER.search(title[:200])
-    if not found:
+    match = _NUMBER.search(title[:200])
+    if not match:
         return Name()
-    shot, number = found.groups()
-    rest = (title[: found.start()] + " " + title[found.end() :]).strip()
-    kind, unit, _ = CURVES.known(rest)
+    shot, number = match.groups()
+    words = (title[: match.start()] + " " + title[match.end() :]).strip()
+    kind, unit, _ = CURVES.name_by_words(words)
     if kind in ("time", "radius", "diameter"):
         return Name(kind, unit, number)
     written = _UNIT.search(title)
     unit = unit_of(written[1], _EITHER) if written else None
-    bare = not rest or bool(written and rest.strip("_[]()/ ") == written[1])
-    named = unit in RADIUS_UNITS and not _NO_RADIUS.match(title)
-    return Name("shot" if (shot and bare) or named else "", unit, number)
+    bare = not words or bool(written and words.strip("_[]()/ ") == written[1])
+    length = unit in RADIUS_UNITS and not _NO_RADIUS.match(title)
+    return Name("shot" if (shot and bare) or length else "", unit, number)
 
 
 CURVES = Vocabulary(
@@ -116,59 +116,66 @@ def read(path: Path, density: float, pressure: float, frame_rate: float | None =
     """
     (table,) = read_columns(path, CURVES, _NEED)
     curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
-    return (
-        [curve.with_notes("read from the first sheet of the workbook") for curve in curves] if table.sheet else curves
-    )
+    notes = ["read from the first sheet of the workbook"] if table.sheet else []
+    return [curve.with_notes(*notes) for curve in curves] if notes else curves
 
 
 def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
-    shot, std, top = map(table.one, ("curve", "radius_std", "max_radius"))
-    stretched = [one for one in map(table.one, ("stretch", "stretch_std")) if one]
-    radii, said = _radii(table)
-    clock, time_unit, how, warnings = _clock(table, frame_rate)
+    shot, std, max_radius = map(table.only, ("curve", "radius_std", "max_radius"))
+    stretches = [column for column in map(table.only, ("stretch", "stretch_std")) if column]
+    radii, radius_notes = _radii(table)
+    clock, time_unit, clock_notes, warnings = _clock(table, frame_rate)
     units = {column.unit for column in radii}
-    known = time_unit in (None, *TIME_UNITS) and units <= {None, *RADIUS_UNITS}
-    given = " and ".join(str(column.unit) for column in radii[:2])
-    require(known, f"the header {table.titles} gives time in {time_unit} and radius in {given}", "table.units")
-    notes = [*table.notes, *said, *how]
+    fine = time_unit in (None, *TIME_UNITS) and units <= {None, *RADIUS_UNITS}
+    radius_units = " and ".join(str(column.unit) for column in radii[:2])
+    message = f"the header {table.titles} gives time in {time_unit} and radius in {radius_units}"
+    require(fine, message, "table.units")
+    notes = [*table.notes, *radius_notes, *clock_notes]
     deviation = None
     if std and len(radii) > 1:
         notes.append(f"{std.title!r} is not used: there are {len(radii)} columns of radii")
     elif std:
-        other = std.unit or radii[0].unit
-        why = f"radius is in {radii[0].unit} but radius_std in {other}; give both in one unit"
-        require(other == radii[0].unit, why, "table.units")
+        std_unit = std.unit or radii[0].unit
+        message = f"radius is in {radii[0].unit} but radius_std in {std_unit}; give both in one unit"
+        require(std_unit == radii[0].unit, message, "table.units")
         deviation = std.numbers
-    both = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other" if shot else ""
-    require(not shot or len(radii) == 1, both, "table.twice")
+    message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other" if shot else ""
+    require(not shot or len(radii) == 1, message, "table.twice")
     shots: dict[str, list[int]] = {}
     for k, label in enumerate(shot.text if shot else [""] * len(table.rows)):
         shots.setdefault(label, []).append(k)
     limits.few(len(shots) * len(radii), limits.CURVES, "curves")
-    made = []
+    curves = []
     for column in radii:
         radius = column.numbers * (0.5 if column.name.kind == "diameter" else 1.0)
-        for label, mine in shots.items():
-            name = label if shot else re.sub(r"\s*[\[(].*", "", column.title) or column.title
-            about: dict[str, Any] = {"label": name} if shot or len(radii) > 1 else {}
-            about |= {} if deviation is None else {"radius_std": deviation[mine]}
-            about |= {"time_unit": time_unit, "radius_unit": column.unit, "warnings": warnings}
-            lasting, more = _stated_stretch(stretched, mine)
-            curve = make_curve(clock[mine], radius[mine], notes=(*notes, *more), **about, **lasting)
-            made.append(_with_size(curve, top, mine) if top else curve)
-    return made
+        for label, rows in shots.items():
+            meta, stretch_notes = _stated_stretch(stretches, rows)
+            if shot or len(radii) > 1:
+                meta["label"] = label if shot else re.sub(r"\s*[\[(].*", "", column.title) or column.title
+            curve = make_curve(
+                clock[rows],
+                radius[rows],
+                None if deviation is None else deviation[rows],
+                time_unit=time_unit,
+                radius_unit=column.unit,
+                notes=(*notes, *stretch_notes),
+                warnings=warnings,
+                **meta,
+            )
+            curves.append(_with_size(curve, max_radius, rows) if max_radius else curve)
+    return curves
 
 
 def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCurve:
     """Scaled to the R_max in these rows of a column, if there is one. Raises InputError: two, or that of no bubble."""
     if column.unit not in RADIUS_UNITS or column.unit == "px":
         return curve.with_notes(f"the column {column.title!r} is not used: it names no unit of length, as rmax_um does")
-    known = sorted({float(value) for value in column.numbers[rows] if np.isfinite(value)})
-    message = f"{column.title!r} has {len(known)} values for one curve, {known[:2]}: expected its R_max in every row"
-    require(len(known) < 2, message, "table.several_sizes")
-    if not known:
+    sizes = sorted({float(value) for value in column.numbers[rows] if np.isfinite(value)})
+    message = f"{column.title!r} has {len(sizes)} values for one curve, {sizes[:2]}: expected its R_max in every row"
+    require(len(sizes) < 2, message, "table.several_sizes")
+    if not sizes:
         return curve
-    RADIUS.check(column.title, size := known[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
+    RADIUS.check(column.title, size := sizes[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
         factor = size / curve.max_radius
         scaled = (
@@ -181,16 +188,16 @@ def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCur
 
 def _stated_stretch(columns: list[Column], rows: list[int]) -> tuple[dict[str, Any], list[str]]:
     """What columns state of the stretch of one curve, and notes; one that changes from frame to frame is another."""
-    found, said = dict[str, Any](), list[str]()
+    meta, notes = dict[str, Any](), list[str]()
     for column in columns:
         values = {float(value) for value in column.numbers[rows] if np.isfinite(value)}
         if len(values) == 1:
-            found[column.name.kind] = values.pop()
+            meta[column.name.kind] = values.pop()
         elif values:
-            said.append(f"the column {column.title!r} is not used: it changes from frame to frame")
-    if "stretch" in found:
-        said.append(f"the file states the stretch {found['stretch']:.4g} +- {found.get('stretch_std', np.nan):.2g}")
-    return found, said
+            notes.append(f"the column {column.title!r} is not used: it changes from frame to frame")
+    if "stretch" in meta:
+        notes.append(f"the file states the stretch {meta['stretch']:.4g} +- {meta.get('stretch_std', np.nan):.2g}")
+    return meta, notes
 
 
 def _radii(table: Table) -> tuple[list[Column], list[str]]:
@@ -200,28 +207,31 @@ def _radii(table: Table) -> tuple[list[Column], list[str]]:
         InputError: there is none, or it is not clear which they are.
     """
     kind = next(kind for kind in ("radius", "diameter", "area", "shot") if table.all(kind))
-    mine, notes = table.all(kind), []
-    mend = f"{mine[0].title!r} is an area: expected a radius; give a column of sqrt(area/pi), if the bubble is round"
-    require(kind != "area", mend, "table.area")
-    if len({column.unit for column in mine} - {"px"}) == 1 and any(column.unit == "px" for column in mine):
+    radii, notes = table.all(kind), []
+    message = f"{radii[0].title!r} is an area: give a column of radii, sqrt(area/pi) if the bubble is round"
+    require(kind != "area", message, "table.area")
+    if len({column.unit for column in radii} - {"px"}) == 1 and any(column.unit == "px" for column in radii):
         notes.append("the column in pixels is not used: there is one in a unit of length")
-        mine = [column for column in mine if column.unit != "px"]
-    plain, counted = ([c for c in mine if bool(c.name.number) == has] for has in (False, True))
+        radii = [column for column in radii if column.unit != "px"]
+    plain, counted = ([c for c in radii if bool(c.name.number) == has] for has in (False, True))
     if plain and counted:
-        shown = " and ".join(repr(column.title) for column in (plain[0], counted[0]))
-        unclear = f"{shown}: two readings of one bubble, or two shots? keep one column, or number all of them"
-        require({c.name.number.lstrip("0") for c in counted} == {""}, unclear, "table.twice")  # R0 is another radius
+        titles = " and ".join(repr(column.title) for column in (plain[0], counted[0]))
+        message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
+        require({c.name.number.lstrip("0") for c in counted} == {""}, message, "table.twice")  # R0 is another radius
         counted = []
     if not counted:
-        only(plain)
-    mine = counted or plain
-    require(len({c.title for c in mine}) == len(mine), f"two columns {mine[0].title!r}; number them", "table.twice")
-    if len(mine) > 1:
-        shown = ", ".join(column.title for column in mine[:6]) + (", ..." if len(mine) > 6 else "")
-        notes.append(f"{len(mine)} columns of {'diameters' if kind == 'diameter' else 'radii'}, a curve each: {shown}")
+        single(plain)
+    radii = counted or plain
+    message = f"two columns {radii[0].title!r}; number them"
+    require(len({c.title for c in radii}) == len(radii), message, "table.twice")
+    if len(radii) > 1:
+        titles = ", ".join(column.title for column in radii[:6]) + (", ..." if len(radii) > 6 else "")
+        notes.append(
+            f"{len(radii)} columns of {'diameters' if kind == 'diameter' else 'radii'}, a curve each: {titles}"
+        )
     elif kind == "shot":
-        notes.append(f"the column {mine[0].title!r} taken as the radius")
-    return mine, notes + (["diameters halved"] if kind == "diameter" else [])
+        notes.append(f"the column {radii[0].title!r} taken as the radius")
+    return radii, notes + (["diameters halved"] if kind == "diameter" else [])
 
 
 def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, list[str], list[Message]]:
@@ -230,40 +240,40 @@ def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, 
     Raises:
         InputError: two columns of times, or no frame rate, or two.
     """
-    time, frame = table.one("time"), table.one("frame")
+    time, frame = table.only("time"), table.only("frame")
     if time:
         idle = ["the frame rate that is given is not used: the file has times"] if frame_rate else []
         return time.numbers, time.unit, idle, []
     assert frame is not None  # a header without times has frames
     stated = _stated_rates(table.above)
     rate = frame_rate or (stated[0] if len(stated) == 1 else None)
-    found = f"; the file states {' and '.join(f'{one:g}/s' for one in stated)}" if stated else ""
-    how = f"{frame.title!r} has numbers of frames and no times{found}: give the frame rate (--fps 1e6)"
-    require(rate is not None, how, "table.frame_rate")
+    stated_rates = f"; the file states {' and '.join(f'{value:g}/s' for value in stated)}" if stated else ""
+    message = f"{frame.title!r} has numbers of frames and no times{stated_rates}: give the frame rate (--fps 1e6)"
+    require(rate is not None, message, "table.frame_rate")
     assert rate is not None
     if frame_rate is not None:
         FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
-    said = f"times of the numbers in {frame.title!r} at {rate:.6g} frames per second, as "
-    other = [one for one in stated if abs(one / rate - 1) > 0.01]
-    said += "given" if frame_rate else "the file states"
-    warnings = [Message("check_input.frame_rate", {"given": rate, "stated": one}) for one in other[:1]]
-    return frame.numbers / rate, "s", [said, *(one.text for one in warnings)], warnings
+    note = f"times of the numbers in {frame.title!r} at {rate:.6g} frames per second, as "
+    note += "given" if frame_rate else "the file states"
+    different = [value for value in stated if abs(value / rate - 1) > 0.01]
+    warnings = [Message("check_input.frame_rate", {"given": rate, "stated": value}) for value in different[:1]]
+    return frame.numbers / rate, "s", [note, *(warning.text for warning in warnings)], warnings
 
 
 def _stated_rates(lines: Iterable[str]) -> list[float]:
     """The frame rates, 1/s, that stand above a table (`frame rate: 1,000,000 fps`, `270 kfps`)."""
-    found: dict[float, None] = {}
+    stated: dict[float, None] = {}
     for line in lines:
         for match in _RATE.finditer(line[:300]):
             unit = 1e3 if re.search(r"\bk(fps|hz)|\dk(fps|hz)", line, re.I) else 1.0
             unit = 1e6 if re.search(r"\bM(fps|hz)|\dM(fps|hz)", line, re.I) else unit
             text = re.sub("[' ]", "", match[1] or match[2]).strip(".,")
             readings = {text.replace(",", ""), text.replace(".", "").replace(",", ".")}
-            rates = {float(one) * unit for one in readings if is_number(one) and one.count(".") < 2}
+            rates = {float(number) * unit for number in readings if is_number(number) and number.count(".") < 2}
             possible = [rate for rate in rates if _CAMERA[0] <= rate <= _CAMERA[1]]
             if len(possible) == 1:
-                found[possible[0]] = None
-    return list(found)
+                stated[possible[0]] = None
+    return list(stated)
 
 
 def _without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
@@ -287,9 +297,9 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
     time, radius, note = values[0], values[1], "no header: columns taken as time and radius"
     if columns == 3:
         radius = numbers[:, 1:].mean(axis=1)
-        apart = 100 * np.abs(values[2] - values[1]) / radius
-        known = apart[np.isfinite(apart)]
-        middle, most = (np.median(known), np.max(known)) if known.size else (np.inf, np.inf)
+        percent = 100 * np.abs(values[2] - values[1]) / radius
+        percent = percent[np.isfinite(percent)]
+        middle, most = (np.median(percent), np.max(percent)) if percent.size else (np.inf, np.inf)
         require(middle < 10, f"three columns, no header, and the last two are not two radii; {_ADVICE}", "table.header")
         note = "no header: columns taken as time and two radii of one bubble (semi-axes), which differ by "
         note += f"{middle:.2g} % (median) and {most:.2g} % (most): their mean is used"

@@ -1,0 +1,113 @@
+"""Training of a network that gives one value of each output: mean squared error, epoch by epoch.
+
+All randomness of an epoch (order of the curves, dropout) follows from (seed, epoch).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import mse_loss
+
+from cavirheo.errors import require
+from cavirheo.prior import Prior
+from cavirheo.training.dataset import Dataset, Indices
+from cavirheo.training.loop import Training
+from cavirheo.training.metrics import metrics
+from cavirheo.training.network import BubbleTransformer
+from cavirheo.training.recipe import Recipe, TrainingTable
+from cavirheo.writing.document import whole
+
+EVALUATION_BATCH = 512
+
+
+class PointTraining(Training[BubbleTransformer]):
+    """One training on a set of curves on a grid. Raises InputError: of another problem, or with too few curves."""
+
+    def __init__(self, recipe: Recipe, data: Dataset, folder: Path, device: torch.device) -> None:
+        self.recipe, self.schedule, self.data, self.folder, self.device = recipe, recipe.training, data, folder, device
+        self.name, self.settings = recipe.export.name, recipe.settings()
+        problem = recipe.problem
+        message = f"the training set was made for problem {data.problem.id}, the recipe is of {problem.id}"
+        fine = data.problem.id == problem.id
+        require(fine, f"{message}: generate the data with this recipe", "training.another_problem")
+        self.mean, self.std = scaling(problem.prior, recipe.outputs)
+        target = (torch.tensor(data.truth(recipe.outputs)).float() - self.mean) / self.std
+        split = data.split(self.schedule.seed)
+        for name, curves in split.items():
+            require(len(curves) >= 2, f"too few usable curves in the {name} part of {len(target)}")
+        # indices (curves,) and target (curves, outputs) of "train", "validation", "test"; radii stay on the disk
+        self.parts = {name: (i, target[i].to(device)) for name, i in split.items()}
+        self.every = math.ceil(len(split["train"]) / self.schedule.batch)
+        self.steps = self.schedule.epochs * self.every
+        torch.manual_seed(self.schedule.seed)
+        self.network = BubbleTransformer(recipe.network, problem.grid.frames, len(recipe.outputs)).to(device)
+        self.optimiser = torch.optim.Adam(self.network.parameters(), lr=self.schedule.lr)
+        self.batches: Sequence[Tensor] = ()
+        self.identity = self.settings | {"data": data.sha256}
+
+    def rate(self, step: int) -> float:
+        return learning_rate(self.schedule, step, self.every)
+
+    def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
+        epoch, place = divmod(step, self.every)
+        curves, target = self.parts["train"]
+        if place == 0:
+            torch.manual_seed(int(np.random.SeedSequence([self.schedule.seed, epoch]).generate_state(1)[0]))
+            self.batches = torch.randperm(len(curves)).split(self.schedule.batch)
+            self.network.train(epoch < (self.schedule.dropout_epochs or self.schedule.epochs))  # only dropout heeds it
+        batch = self.batches[place]
+        loss = mse_loss(self.network(self._radius(curves[batch.numpy()])), target[batch.to(self.device)])
+        return loss, loss[None], len(batch)
+
+    def line(self, losses: Sequence[float]) -> dict[str, Any]:
+        validation = float(mse_loss(self._predict("validation"), self.parts["validation"][1]))
+        return {"epoch": self.step // self.every, "train": losses[0], "validation": validation}
+
+    def result(self) -> dict[str, Any]:
+        """The test part is looked at here, and nowhere else."""
+        curves, target = self.parts["test"]
+        truth, predicted = ((t * self.std + self.mean).numpy() for t in (target.cpu(), self._predict("test").cpu()))
+        with whole(self.folder / "test.npz") as temporary, temporary.open("wb") as file:
+            np.savez(file, radius=self.data.radius[curves], truth=truth, predicted=predicted)
+        data = self.data
+        origin = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
+        parts = {part: len(curves) for part, (curves, _) in self.parts.items()}
+        return {
+            "problem_id": self.recipe.problem.id,
+            "data": origin | {"made_by": data.made_by} | parts,
+            "metrics": metrics(self.recipe.outputs, truth, predicted),
+        }
+
+    def _radius(self, curves: Indices) -> Tensor:
+        """(curves, frames) of these."""
+        return torch.from_numpy(self.data.radius[curves]).to(self.device)
+
+    @torch.inference_mode()
+    def _predict(self, part: str) -> Tensor:
+        self.network.eval()
+        curves, _ = self.parts[part]
+        starts = range(0, len(curves), EVALUATION_BATCH)
+        return torch.cat([self.network(self._radius(curves[start : start + EVALUATION_BATCH])) for start in starts])
+
+
+def scaling(prior: Prior, outputs: tuple[str, ...]) -> tuple[Tensor, Tensor]:
+    """Mean and standard deviation (outputs,) of the prior, by which targets are standardised."""
+    columns = [prior.names.index(name) for name in outputs]
+    low, high = prior.low[columns], prior.high[columns]
+    mean, std = torch.from_numpy((low + high) / 2), torch.from_numpy((high - low) / math.sqrt(12))
+    return mean.float(), std.float()
+
+
+def learning_rate(settings: TrainingTable, step: int, steps_per_epoch: int) -> float:
+    """Adam's step size at an optimiser step, from 0: linear warm-up, then constant or half a cosine to 0."""
+    rate = settings.lr * min(1.0, (step + 1) / max(1, settings.warmup_steps))
+    if settings.schedule == "cosine":
+        rate *= 0.5 * (1.0 + math.cos(math.pi * step / (settings.epochs * steps_per_epoch)))
+    return rate
