@@ -28,8 +28,8 @@ from cavirheo.app.session import VisitorLimits  # noqa: E402
 from cavirheo.app.steps import examples  # noqa: E402
 from cavirheo.inference import input_checks  # noqa: E402
 from cavirheo.inference.analysis import Analysis  # noqa: E402
+from cavirheo.io import read_curves, write_csv  # noqa: E402
 from cavirheo.posterior import Checks, Posterior  # noqa: E402
-from cavirheo.reading import read_curves, write_csv  # noqa: E402
 from cavirheo.reporting import result, wall_page  # noqa: E402
 from cavirheo.reporting.material import PopulationRecord  # noqa: E402
 from cavirheo.writing.digits import MISSING  # noqa: E402

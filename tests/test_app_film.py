@@ -31,9 +31,9 @@ from cavirheo.app.film import said as said_of
 from cavirheo.app.session import PageSettings, Session, VisitorLimits
 from cavirheo.app.steps import infer
 from cavirheo.errors import InputError, number_of
-from cavirheo.reading import read_curves
-from cavirheo.reading.camera import Camera
-from cavirheo.reading.subprocess_reader import Reader
+from cavirheo.io import read_curves
+from cavirheo.io.camera import Camera
+from cavirheo.io.subprocess_reader import Reader
 from cavirheo.video.picture import sheet_address
 
 CAMERA = Camera(RATE, SCALE)

@@ -29,7 +29,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("posterior", "errors writing messages parameters physics"),
     ("curve", "errors messages parameters landmarks writing"),
     ("video", "errors files messages parameters curve landmarks writing"),
-    ("reading", "errors files messages parameters curve landmarks video writing"),
+    ("io", "errors files messages parameters curve landmarks video writing"),
     ("problem", "errors parameters prior physics"),
     (
         "inference",
@@ -37,18 +37,18 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ),
     (
         "training",
-        "errors files parallel parameters prior posterior curve reading physics problem inference writing",
+        "errors files parallel parameters prior posterior curve io physics problem inference writing",
     ),
     ("workflow", "errors files messages parallel physics posterior curve inference writing"),
-    ("reporting", "errors messages physics parallel parameters posterior curve reading inference workflow writing"),
-    ("watch", "errors parallel physics posterior curve reading inference workflow reporting writing"),
+    ("reporting", "errors messages physics parallel parameters posterior curve io inference workflow writing"),
+    ("watch", "errors parallel physics posterior curve io inference workflow reporting writing"),
     (
         "companions",
-        "errors parallel parameters landmarks posterior curve reading physics inference reporting writing workflow",
+        "errors parallel parameters landmarks posterior curve io physics inference reporting writing workflow",
     ),
     (
         "app",
-        "errors parallel parameters posterior curve video reading physics problem inference reporting writing "
+        "errors parallel parameters posterior curve video io physics problem inference reporting writing "
         "workflow companions",
     ),
     ("loading", "errors files reporting training companions video writing"),
@@ -178,7 +178,7 @@ def test_the_way_from_the_command_to_the_report_is_short(run, tmp_path):
         place = Path(frame.f_code.co_filename)
         if event == "call" and SOURCE in place.parents and frame.f_code.co_name[0] != "<":
             room = room_of(str(place.relative_to(SOURCE)))
-            if room in ("verbs", "reading", "inference", "reporting") and way[-1:] != [room]:
+            if room in ("verbs", "io", "inference", "reporting") and way[-1:] != [room]:
                 way.append(room)
 
     sys.setprofile(pass_through)
@@ -190,4 +190,4 @@ def test_the_way_from_the_command_to_the_report_is_short(run, tmp_path):
     stations = [room for room in way if room != "verbs"]
     # files are found; options are checked; read; the documents' places are tried; answered, verified; held together;
     # documents; table
-    assert stations == ["reading", "inference", "reading", "reporting", "inference", *["reporting"] * 2]
+    assert stations == ["io", "inference", "io", "reporting", "inference", *["reporting"] * 2]

@@ -15,6 +15,7 @@ from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
 from cavirheo.inference.model import path_of
+from cavirheo.io import write_csv
 from cavirheo.physics import laws
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import Bubble
@@ -23,7 +24,6 @@ from cavirheo.physics.elastic import Yeoh
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Cross
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reading import write_csv
 from cavirheo.verbs.run import Run
 
 ROOT = Path(__file__).parent.parent

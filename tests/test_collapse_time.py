@@ -14,12 +14,12 @@ from cavirheo.companions.collapse_times import VOCABULARY, read_groups, read_tab
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable
+from cavirheo.io import write_csv
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, ZHU2025
 from cavirheo.physics.simulate import simulate
-from cavirheo.reading import write_csv
 
 EMPTY = replace(WATER, surface_tension=0.0, vapour_reference_pressure=1e-6, sound_speed=float("inf"), name="empty")
 R = 2e-4

@@ -13,7 +13,7 @@ pytest.importorskip("matplotlib")
 
 import cavirheo
 from cavirheo import InputError
-from cavirheo.reading import write_csv
+from cavirheo.io import write_csv
 from cavirheo.reporting import figures, write_report
 from cavirheo.reporting.laws import ComparedLaws, WeighedLaw, WeighedLaws
 from cavirheo.reporting.record import result

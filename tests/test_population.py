@@ -13,8 +13,8 @@ from cavirheo import InputError, RadiusCurve, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
 from cavirheo.inference.verify.evidence import ranked
+from cavirheo.io.column import LOG_SIZE, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior
-from cavirheo.reading.column import LOG_SIZE, with_column
 from cavirheo.reporting import html, read_json, result, table
 from cavirheo.reporting.group_lines import group_lines
 from cavirheo.reporting.laws import Laws, print_table, records

@@ -14,15 +14,15 @@ from scipy.io import savemat
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
+from cavirheo.io import read_curves, write_csv
+from cavirheo.io.files import expand, tidy
+from cavirheo.io.formats import kind_of, read_sheets, text_sheet
+from cavirheo.io.shots import Recordings, read_shots
+from cavirheo.io.subprocess_reader import decode, encode
+from cavirheo.io.tables import Term, Vocabulary, read_columns
+from cavirheo.io.trace import read_trace
 from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
-from cavirheo.reading import read_curves, write_csv
-from cavirheo.reading.files import expand, tidy
-from cavirheo.reading.formats import kind_of, read_sheets, text_sheet
-from cavirheo.reading.shots import Recordings, read_shots
-from cavirheo.reading.subprocess_reader import decode, encode
-from cavirheo.reading.tables import Term, Vocabulary, read_columns
-from cavirheo.reading.trace import read_trace
 
 R_MAX = 200e-6
 T_C = R_MAX * np.sqrt(998.0 / 101325.0)

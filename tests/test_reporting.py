@@ -20,10 +20,10 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import infer_many
 from cavirheo.inference.analysis import Analysis
+from cavirheo.io.column import read_column
 from cavirheo.messages import Message, value_in_words
 from cavirheo.physics.bubble import REAL
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
-from cavirheo.reading.column import read_column
 from cavirheo.reporting import figures, group, html, read_json, result, svg, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.curve_lines import Axis, answer_lines, curve_lines, preview_lines, thinned

@@ -16,7 +16,7 @@ from cavirheo.companions.rheometer.document import regimes, rheometry
 from cavirheo.companions.rheometer.read import VOCABULARY
 from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.errors import InputError
-from cavirheo.reading.tables import Table
+from cavirheo.io.tables import Table
 from cavirheo.reporting import read_json
 from cavirheo.reporting.record import Result
 from cavirheo.writing import style

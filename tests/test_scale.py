@@ -18,11 +18,11 @@ import pytest
 from analyses import KnownAnalysis
 
 from cavirheo import InputError
+from cavirheo.io import read_curves
 from cavirheo.parallel import Threads
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
-from cavirheo.reading import read_curves
 from cavirheo.training.dataset import generate, load, survey
 from cavirheo.training.shards import StoredRows, blocks, write_hdf5
 from cavirheo.workflow import analyse

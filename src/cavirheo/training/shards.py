@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from cavirheo.errors import InputError, require
+from cavirheo.io import limits
 from cavirheo.parallel import Executor
-from cavirheo.reading import limits
 from cavirheo.training.recipe import difference
 from cavirheo.writing.document import whole
 

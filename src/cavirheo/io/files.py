@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo.errors import InputError, printable, require
-from cavirheo.reading import limits
+from cavirheo.io import limits
 from cavirheo.video.frames import ENDINGS, HEADER, PIXELS, STACKS, is_recording
 
 MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}

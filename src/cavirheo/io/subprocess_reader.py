@@ -23,9 +23,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.io.recordings import examine
+from cavirheo.io.shots import Recordings, read_shots
 from cavirheo.messages import Message
-from cavirheo.reading.recordings import examine
-from cavirheo.reading.shots import Recordings, read_shots
 from cavirheo.video.frames import Footage
 from cavirheo.video.measurement import Measurement, Stated
 from cavirheo.video.track import Track

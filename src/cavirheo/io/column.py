@@ -18,9 +18,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.reading.files import guarded
-from cavirheo.reading.formats import Cells, is_number
-from cavirheo.reading.tables import Name, Term, Vocabulary, read_columns
+from cavirheo.io.files import guarded
+from cavirheo.io.formats import Cells, is_number
+from cavirheo.io.tables import Name, Term, Vocabulary, read_columns
 
 SIZE = "R_max"  # the word
 LOG_SIZE = "log10(R_max/µm)"  # the column that it stands for

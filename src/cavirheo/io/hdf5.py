@@ -14,9 +14,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
-from cavirheo.reading import limits
-from cavirheo.reading.curve_tables import CURVES
-from cavirheo.reading.samples import make_curve
+from cavirheo.io import limits
+from cavirheo.io.curve_tables import CURVES
+from cavirheo.io.samples import make_curve
 
 _EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
 

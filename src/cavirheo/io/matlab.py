@@ -20,10 +20,10 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.io import limits
+from cavirheo.io.matfile import read_matfile
+from cavirheo.io.samples import make_curve, unusable
 from cavirheo.messages import Message
-from cavirheo.reading import limits
-from cavirheo.reading.matfile import read_matfile
-from cavirheo.reading.samples import make_curve, unusable
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"

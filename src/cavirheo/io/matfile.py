@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.errors import require
-from cavirheo.reading import limits
+from cavirheo.io import limits
 
 _HEAD = 1024  # bytes that hold the header of an array, its name at the end
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}

@@ -7,7 +7,7 @@ from typing import Unpack
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import as_path
-from cavirheo.reading.files import guarded, sha256, shown
+from cavirheo.io.files import guarded, sha256, shown
 from cavirheo.video.frames import is_recording
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames

@@ -30,7 +30,7 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
             "limits.unpacked", "limits.cells", "limits.text", "limits.memory", "limits.time").
     """
     from cavirheo.errors import InputError, require, without_unseen
-    from cavirheo.reading import limits
+    from cavirheo.io import limits
 
     most_of = (most or 0, MEMORY, limits.SHEET, limits.UNPACKED, limits.CELLS, limits.TEXT)
     command = [sys.executable, "-P", __file__, str(path), *map(str, most_of)]
