@@ -55,10 +55,10 @@ lint: $(VENV)/test.done
 
 # The site with the tutorials that are run for it, in build/site: opens from a folder, its search too, and asks nothing of any other machine
 docs: $(VENV)/docs.done
-	$(BIN)/mkdocs build --strict --quiet
+	$(BIN)/mkdocs build --strict
 
 man: $(VENV)/demo.done
-	$(BIN)/python docs/site/manual.py man/cavirheo.1
+	$(BIN)/python packaging/manual.py man/cavirheo.1
 
 # dist/: sdist and wheel; the fast tests pass from the wheel, in an empty environment without an extra
 dist: man
@@ -70,7 +70,7 @@ test-pythons: man
 
 # A folder that a hosted Gradio Space runs as it is (docs/how-to/app.md)
 space: $(VENV)/demo.done
-	rm -rf build/space && mkdir -p build && cp -r space build/space
+	rm -rf build/space && mkdir -p build && cp -r packaging/space build/space
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target build/space .
 
 $(VENV)/demo.done: pyproject.toml

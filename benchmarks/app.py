@@ -5,7 +5,7 @@ functions called without a browser.
     python benchmarks/app.py [--repeats 5]
 
 Needs Chromium and the extras [app] and [dev]. Prints medians (and, as other work on the machine slows wall time, the
-load) as Markdown; the results stand in benchmarks/app.md.
+load) as Markdown; the results stand in docs/validation.md.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """`cavirheo design` against experiments: intervals that were predicted, and those that `infer` then gives.
 
-python benchmarks/design.py [folder] [experiments]    goes on where it was stopped; writes benchmarks/design.md
-python benchmarks/design.py checks [recordings]       its section on settings that `design` checks: 6 of each take
+python benchmarks/design.py [folder] [experiments]    goes on where it was stopped
+python benchmarks/design.py checks [recordings]       settings that `design` checks: 6 of each take
                                                       ten minutes
-python benchmarks/design.py groups                    its section on shots that scatter: a minute
+python benchmarks/design.py groups                    shots that scatter: a minute
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
 from cavirheo.reporting.material import population_record
 
-HERE = Path(__file__).resolve().parent
 KNOWN = {"log10_shear_modulus": np.log10([3e3, 1.2e4]), "log10_viscosity": np.log10([0.03, 0.1]), "stretch": [5.0, 8.0]}
 RADII, RATES, FRAMES = (100e-6, 150e-6, 250e-6, 400e-6), (250e3, 500e3, 1e6), 128
 DEFAULT = (150e-6, 250e3)
@@ -190,15 +189,7 @@ the answers to the others. Geometric means, in percent.
         text += f"\n{name} over answered: within 20 % (0.83 to 1.2) at {within[0]} (G) and {within[1]} (µ) of "
         text += f"{len(off)} settings; middle {middles[0]:.2f} and {middles[1]:.2f}, "
         text += f"scatter by a factor of {spread[0]:.2f} and {spread[1]:.2f}.\n"
-    replace_section(CHECKS, text)
-
-
-def replace_section(title: str, text: str) -> None:
-    """Of the page; at its end if it is new."""
-    page = HERE / "design.md"
-    before, found, mine = page.read_text(encoding="utf-8").partition(f"\n{title}")
-    _, head, after = mine.partition("\n## ") if found else ("", "", "")
-    page.write_text(f"{before}\n{text}{head}{after}", encoding="utf-8")
+    print(text)
 
 
 GROUPS = "## Shots that scatter"
@@ -244,7 +235,7 @@ the scatter is taken for 0. Reached: half of the 90 % interval after as many ove
         cells += [f"{middle:.2f} [{low:.2f}, {high:.2f}]" if reached_ else "–", len(reached_)]
         text += "| " + " | ".join(map(str, cells)) + " |\n"
         print(cells, flush=True)
-    replace_section(GROUPS, text)
+    print(text)
 
 
 def main(folder: str = "build/design", count: str = "4") -> None:
@@ -260,9 +251,7 @@ def main(folder: str = "build/design", count: str = "4") -> None:
             found[key] = {"reached": widths.tolist(), "verdicts": verdicts}
             place.write_text(json.dumps(found))
             print(key, middle(widths), flush=True)
-    page = HERE / "design.md"
-    _, head, rest = page.read_text(encoding="utf-8").partition(f"\n{CHECKS}")
-    page.write_text(report(found) + head + rest, encoding="utf-8")
+    print(report(found))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How long the package takes to start, and how large its installation is: benchmarks/install.md.
+"""How long the package takes to start, and how large its installation is.
 
 python benchmarks/install.py [runs]    (default: 30), with the Python of the environment that is to be measured
 """

@@ -28,7 +28,7 @@ G_AXIS, MU_AXIS = "shear modulus G (kPa)", "viscosity µ (Pa s)"
 SEED = {
     "draws": 3,
     "ridge": 6,
-    "verdicts": 1,
+    "verdicts": 2,
     "material": 5,
 }  # in nine of ten shots an interval holds the truth, as in these
 TRUTH = np.log10([8e3, 0.05])  # Pa, Pa s

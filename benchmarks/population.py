@@ -6,7 +6,7 @@
 Shots of known truth are made without simulating bubbles: a likelihood that is Gaussian in log10 G and log10 mu, or in G
 and mu themselves (skewed in the logarithm), sampled with importance weights against the shot's prior. `network` uses
 simulated bubbles and the network's answers, `real` the open sets in the folder
-CAVIRHEO_REAL_DATA (benchmarks/population.md).
+CAVIRHEO_REAL_DATA.
 """
 
 from __future__ import annotations

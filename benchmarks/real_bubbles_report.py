@@ -1,10 +1,9 @@
-"""Tables and pictures of docs/real-bubbles.md and its notes from what benchmarks/real_bubbles.py kept.
+"""Tables and pictures of docs/real-bubbles.md, and further tables, from what benchmarks/real_bubbles.py kept.
 
-    python benchmarks/real_bubbles_report.py results.json docs/real-bubbles.md docs/real-bubbles-notes.md
+    python benchmarks/real_bubbles_report.py results.json [-o docs/real-bubbles]
 
-Replaces what stands between `<!-- table: NAME -->` and `<!-- end -->` of the pages, where the file has what a table
-needs, and the pictures in docs/real-bubbles. No recording is drawn: summaries of residuals, fitted parameters and
-evidence only.
+Prints each table for which the file has what it needs, and writes the pictures into the folder. No recording is drawn:
+summaries of residuals, fitted parameters and evidence only.
 """
 
 from __future__ import annotations
@@ -91,7 +90,7 @@ def table(columns: str, rows: Iterable[Iterable[Any]]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows)])
 
 
-# --- tables of the page
+# --- tables
 
 
 def peg_rows(kept: Mapping[str, Any], found: Found) -> Iterable[list[Any]]:
@@ -145,9 +144,6 @@ def chosen_rows(found: Found) -> Iterable[list[Any]]:
     for group, own in known.items():
         rest = float(np.mean([gain for name, gain in known.items() if name != group]))
         yield [group, "real" if rest > 0 else "field", f"{rest:+.1f}", f"{own:+.1f}"]
-
-
-# --- tables of the notes
 
 
 def fit_rows(found: Found) -> Iterable[list[Any]]:
@@ -293,7 +289,7 @@ def draw_growth(kept: Mapping[str, Any]) -> Any:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path)
-    parser.add_argument("pages", type=Path, nargs="+")
+    parser.add_argument("-o", "--out", type=Path, default=Path("docs/real-bubbles"))
     given = parser.parse_args()
     kept = json.loads(given.results.read_text("utf-8"))
     found, ahead = found_of(kept, "fit", "evidence"), found_of(kept, "ahead", "ahead")
@@ -302,21 +298,15 @@ def main() -> None:
         "chosen": chosen_rows(found), "fits": fit_rows(found), "growth": growth_rows(kept),
         "seen": seen_rows(kept, found), "water": water_rows(kept),
     }  # fmt: skip
-    tables = {name: table(COLUMNS[name], lines) for name, cells in rows.items() if (lines := list(cells))}
-    for path in given.pages:
-        page = path.read_text("utf-8")
-        for name, text in tables.items():
-            before, after = f"<!-- table: {name} -->\n", "<!-- end -->"
-            if before in page:
-                head, _, rest = page.partition(before)
-                page = head + before + text + "\n" + after + rest.partition(after)[2]
-        path.write_text(page, encoding="utf-8")
-    (folder := given.pages[0].parent / "real-bubbles").mkdir(exist_ok=True)
+    for name, cells in rows.items():
+        if lines := list(cells):
+            print(f"## {name}\n{table(COLUMNS[name], lines)}\n")
+    given.out.mkdir(parents=True, exist_ok=True)
     pictures = {
         "peg": draw_peg(found), "sets": draw_sets(found), "ahead": draw_ahead(ahead), "growth": draw_growth(kept),
     }  # fmt: skip
     for name, figure in pictures.items():
-        style.drawn(figure, 110).save(folder / f"{name}.png", optimize=True)
+        style.drawn(figure, 110).save(given.out / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Conventional fits of real sets beside published values: over one collapse and over three.
 
-    python benchmarks/real_sets.py FOLDER [--references examples/published_values.csv] [--sets WORD] [-o real_sets.md]
+    python benchmarks/real_sets.py FOLDER [--references examples/published_values.csv] [--sets WORD] [-o OUT]
 
 FOLDER and the CSV file are those of `cavirheo compare` (docs/how-to/compare.md).
 Its columns files, medium, density, stretch and rmax_um hold here, too.
@@ -87,8 +87,9 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--references", type=Path, default=Path("examples/published_values.csv"))
     parser.add_argument("--sets", default="", help="only sets whose name contains this")
-    parser.add_argument("-o", "--out", type=Path, default=Path("benchmarks/real_sets.md"))
+    parser.add_argument("-o", "--out", type=Path, default=Path("build/real_sets.md"))
     given = parser.parse_args()
+    given.out.parent.mkdir(parents=True, exist_ok=True)
     lines = ["# Conventional fits of real sets", "", *(f"{line}" for line in (__doc__ or "").splitlines()[4:] if line)]
     lines += ["", "| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
     for about in read_references(given.references):

@@ -1,4 +1,4 @@
-"""How long the report takes beside the inference of the same curves, and how much memory: benchmarks/reporting.md.
+"""How long the report takes beside the inference of the same curves, and how much memory.
 
 python benchmarks/reporting.py [curves ...]    (default: 10 100 400 1000), each count in a process of its own
 """

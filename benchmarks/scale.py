@@ -2,7 +2,7 @@
 
 python benchmarks/scale.py [-n CURVES] [--repeats N] [--workers 2]
 
-Prints the tables of benchmarks/scale.md. Throughput is compared as curves per second of processor time as well as of
+Throughput is compared as curves per second of processor time as well as of
 the clock, in turn, for other work may share the machine. The simulated driver has the measured costs of this one.
 """
 

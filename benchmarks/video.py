@@ -1,8 +1,8 @@
-"""How well radii are measured in recordings: writes video.md here (five minutes of one core).
+"""How well radii are measured in recordings: five minutes of one core.
 
 Rendered recordings (cavirheo.video.render) of simulated bubbles, so that R(t) is known: 12 kinds of scene, 5 seeds
 each. A seed chooses material, R_max, frame rate, phase of the clock, light and noise. `--tuning` runs the seeds that
-the method was tuned on, and writes nothing.
+the method was tuned on.
 
 Beside it the practice of the field: the first frame (without one that is free of the bubble: each pixel's median) is
 subtracted, Otsu's threshold, the largest region, Taubin's circle through its boundary pixels.
@@ -245,8 +245,6 @@ def main() -> None:
         ]  # fmt: skip
     default = Path(__file__).resolve().parents[2] / "shared" / "data"
     lines += real(Path(os.environ.get("CAVIRHEO_REAL_DATA", default)))
-    if not given.tuning:
-        Path(__file__).with_suffix(".md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
 
 

@@ -1,6 +1,6 @@
 """From a complete file to its answer: `cavirheo watch` on single files that arrive one after the other.
 
-    python benchmarks/watch.py [count]    writes benchmarks/watch.md
+    python benchmarks/watch.py [count]
 
 Wall time from the moment at which a file is complete to that at which result.json has its row, and processor time of
 the watching process meanwhile. The compiled cache is warm: one shot is answered before.
@@ -113,14 +113,12 @@ def case(words: Sequence[str], count: int) -> list[list[float]]:
 
 
 def main(count: int = 6) -> None:
-    text = HEAD
+    print(HEAD, end="")
     for name, (asked, words) in CASES.items():
         columns = zip(*case(words, count), strict=True)
         cells = " | ".join(f"{median(column):.2f} ({max(column):.2f})" for column in columns)
         load, cores = os.getloadavg()[0], os.cpu_count()
-        text += f"| {name} | {count} | {asked:g} | {cells} | {load:.1f} on {cores} cores |\n"
-        print(text.splitlines()[-1], flush=True)
-        (HERE / "watch.md").write_text(text, encoding="utf-8")
+        print(f"| {name} | {count} | {asked:g} | {cells} | {load:.1f} on {cores} cores |", flush=True)
 
 
 if __name__ == "__main__":

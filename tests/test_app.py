@@ -864,7 +864,7 @@ def test_the_space_asks_for_what_the_package_needs():
     root = Path(__file__).parent.parent
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     needed = [*project["dependencies"], *project["optional-dependencies"]["app"]]
-    assert set(needed) <= set((root / "space" / "requirements.txt").read_text().splitlines())
+    assert set(needed) <= set((root / "packaging" / "space" / "requirements.txt").read_text().splitlines())
 
 
 def test_the_field_of_the_stretch_takes_a_number_or_free():

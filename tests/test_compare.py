@@ -457,51 +457,6 @@ def test_published_values_can_be_read():
     assert sets["agarose 2.5 %"].medium.density == 1025
 
 
-def published_cells() -> dict[str, dict[tuple[str, str], str]]:
-    """'6.44 ± 1.64' by set and (method, quantity), as the file has them; 'files' by set."""
-    with PUBLISHED.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(line for line in file if line[0] != "#"))
-    found: dict[str, dict[tuple[str, str], str]] = {row["set"]: {} for row in rows}
-    for row in rows:
-        found[row["set"]][row["method"], row["quantity"]] = " ± ".join(filter(None, (row["mean"], row["std"])))
-    return found
-
-
-@pytest.mark.repository
-def test_the_page_has_the_published_values():
-    """docs/reproduction.md: all of them, with errors to IMR and the mark of sets that have no open recording."""
-    text = (ROOT / "docs" / "reproduction.md").read_text(encoding="utf-8")
-    sections = {part.partition("\n")[0]: part.splitlines() for part in text.split("\n## ")}
-    whole, real = (
-        [[cell.strip() for cell in line.strip("|").split("|")] for line in sections[name] if line[:2] == "| "][1:]
-        for name in ("The paper's tables", "Real measurements")
-    )
-    cells, recorded = published_cells(), {about.name: about.recorded for about in read_references(PUBLISHED)}
-
-    def error(of: dict[tuple[str, str], str], quantity: str) -> str:
-        imr, bdt = (float(of[m, quantity].split()[0]) if (m, quantity) in of else None for m in ("IMR", "BDT"))
-        percent = None if imr is None or bdt is None else 100 * abs(bdt - imr) / imr
-        return "–" if percent is None else f"{percent:.0f}" if percent >= 9.95 else f"{percent:.2g}"
-
-    assert whole == [
-        [
-            name,
-            *(of.get(("IMR", "G_kPa"), "–"), of.get(("BDT", "G_kPa"), "–"), error(of, "G_kPa")),
-            *(of["IMR", "mu_Pa_s"], of["BDT", "mu_Pa_s"], error(of, "mu_Pa_s")),
-            "yes" if recorded[name] else "none",
-        ]
-        for name, of in cells.items()
-        if ("BDT", "mu_Pa_s") in of
-    ]
-    assert {row[0] for row in real} == {name for name in cells if recorded[name]}
-    for name, label, imr, bdt, rheometer, *_, errors, _, _ in real:
-        quantity = {"G (kPa)": "G_kPa", "µ (Pa s)": "mu_Pa_s"}[label]
-        of = cells[name]
-        assert [imr, bdt] == [of.get((method, quantity), "–") for method in ("IMR", "BDT")]
-        assert number(rheometer.replace("–", "")) == number(of.get(("rheometer", quantity), ""))
-        assert errors.split(", ")[0] == error(of, quantity)
-
-
 def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
     made, unread, _ = compare(real_data, PUBLISHED, tmp_path / "c")

@@ -23,8 +23,7 @@ ROOT = Path(__file__).parent.parent
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("validation/**/*.md")]
 )
-PAGES.remove(ROOT / "CHANGELOG.md")  # it tells of what was
-FOLDERS = "src|tests|docs|benchmarks|validation|examples|recipes|space"
+FOLDERS = "src|tests|docs|benchmarks|validation|examples|recipes|packaging"
 COMMAND: Any = typer.main.get_command(verbs.app)  # type: ignore[attr-defined]
 HELP = {text for parameter in COMMAND.params for text in parameter.opts} | {"--help"}  # of every verb or of none
 OPTIONS = {
@@ -94,9 +93,8 @@ def broken_command(line: str) -> Iterator[str]:
     elif words[:2] == ["python", "-m"]:
         yield from (f"module {word}" for word in words[2:3] if not (ROOT / f"{word.replace('.', '/')}.py").exists())
     elif words[:1] == ["python"]:
-        yield from (
-            f"script {word}" for word in words[1:2] if not any((ROOT / f / word).exists() for f in ("", "space"))
-        )
+        places = (ROOT, ROOT / "packaging" / "space")
+        yield from (f"script {word}" for word in words[1:2] if not any((place / word).exists() for place in places))
     elif words[:1] == ["cavirheo"]:
         if words[1] not in OPTIONS:
             yield f"verb {words[1]}"
@@ -186,47 +184,18 @@ def test_a_planted_mistake_is_found(planted):
     assert len(problems(f"# Page\n{planted}\n", ROOT)) >= 1
 
 
-MOST_WORDS = 12_000  # of how-to pages and tutorials, so that somebody reads them
-
-
-def words(text: str) -> int:
-    """Of prose and tables; code, links' addresses and marks are none."""
-    prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
-    prose = re.sub(r"`[^`\n]+`", "", re.sub(r"\]\([^)\s]+\)", "]", prose))
-    return len(re.findall(r"[^\W_][\w'’.-]*", prose))
-
-
-def taught() -> str:
-    """All that how-to pages and tutorials say; of scripts their docstrings and their cells of text."""
-    pages = [path.read_text("utf-8") for path in sorted(ROOT.glob("docs/how-to/*.md"))]
-    scripts = [path.read_text("utf-8") for path in sorted(ROOT.glob("examples/**/*.py"))]
-    cells = [
-        cell for text in scripts for cell in re.findall(r"^# %% \[markdown\]\n((?:#[^\n]*\n)+)", text, re.MULTILINE)
-    ]
-    return "\n".join([*pages, *cells, *(ast.get_docstring(ast.parse(text)) or "" for text in scripts)])
-
-
-def test_how_to_and_tutorials_are_short():
-    assert 5000 < words(taught()) < MOST_WORDS
-
-
-def test_words_are_counted():
-    assert words("# One two\n```\nnot this\n```\n| [three](a/b.md) | `--no` 4.5 |\n- it's fine-grained; 1,000\n") == 8
-    assert words("") == 0
-
-
 def test_every_page_begins_with_its_title():
     wrong = [name(page) for page in PAGES if not re.match(r"# \S.*\n(?!#)", page.read_text("utf-8"))]
     assert wrong == []
 
 
-def test_every_verb_is_in_the_readme():
-    text = (ROOT / "README.md").read_text("utf-8")
-    assert [verb for verb in OPTIONS if f"`{verb}`" not in text] == []
+def test_the_page_of_commands_has_every_verb():
+    text = (ROOT / "docs" / "which-command.md").read_text("utf-8")
+    assert [verb for verb in OPTIONS if not re.search(rf"[`/ ]{verb}[`,]", text)] == []
 
 
 def test_source_refers_to_pages_that_exist():
-    folders = ("src", "tests", "benchmarks", "validation", "space", "recipes")
+    folders = ("src", "tests", "benchmarks", "validation", "packaging", "recipes")
     files = [path for folder in folders for path in ROOT.glob(f"{folder}/**/*") if path.suffix in (".py", ".toml")]
     lost = {
         f"{name(path)}: {page}"

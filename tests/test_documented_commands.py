@@ -29,7 +29,6 @@ pytestmark = [
 ]
 NOT_RUN = {  # what a line begins with: why
     "make ": "sets up an environment, or runs these tests",
-    "python3 -m venv ": "sets up an environment",
     "pip install ": "changes the environment that the tests run in; tests/wheel.py installs into an empty one",
     "cavirheo evaluate bdt-viscoelastic data ": "refused with fewer than its 100,000 curves: it saw some",
     "cavirheo infer SHOTS.mat -o result --scheduler slurm:": "needs a SLURM: tests/test_cluster.py starts one",
@@ -179,7 +178,7 @@ class Shell:
                 status = process.wait(60.0)
             finally:
                 process.kill()
-            assert status == {"cavirheo watch": 130, "cavirheo app": 0}.get(what, status), what
+            assert status == 0 or not what.startswith("cavirheo"), what
 
 
 def answers(port: int) -> bool:

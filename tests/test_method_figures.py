@@ -15,7 +15,7 @@ OF = r"([\d.]+)"
 TOLD = {  # picture: its page; where the script prints the numbers of the caption, and their factors there
     "contents": ("physics", {rf"rebound to {OF}": 1.0, rf"after {OF} us": 1.0}),
     "laws": ("physics", {}),
-    "draws": ("posterior-network", {rf"shear_modulus \S+ \[ *{OF} +{OF}": 1e-3, rf"viscosity \S+ \[ *{OF} +{OF}": 1.0}),
+    "draws": ("posterior", {rf"shear_modulus \S+ \[ *{OF} +{OF}": 1e-3, rf"viscosity \S+ \[ *{OF} +{OF}": 1.0}),
     "ridge": ("posterior", {rf"viscosity \[ *{OF} +{OF}": 1.0}),
     "verdicts": ("verdicts", {rf"RMSE {OF} %": 1.0, rf"model_does.*shear_modulus \[ *{OF} +{OF}": 1e-3}),
     "material": ("population", {rf"G = {OF} kPa \[90 %: {OF}, {OF}": 1.0, rf"µ = {OF} Pa s \[90 %: {OF}, {OF}": 1.0}),

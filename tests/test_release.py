@@ -31,7 +31,7 @@ in_repository = pytest.mark.repository
 
 @in_repository
 def test_the_version_is_written_once():
-    folders = ("src", "docs", "conda", "space", "recipes", "benchmarks", "examples", ".")
+    folders = ("src", "docs", "packaging", "recipes", "benchmarks", "examples", ".")
     files = [path for folder in folders for path in (ROOT / folder).glob("*" if folder == "." else "**/*")]
     kinds = (".py", ".md", ".toml", ".yaml", ".yml", ".cff", ".txt", ".html", "")
     written = rf"\bversion\b\W{{1,9}}{re.escape(PROJECT['version'])}\b"
@@ -163,7 +163,7 @@ def test_help_and_completion_import_no_compiler_and_no_network():
 
 @pytest.fixture(scope="module")
 def manual() -> str:
-    spec = spec_from_file_location("manual", ROOT / "docs" / "site" / "manual.py")
+    spec = spec_from_file_location("manual", ROOT / "packaging" / "manual.py")
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.page()
@@ -190,14 +190,23 @@ def test_the_manual_page_is_set_without_a_warning(manual):
 
 
 @in_repository
+def test_the_examples_of_the_app_are_files_and_those_of_the_repository():
+    shipped_examples = [*(ROOT / "src/cavirheo/app/examples").glob("*.*")]
+    ours = [path for path in shipped_examples if (ROOT / "examples" / path.name).exists()]
+    assert {path.name for path in ours} == {"bubble.mp4", "soft_gel.csv", "stiff_gel.mat"}
+    assert not any(path.is_symlink() for path in shipped_examples)
+    assert all(path.read_bytes() == (ROOT / "examples" / path.name).read_bytes() for path in ours)
+
+
+@in_repository
 def test_the_conda_recipe_needs_what_the_package_needs():
     template = jinja2.Environment(undefined=jinja2.StrictUndefined).from_string(
-        (ROOT / "conda" / "meta.yaml").read_text("utf-8")
+        (ROOT / "packaging" / "conda" / "meta.yaml").read_text("utf-8")
     )
 
     def load_file_data(path: str, from_recipe_dir: bool) -> dict:
         assert from_recipe_dir
-        return tomllib.loads((ROOT / "conda" / path).read_text("utf-8"))
+        return tomllib.loads((ROOT / "packaging" / "conda" / path).read_text("utf-8"))
 
     recipe = template.render(load_file_data=load_file_data, PYTHON="python")
     needs = recipe.split("  run:\n")[1].split("\n\n")[0]

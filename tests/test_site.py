@@ -22,7 +22,7 @@ from cavirheo import loading
 from cavirheo.reporting.record import Result
 from cavirheo.verbs import app
 
-for needed in ("material", "mkdocstrings_handlers"):
+for needed in ("material", "mkdocstrings_handlers", "latex2mathml"):
     if find_spec(needed) is None:
         pytest.skip("the docs extra is not installed", allow_module_level=True)
 
@@ -41,7 +41,7 @@ def outside(text: str) -> list[str]:
 def site(request, tmp_path_factory):
     """The folder of the site; its tutorials take minutes to run, and without what they print the rest takes seconds."""
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src"), "CAVIRHEO_TUTORIALS": request.param}
     done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr

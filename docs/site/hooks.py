@@ -2,13 +2,15 @@
 
 mkdocs takes pages from one folder; here they are README and its neighbours, docs/, benchmarks/, the examples, and what
 docs/site/reference.py makes of the code. Python-Markdown wants an empty line above a list or a table where
-GitHub does not; it is put there.
+GitHub does not; it is put there. Equations are LaTeX in the files, which GitHub sets, and MathML in the site, which
+browsers set without a script or a font from elsewhere.
 """
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import html
 import os
 import re
 import subprocess
@@ -19,6 +21,7 @@ from pathlib import Path
 import documents
 import reference
 import tutorial
+from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -26,6 +29,8 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parents[2]
 KEPT = (
     "*.md",
+    "LICENSE",
+    "CITATION.cff",
     "docs/*.md",
     "docs/*/*.md",
     "docs/*.png",
@@ -71,6 +76,20 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         markdown += "".join(documents.formats())
     parts = FENCE.split(markdown)
     return "".join(text if text.startswith("```") else _prose(text, Path(page.file.src_uri).parent) for text in parts)
+
+
+def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Equations that pymdownx.arithmatex marked become MathML, a display with its number."""
+
+    def display(found: re.Match[str]) -> str:
+        latex, _, number = html.unescape(found[1]).partition(r"\tag")
+        return (
+            f'<div class="equation">{convert(latex.strip(), display="block")}<span>{number.strip("{} ")}</span></div>'
+        )
+
+    content = re.sub(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', display, content, flags=re.DOTALL)
+    inline = r'<span class="arithmatex">\\\((.*?)\\\)</span>'
+    return re.sub(inline, lambda found: convert(html.unescape(found[1])), content, flags=re.DOTALL)
 
 
 def _prose(text: str, folder: Path) -> str:

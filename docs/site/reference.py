@@ -67,7 +67,7 @@ def commands() -> Iterator[str]:
     """Every verb with its arguments and options, as `--help` has them."""
     whole: Any = typer.main.get_command(app)  # type: ignore[attr-defined]
     yield "# Command line\n`cavirheo COMMAND --help` says the same. "
-    yield "Exit statuses are in [Start](../README.md#your-own-shots).\n\n"
+    yield "[Exit statuses](../docs/how-to/command-line.md#exit-status).\n\n"
     for name, verb in whole.commands.items():
         context = verb.make_context(name, [], resilient_parsing=True)
         usage = " ".join(verb.collect_usage_pieces(context))

@@ -2,7 +2,7 @@
 
     python -m validation.challenge.open_sets FOLDER OUT [--shots 3]
 
-FOLDER has the sets of benchmarks/real_sets.md in a folder each. OUT/recordings/ is as that of make.py, with asked.csv:
+FOLDER has the sets of docs/validation.md in a folder each. OUT/recordings/ is as that of make.py, with asked.csv:
 the frames whose radius is to be predicted; OUT/held.csv has their measured radii, for score.py alone.
 """
 

@@ -116,7 +116,7 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
 
-    Source: the information of a simulation about its parameters, docs/method/design.md; how well: benchmarks/design.md.
+    Source: the information of a simulation about its parameters, docs/method/design.md; how well: docs/validation.md.
     """
     rig = rig or Rig()
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")

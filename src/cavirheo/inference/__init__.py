@@ -62,7 +62,7 @@ def infer(
     Raises:
         InputError: unknown model, or a setting out of its domain.
 
-    Source: docs/method/posterior-network.md; of the paper's networks docs/method/amortised.md.
+    Source: docs/method/posterior.md.
     """
     analysis = Analysis(
         "infer", model, material, bubble, medium, stretch, window, trust_input, verify, discrepancy, seed=seed
@@ -101,7 +101,7 @@ def infer_many(
     Raises:
         InputError: as `infer`.
 
-    Source: docs/method/posterior-network.md.
+    Source: docs/method/posterior.md.
     """
     analysis = Analysis(
         "infer", model, material, bubble, medium, stretch, window, trust_input, verify, discrepancy, budget, seed

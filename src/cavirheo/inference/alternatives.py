@@ -13,7 +13,7 @@ from cavirheo.messages import Message
 from cavirheo.parameters import of_the_law
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, intervals
 
-LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (benchmarks/evidence.md)
+LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (docs/validation.md)
 LIMIT = 0.2  # prior probability that nothing resists in a real bubble: then it is the field's
 SEEN = 1e-3  # probability of that, from which it counts
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %

@@ -32,7 +32,7 @@ from cavirheo.problem import natural_values
 
 MODULUS = "shear_modulus"
 SHORTEST = 0.9  # of the network's samples that must lie inside the recording; the others are taken as the last one
-NEAR = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by 0.03 or less (benchmarks/scale_bias.md)
+NEAR = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by 0.03 or less (docs/reproduction.md)
 
 
 @dataclass(frozen=True)

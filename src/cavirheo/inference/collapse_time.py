@@ -38,7 +38,7 @@ _FLOOR = 1e-5  # of t_1: scatter below it is that of the digits
 _SINGULAR = 1e3  # condition number of the normalised Jacobian beyond which G and mu are one unknown
 _USUAL = 0.03  # largest usual scatter of t_1: gels have 1.2 %
 _EQUAL = 1e-3  # of t_1: pairs as good as one another
-_LEAST_RE = 3.0  # of pairs: below it hardly a bubble collapses (benchmarks/collapse_time.md)
+_LEAST_RE = 3.0  # of pairs: below it hardly a bubble collapses (docs/method/collapse-time.md)
 _HOPELESS = 0.1  # of t_1: a pair so far off is no answer
 _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/method/collapse-time.md)
 
@@ -137,7 +137,8 @@ def estimate(
     Args:
         material: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
         stretch: lambda of a curve, if it is known.
-        shear_modulus, viscosity: Pa and Pa s where one is known; the other is then fitted alone.
+        shear_modulus: Pa, where it is known; viscosity is then fitted alone.
+        viscosity: Pa s, where it is known; shear_modulus is then fitted alone.
         exact: with simulated collapse times, from the analytic answer on: 5 ms per shot, unknown and iteration.
 
     Raises:

@@ -73,7 +73,7 @@ def of_scale(curve: RadiusCurve, medium: Medium) -> list[Message]:
 
 def of_walls(shot: Experiment) -> list[Message]:
     """A message if nothing tells the viscosity of a liquid from what else lengthens a first collapse: in water it can
-    pass for 0.09 Pa s (docs/real-bubbles-notes.md). Elastic laws are left out: their G holds the answer together."""
+    pass for 0.09 Pa s (docs/real-bubbles.md). Elastic laws are left out: their G holds the answer together."""
     bubble, curve = shot.options.bubble, shot.curve
     if shot.family.elastic or bubble.confinement_inertia or bubble.confinement_damping or bubble.wall_distance:
         return []

@@ -1,4 +1,4 @@
-"""Accuracy of a simulation, and those that are in use (what each is worth: benchmarks/solver.md)."""
+"""Accuracy of a simulation, and those that are in use (what each is worth: docs/validation.md)."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def _simplest(found: Sequence[Posterior]) -> Posterior:
 def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[Posterior]:
     """The answer with damage by strain, where the real bubble in an elastic law leaves more than noise, and where
     Laplace's evidence of damage is not the smaller one: strong gels break in the first collapse
-    (docs/real-bubbles-notes.md)."""
+    (docs/real-bubbles.md)."""
     asked = answer.bubble == REAL and Family(answer.material).elastic and "shear_modulus" in answer.parameters
     left = answer.diagnostics.systematic_misfit_over_rmax or 0.0
     if not asked or left < TUNING.searched_above or len(answer.theta) < 2 or answer.bound("shear_modulus"):

@@ -1,4 +1,4 @@
-"""The manual page cavirheo(1), made from the code: `python docs/site/manual.py man/cavirheo.1`, as `make man` does."""
+"""The manual page cavirheo(1), made from the code: `python packaging/manual.py man/cavirheo.1`, as `make man` does."""
 
 from __future__ import annotations
 
