@@ -126,9 +126,9 @@ def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
     """Those with these numbers, in their order. Raises InputError: as `shot_numbers`, or there are not so many."""
     if (numbers := shot_numbers(shots)) is None:
         return list(items)
-    beyond = ", ".join(str(number) for number in numbers if number > len(items))
-    message = f"shot {beyond} is asked for, and the file has {len(items)}: give numbers from 1 to {len(items)}"
-    require(not beyond, message, "reading.shots")
+    missing = ", ".join(str(number) for number in numbers if number > len(items))
+    message = f"shot {missing} is asked for, and the file has {len(items)}: give numbers from 1 to {len(items)}"
+    require(not missing, message, "reading.shots")
     return [items[number - 1] for number in numbers]
 
 

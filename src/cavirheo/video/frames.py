@@ -36,8 +36,9 @@ _STEADY = 0.1  # of a frame: stamps that are so close to even ones are even
 _COLOURED = 12  # levels of 255 between the channels of a grey picture after compression
 _IN_COLOUR = "a colour recording: its brightness is measured"
 _FFMPEG = {  # no playlist, that would open other files
-    "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine", "protocol_whitelist": "file",
-}  # fmt: skip
+    "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine",
+    "protocol_whitelist": "file",
+}
 _LENGTHS = {"micron": 1.0, "um": 1.0, "µm": 1.0, "\\u00B5m": 1.0, "mm": 1e3, "cm": 1e4, "nm": 1e-3}  # in um
 
 

@@ -15,9 +15,13 @@ from cavirheo.video.film import write_movie
 from cavirheo.video.measurement import Measurement
 
 COLOURS = {  # Okabe and Ito's; what is not named is grey
-    "ok": "#56b4e9", "small": "#009e73", "arc": "#f0e442", "reversal": "#d55e00", "spike": "#cc79a7",
-    "poor": "#e69f00", "faint": "#e69f00", "elsewhere": "#e69f00", "lost": "#e69f00",
-}  # fmt: skip
+    "ok": "#56b4e9",
+    "small": "#009e73",
+    "arc": "#f0e442",
+    "reversal": "#d55e00",
+    "spike": "#cc79a7",
+    **dict.fromkeys(("poor", "faint", "elsewhere", "lost"), "#e69f00"),
+}
 GREY = "#999999"
 _SHEET = 1600  # px across
 _CELL = (190, 150)  # px of a frame in it, at most
