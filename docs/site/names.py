@@ -155,7 +155,7 @@ MORE = Page(
             "[How](../docs/how-to/rheometer.md).",
         ),
         Group("Rendered recordings", {"cavirheo.video": "render Scene Film"}, "[How](../docs/how-to/measure.md)."),
-        Group("Write", {"cavirheo.reporting": "write_report read_json", "cavirheo.reading": "write_csv"}),
+        Group("Write", {"cavirheo.reporting": "write_report read_json", "cavirheo.io": "write_csv"}),
     ),
 )
 PAGES = {"python": START, "answers": ANSWERS, "laws": LAWS, "more": MORE}
