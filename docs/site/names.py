@@ -125,7 +125,7 @@ LAWS = Page(
 )
 MORE = Page(
     "Further functions",
-    "Each is imported from the room that its name begins with.",
+    "Each is imported from the module that its name begins with.",
     (
         Group(
             "Posterior by importance sampling",
