@@ -22,8 +22,8 @@ from scipy.ndimage import binary_erosion, binary_fill_holes, label
 
 import cavirheo
 from cavirheo.errors import InputError
+from cavirheo.io.recordings import examine
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
-from cavirheo.reading.recordings import examine
 from cavirheo.video import Film, Scene, render
 from cavirheo.video.track import USED
 

@@ -32,8 +32,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.what_if import band
-from cavirheo.reading import read_curves, write_csv
-from cavirheo.reading.subprocess_reader import Reader
+from cavirheo.io import read_curves, write_csv
+from cavirheo.io.subprocess_reader import Reader
 from cavirheo.reporting import browser_figures
 from cavirheo.workflow.store import Store
 

@@ -22,7 +22,7 @@ for found, lacking in (
 
 from cavirheo.app.session import VisitorLimits  # noqa: E402
 from cavirheo.app.steps import examples  # noqa: E402
-from cavirheo.reading import read_curves, write_csv  # noqa: E402
+from cavirheo.io import read_curves, write_csv  # noqa: E402
 
 WIDE, PHONE = (1440, 900), (390, 844)
 

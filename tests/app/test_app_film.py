@@ -25,9 +25,9 @@ from cavirheo.app.film import (
 from cavirheo.app.film import said as said_of
 from cavirheo.app.session import PageSettings, Session, VisitorLimits
 from cavirheo.errors import InputError, number_of
-from cavirheo.reading import read_curves
-from cavirheo.reading.camera import Camera
-from cavirheo.reading.subprocess_reader import Reader
+from cavirheo.io import read_curves
+from cavirheo.io.camera import Camera
+from cavirheo.io.subprocess_reader import Reader
 
 CAMERA = Camera(RATE, SCALE)
 TYPED = (str(RATE), str(SCALE), "")

@@ -14,6 +14,7 @@ from conftest import BDT, ROOT
 from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
+from cavirheo.io import write_csv
 from cavirheo.physics import laws
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import Bubble
@@ -22,7 +23,6 @@ from cavirheo.physics.elastic import Yeoh
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Cross
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reading import write_csv
 from cavirheo.verbs.run import Run
 
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"

@@ -25,10 +25,10 @@ from distributed import Client, LocalCluster
 
 from cavirheo import InputError
 from cavirheo.inference.analysis import Analysis
+from cavirheo.io import read_curves
 from cavirheo.parallel import Threads
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
-from cavirheo.reading import read_curves
 from cavirheo.training import dataset, shards
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.analyse import Unfinished

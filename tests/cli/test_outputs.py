@@ -27,10 +27,10 @@ from cavirheo import read_curves
 from cavirheo.companions import comparison
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
+from cavirheo.io import write_csv
 from cavirheo.parallel import Threads, each, one_blas_thread
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
-from cavirheo.reading import write_csv
 from cavirheo.reporting import figures, read_json, write_report
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.store import Store, keep, read_kept

@@ -15,8 +15,8 @@ from cavirheo.companions import collapse_times
 from cavirheo.companions.rheometer import document as rheometer
 from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.inference.model import card, path_of
+from cavirheo.io import write_csv
 from cavirheo.posterior import Checks, Posterior, WindowAnswer
-from cavirheo.reading import write_csv
 from cavirheo.reporting import comparison, laws, result, table, write_report
 from cavirheo.reporting.group import PublishedValue
 from cavirheo.training import dataset

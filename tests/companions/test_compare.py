@@ -19,9 +19,9 @@ from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.errors import InputError
 from cavirheo.inference import analysis, posterior_model
 from cavirheo.inference.analysis import Analysis
+from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reading import write_csv
 from cavirheo.reporting import result
 from cavirheo.reporting.comparison import Comparison
 from cavirheo.reporting.record import Result

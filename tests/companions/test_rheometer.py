@@ -17,7 +17,7 @@ from cavirheo.companions.rheometer import frequency_sweep, read_sweeps, strain_s
 from cavirheo.companions.rheometer.read import VOCABULARY
 from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.errors import InputError
-from cavirheo.reading.tables import Table
+from cavirheo.io.tables import Table
 from cavirheo.reporting import write_report
 from cavirheo.writing import style
 

@@ -21,10 +21,10 @@ from recordings import SCALE, film, write_mraw
 
 from cavirheo import read_curves, watch
 from cavirheo.curve import RadiusCurve
+from cavirheo.io import write_csv
+from cavirheo.io.shots import read_shots
 from cavirheo.parallel import Threads
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reading import write_csv
-from cavirheo.reading.shots import read_shots
 from cavirheo.reporting import read_json, wall_page
 from cavirheo.watch import Watch
 

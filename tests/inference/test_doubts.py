@@ -17,12 +17,12 @@ from cavirheo.inference import input_checks
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
+from cavirheo.io import write_csv
+from cavirheo.io.shots import read_shots
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Bubble
-from cavirheo.reading import write_csv
-from cavirheo.reading.shots import read_shots
 from cavirheo.reporting import read_json
 
 infer = partial(cavirheo.infer, model="bdt-viscoelastic")

@@ -23,10 +23,10 @@ from cavirheo.inference import experiment
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
+from cavirheo.io import write_csv
 from cavirheo.physics.bubble import ACCOMMODATION
 from cavirheo.physics.laws import parse
 from cavirheo.physics.media import WATER
-from cavirheo.reading import write_csv
 
 R_MAX = 250e-6
 GEL = NeoHookeanKelvinVoigt(8e3, 0.05)

@@ -13,8 +13,8 @@ from cavirheo import InputError, RadiusCurve, load, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
 from cavirheo.inference.verify.evidence import ranked
+from cavirheo.io.column import LOG_SIZE, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior
-from cavirheo.reading.column import LOG_SIZE, with_column
 from cavirheo.reporting import result
 from cavirheo.reporting.group_lines import group_lines
 from cavirheo.writing.document import write_json

@@ -12,7 +12,7 @@ pytest.importorskip("matplotlib")
 
 import cavirheo
 from cavirheo import InputError
-from cavirheo.reading import write_csv
+from cavirheo.io import write_csv
 from cavirheo.reporting import figures, write_report
 
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"

@@ -28,13 +28,13 @@ from scipy.io import savemat
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
+from cavirheo.io import read_curves, write_csv
+from cavirheo.io.files import expand, tidy
+from cavirheo.io.shots import Recordings, read_shots
+from cavirheo.io.subprocess_reader import decode, encode
+from cavirheo.io.trace import read_trace
 from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
-from cavirheo.reading import read_curves, write_csv
-from cavirheo.reading.files import expand, tidy
-from cavirheo.reading.shots import Recordings, read_shots
-from cavirheo.reading.subprocess_reader import decode, encode
-from cavirheo.reading.trace import read_trace
 
 
 @pytest.mark.parametrize("save", [savemat, save_v73], ids=["v5", "v7.3"])

@@ -17,10 +17,10 @@ from cavirheo import InputError, Posterior, RadiusCurve, infer, infer_many, load
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.input_checks import warned
 from cavirheo.inference.network_answer import Networked
+from cavirheo.io.column import read_column
 from cavirheo.messages import Message, of_error
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, WindowAnswer
-from cavirheo.reading.column import read_column
 from cavirheo.reporting import figures, group, html, result, svg, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.curve_lines import answer_lines, preview_lines

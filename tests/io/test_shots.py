@@ -11,8 +11,8 @@ from scipy.io import savemat
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.reading import read_curves, write_csv
-from cavirheo.reading.shots import read_shots, selected, shot_numbers, stem_of
+from cavirheo.io import read_curves, write_csv
+from cavirheo.io.shots import read_shots, selected, shot_numbers, stem_of
 
 FILE = ROOT / "examples" / "stiff_gel.mat"
 

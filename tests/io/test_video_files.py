@@ -16,8 +16,8 @@ from scipy.io import loadmat
 
 import cavirheo
 from cavirheo import InputError
-from cavirheo.reading.files import expand
-from cavirheo.reading.recordings import examine, measure
+from cavirheo.io.files import expand
+from cavirheo.io.recordings import examine, measure
 from cavirheo.video.frames import is_recording, read
 from cavirheo.video.picture import contact_sheet
 

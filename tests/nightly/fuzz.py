@@ -42,8 +42,8 @@ class FuzzFindingError(Exception):
 
 def curves(path: Path) -> None:
     from cavirheo import read_curves
+    from cavirheo.io import write_csv
     from cavirheo.physics.media import WATER
-    from cavirheo.reading import write_csv
 
     for curve in read_curves(path)[:20]:
         known = curve.radius[np.isfinite(curve.radius)]
@@ -90,8 +90,8 @@ def sweeps(path: Path) -> None:
 
 
 def pressure(path: Path) -> None:
+    from cavirheo.io.trace import read_trace
     from cavirheo.physics.driving import Trace
-    from cavirheo.reading.trace import read_trace
 
     trace = read_trace(path)
     refusing(lambda: Trace(*trace[:2]))

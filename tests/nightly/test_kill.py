@@ -14,8 +14,8 @@ import pytest
 from conftest import ROOT
 
 from cavirheo import read_curves
+from cavirheo.io import write_csv
 from cavirheo.posterior import Posterior
-from cavirheo.reading import write_csv
 from cavirheo.workflow.store import read_kept
 from cavirheo.writing.document import LIST
 

@@ -16,11 +16,11 @@ from answers import KnownAnalysis
 from conftest import ROOT
 
 from cavirheo import InputError
+from cavirheo.io import read_curves
 from cavirheo.parallel import Threads
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
-from cavirheo.reading import read_curves
 from cavirheo.training.dataset import generate, load, survey
 from cavirheo.training.shards import StoredRows, blocks, write_hdf5
 from cavirheo.workflow import analyse

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from cavirheo.arrays import Floats
-from cavirheo.reading.files import guarded
-from cavirheo.reading.tables import Term, Vocabulary, read_columns
-from cavirheo.reading.units import TIME_UNITS
+from cavirheo.io.files import guarded
+from cavirheo.io.tables import Term, Vocabulary, read_columns
+from cavirheo.io.units import TIME_UNITS
 
 _TRACE = Vocabulary(
     {

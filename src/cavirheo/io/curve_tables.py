@@ -20,13 +20,13 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.io import limits
+from cavirheo.io.formats import is_number
+from cavirheo.io.samples import RADIUS_UNITS, TIME_UNITS, make_curve, swapped
+from cavirheo.io.tables import Column, Name, Table, Term, Vocabulary, read_columns, single
+from cavirheo.io.units import unit_of
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, RADIUS
-from cavirheo.reading import limits
-from cavirheo.reading.formats import is_number
-from cavirheo.reading.samples import RADIUS_UNITS, TIME_UNITS, make_curve, swapped
-from cavirheo.reading.tables import Column, Name, Table, Term, Vocabulary, read_columns, single
-from cavirheo.reading.units import unit_of
 from cavirheo.writing.document import write_rows
 
 ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames

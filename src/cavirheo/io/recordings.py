@@ -7,7 +7,7 @@ from typing import Unpack
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import as_path
-from cavirheo.reading.files import guarded, sha256, shown
+from cavirheo.io.files import guarded, sha256, shown
 from cavirheo.video.frames import is_recording
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
@@ -43,16 +43,16 @@ def examine(
     """The measurement and its curve, as `measure`; with `sheet` the curve carries the contact sheet for a report."""
     path = as_path(path)
     with guarded(path, "expected a recording of a bubble", folder=True):
-        found = measure_frames(path, **options)
-        return found, history(found, path, sheet=sheet)
+        measurement = measure_frames(path, **options)
+        return measurement, history(measurement, path, sheet=sheet)
 
 
-def history(found: Measurement, path: Path, *, sheet: bool = False) -> RadiusCurve:
+def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> RadiusCurve:
     """The curve of a measurement, with what the file says of it. Raises InputError."""
     digest = None if path.is_dir() else sha256(path)
     origin = {"name": path.stem, "group": path.stem, "source": shown(path), "source_sha256": digest}
     if sheet:
         from cavirheo.video.picture import sheet_address
 
-        origin["contact_sheet"] = sheet_address(found)
-    return found.curve(**origin)
+        origin["contact_sheet"] = sheet_address(measurement)
+    return measurement.curve(**origin)

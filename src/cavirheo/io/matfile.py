@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.errors import require
-from cavirheo.reading import limits
+from cavirheo.io import limits
 
 _HEAD = 1024  # bytes that hold the header of an array, its name at the end
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -29,7 +29,7 @@ _NOTHING = (0, b"")  # no element
 _DAMAGED, _CUT = "matfile.damaged", "matfile.cut"
 
 
-def read_matfile(path: Path, wanted: Container[str]) -> tuple[dict[str, Any], list[str]]:
+def read_matfile(path: Path, names_wanted: Container[str]) -> tuple[dict[str, Any], list[str]]:
     """(numeric variables of the wanted names, names of all): an array as (…,) float64, a cell array as a list of its
     numeric cells in MATLAB's order, each flat; other cells are empty arrays.
 
@@ -48,7 +48,7 @@ def read_matfile(path: Path, wanted: Container[str]) -> tuple[dict[str, Any], li
             inflate = zlib.decompressobj()
             head = inflate.decompress(data, _HEAD)
             name = _header(head[8:], order)[2]
-            if name not in wanted:
+            if name not in names_wanted:
                 names += [name] if name else []
                 continue
             data = head + inflate.decompress(inflate.unconsumed_tail, left)
@@ -58,7 +58,7 @@ def read_matfile(path: Path, wanted: Container[str]) -> tuple[dict[str, Any], li
             left -= len(data)
             kind, data = next(_elements(data, order), _NOTHING)
         if kind == _MATRIX:
-            name, value = _array(data, order, wanted)
+            name, value = _array(data, order, names_wanted)
             names += [name] if name else []
             if name and value is not None:
                 variables[name] = value
@@ -92,7 +92,7 @@ def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterato
     return array_class, struct.unpack(f"{order}{len(shape) // 4}i", shape), name.decode("latin-1"), parts
 
 
-def _array(data: bytes, order: str, wanted: Container[str] | None) -> tuple[str, Any]:
+def _array(data: bytes, order: str, names_wanted: Container[str] | None) -> tuple[str, Any]:
     """(name, value) of one array; the value is None where it is not wanted, or neither real nor a cell array.
 
     `wanted` None: a cell, which has no name and is read if it holds numbers.
@@ -100,9 +100,9 @@ def _array(data: bytes, order: str, wanted: Container[str] | None) -> tuple[str,
     if not data:
         return "", np.empty(0)  # how an empty cell is written
     array_class, shape, name, parts = _header(data, order)
-    if wanted is not None and name not in wanted:
+    if names_wanted is not None and name not in names_wanted:
         return name, None
-    if array_class == _CELL and wanted is not None:  # cells in cells hold nothing that is read
+    if array_class == _CELL and names_wanted is not None:  # cells in cells hold nothing that is read
         cells: list[Any] = []
         for kind, part in parts:
             if kind == _MATRIX:
@@ -113,12 +113,12 @@ def _array(data: bytes, order: str, wanted: Container[str] | None) -> tuple[str,
     if array_class not in _NUMERIC:
         return name, None
     kind, numbers = next(parts, (9, b""))
-    shown = name or "a cell"
-    require(kind in _NUMBERS, f"{shown}: numbers of the unknown type {kind}", _DAMAGED)
+    label = name or "a cell"
+    require(kind in _NUMBERS, f"{label}: numbers of the unknown type {kind}", _DAMAGED)
     item = np.dtype(order + _NUMBERS[kind])
     count = len(numbers) // item.itemsize
-    limits.few(count, limits.SAMPLES, f"numbers in {shown}")
+    limits.few(count, limits.SAMPLES, f"numbers in {label}")
     fits = min(shape, default=0) >= 0 and prod(shape) == count
-    require(fits, f"{shown}: {count} numbers for an array of the shape {shape}", _DAMAGED)
+    require(fits, f"{label}: {count} numbers for an array of the shape {shape}", _DAMAGED)
     values = np.frombuffer(numbers, item, count).astype(np.float64)
     return name, values.reshape(shape, order="F")

@@ -20,10 +20,10 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.io import limits
+from cavirheo.io.matfile import read_matfile
+from cavirheo.io.samples import make_curve, unusable
 from cavirheo.messages import Message
-from cavirheo.reading import limits
-from cavirheo.reading.matfile import read_matfile
-from cavirheo.reading.samples import make_curve, unusable
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
@@ -33,24 +33,24 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
 
 
-def read_variables(path: Path, wanted: tuple[str, ...]) -> tuple[Variables, list[str]] | None:
+def read_variables(path: Path, names: tuple[str, ...]) -> tuple[Variables, list[str]] | None:
     """(the wanted variables, names of all) of a .mat of any version; None where the file is none. Raises InputError."""
     with path.open("rb") as file:
         head = file.read(128)
     if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(HDF5)):
-        return read_hdf5(path, wanted)
+        return read_hdf5(path, names)
     five = head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
-    return read_matfile(path, wanted) if five else None
+    return read_matfile(path, names) if five else None
 
 
-def read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[Variables, list[str]]:
+def read_hdf5(path: Path, names: Iterable[str]) -> tuple[Variables, list[str]]:
     """As `read_matfile`, of version 7.3: arrays are stored transposed, cells as references to them."""
     import h5py
 
     variables: Variables = {}
     with h5py.File(path, "r") as file:
-        found = [name for name in file if name not in ("#refs#", "#subsystem#")]
-        for name in wanted:
+        all_names = [name for name in file if name not in ("#refs#", "#subsystem#")]
+        for name in names:
             item = limits.own(file, name)
             if not isinstance(item, h5py.Dataset):
                 continue
@@ -58,13 +58,13 @@ def read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[Variables, list[str]]:
             if name in _CELLS and h5py.check_ref_dtype(item.dtype) is not None:
                 limits.few(item.size, limits.CURVES, "curves")
                 cells = [file[reference] if reference else None for reference in np.ravel(item[()])]
-                held = all(isinstance(cell, h5py.Dataset) for cell in cells)
-                require(held, f"a cell of {name} refers to no array", "matlab.cells")
+                arrays = all(isinstance(cell, h5py.Dataset) for cell in cells)
+                require(arrays, f"a cell of {name} refers to no array", "matlab.cells")
                 limits.arrays(cells)
                 variables[name] = [_plain(cell).ravel(order="F") for cell in cells]
             elif item.dtype.kind in "fiub":
                 variables[name] = _plain(item)
-    return variables, found
+    return variables, all_names
 
 
 def _plain(item: Any) -> Floats:
@@ -72,31 +72,30 @@ def _plain(item: Any) -> Floats:
     return np.empty(0) if empty else np.asarray(item[()], dtype=np.float64).T
 
 
-def curves(variables: Variables, found: list[str], density: float, pressure: float) -> list[RadiusCurve]:
-    """The curves that the variables make; `found` are the names of all that are in the file.
+def curves(variables: Variables, names: list[str], density: float, pressure: float) -> list[RadiusCurve]:
+    """The curves that the variables make; `names` of all that are in the file.
 
     Raises:
         InputError: they make none.
     """
-    listed = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELLS]
-    cells = f"{', '.join(listed)}: a cell array; expected an array of numbers, as cell2mat makes it"
-    require(not listed, cells, "matlab.cells")
-    has = variables.keys().__contains__
-    if all(map(has, _CELLS)):
+    cell_arrays = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELLS]
+    message = f"{', '.join(cell_arrays)}: a cell array; expected an array of numbers, as cell2mat makes it"
+    require(not cell_arrays, message, "matlab.cells")
+    if variables.keys() >= {*_CELLS}:
         return _bdt(variables, density, pressure)
-    if has("shift_normRnew") and has("Rmax") and has("t"):
+    if variables.keys() >= {"shift_normRnew", "Rmax", "t"}:
         return _shifted(variables)
-    if has("Rnew") and (has("t") or has("deltat")):
+    if "Rnew" in variables and variables.keys() & {"t", "deltat"}:
         return _imr(variables)
-    if has("R") and has("t"):
+    if variables.keys() >= {"R", "t"}:
         return _rows(variables["t"], variables["R"])
-    if "pIMR_array" in found:
-        why = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t)"
-        use = "there is no curve in it to infer from; use cavirheo collapse-time"
-        raise InputError(f"{why}: {use}", "matlab.collapse_times")
+    if "pIMR_array" in names:
+        message = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t): there is no "
+        message += "curve in it to infer from; use cavirheo collapse-time"
+        raise InputError(message, "matlab.collapse_times")
     expected = "expected R_nondim_All, t_nondim_All and RmaxList (BDT), or Rnew and t (IMR)"
-    names = ", ".join(found) or "none"
-    raise InputError(f"no radius history; variables found: {names}; {expected}", "matlab.variables")
+    message = f"no radius history; variables found: {', '.join(names) or 'none'}; {expected}"
+    raise InputError(message, "matlab.variables")
 
 
 def _scalar(variables: Variables, name: str) -> float | None:
@@ -111,47 +110,47 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
     require(count > 0, "R_nondim_All has no cells: no curve", "matlab.cells")
     shared: list[str] = []
     hints: list[str] = []
-    used = {"pressure": pressure, "density": density}
+    constants = {"pressure": pressure, "density": density}
     for word, name, unit in (("pressure", "P_inf", "Pa"), ("density", "rho", "kg/m3")):
-        value, medium = _scalar(variables, name), used[word]
+        value, of_medium = _scalar(variables, name), constants[word]
         if value is not None and value > 0:
             shared.append(f"{name} = {value:.6g} {unit} taken from the file")
-            used[word] = value
-            mend = f"the medium has {medium:.6g}: --{word} {value:.6g} simulates with it, too"
-            other = f"the file states a {word} of {value:.6g} {unit}, with which its times are made seconds, and {mend}"
-            hints += [other] if abs(value / medium - 1.0) > 1e-3 else []
-    pressure, density = used.values()
+            constants[word] = value
+            hint = f"the file states a {word} of {value:.6g} {unit}, with which its times are made seconds, and "
+            hint += f"the medium has {of_medium:.6g}: --{word} {value:.6g} simulates with it, too"
+            hints += [hint] if abs(value / of_medium - 1.0) > 1e-3 else []
+    pressure, density = constants.values()
     shared += hints
-    stated: dict[str, Any] = {"hints": tuple(hints)} if hints else {}
+    meta: dict[str, Any] = {"hints": tuple(hints)} if hints else {}
     stretch, spread = (_scalar(variables, name) for name in ("lambda_max_mean", "lambda_max_std"))
     if stretch is not None:
-        stated |= {"stretch": stretch, "stretch_std": spread}
+        meta |= {"stretch": stretch, "stretch_std": spread}
         shared.append(f"the file states one stretch for all shots: {stretch:.4g} +- {spread or float('nan'):.2g}")
-    listed = variables.get("RmaxList", np.empty(0)).ravel()
+    max_radii = variables.get("RmaxList", np.empty(0)).ravel()
     per_radius = float(np.sqrt(density / pressure))  # s per m of R_max and unit of t*
-    began: dict[str, Any] = {"stated_time_of_max": 0.0}
+    fields: dict[str, Any] = {"stated_time_of_max": 0.0}
     units: dict[str, Any] = {"time_unit": "s", "radius_unit": "m"}
-    made = []
+    bdt_curves = []
     for k, (radius, time) in enumerate(zip(radii, times, strict=True)):
         cell = f"cell {k + 1} of {count}"
-        largest = float(listed[k]) if k < len(listed) else np.nan
+        max_radius = float(max_radii[k]) if k < len(max_radii) else np.nan
         if radius.size == 0 or time.size == 0:
-            curve = unusable(f"{cell} is empty", began, **stated)
-        elif not len(listed):  # time and radius both wait for the user's R_max
+            curve = unusable(f"{cell} is empty", fields, **meta)
+        elif not len(max_radii):  # time and radius both wait for the user's R_max
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
-            waiting = {**began, "time_unscaled": True, "unscaled": reason}
-            curve = make_curve(time * per_radius, radius, fields=waiting, **units, **stated)
+            unscaled = {**fields, "time_unscaled": True, "unscaled": reason}
+            curve = make_curve(time * per_radius, radius, fields=unscaled, **units, **meta)
             curve = curve.labelled(notes=(*shared, reason))
-        elif not largest > 0:
-            curve = unusable(f"{cell} has samples but RmaxList gives R_max = {largest:.4g} m", began, **stated)
+        elif not max_radius > 0:
+            curve = unusable(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", fields, **meta)
         else:
-            scale = f"R_max = {largest * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
+            scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
             notes = (f"seconds from t* with {scale}", *shared)
-            seconds, metres = time * (largest * per_radius), radius * largest
-            curve = make_curve(seconds, metres, notes=notes, fields=began, **units, **stated)
+            seconds, metres = time * (max_radius * per_radius), radius * max_radius
+            curve = make_curve(seconds, metres, notes=notes, fields=fields, **units, **meta)
             curve = curve.labelled(warnings=(*curve.warnings, *_density_warning(curve.frame_rate, density)))
-        made.append(curve)
-    return made
+        bdt_curves.append(curve)
+    return bdt_curves
 
 
 def _density_warning(rate: float | None, density: float) -> list[Message]:
@@ -193,11 +192,11 @@ def _shifted(variables: Variables) -> list[RadiusCurve]:
     return _rows(variables["t"], normal * largest[:, None], notes=notes, time_unit="s")
 
 
-def _rows(time: Floats, radius: Floats, **about: Any) -> list[RadiusCurve]:
-    """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time; `about` as
+def _rows(time: Floats, radius: Floats, **options: Any) -> list[RadiusCurve]:
+    """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time; `options` of
     `make_curve`."""
     if radius.ndim != 2 or min(radius.shape) <= 1:
         radius = radius.reshape(1, -1)
     elif radius.shape[1] != time.size:
         radius = radius.T
-    return [make_curve(time, shot, **about) for shot in radius]
+    return [make_curve(time, shot, **options) for shot in radius]

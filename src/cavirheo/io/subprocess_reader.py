@@ -1,7 +1,7 @@
 """Files read in a process of its own: one that exhausts time or memory, or ends the process, ends nothing else.
 
-It answers by arrays and JSON: whatever a file makes of the process that reads it, nothing that comes from there is
-executed. What is asked of it is pickled: this comes from our own code.
+It is asked and answers by arrays and JSON: whatever a file makes of the process that reads it, nothing that comes from
+there is executed.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import multiprocessing
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from importlib import import_module
 from io import BytesIO
 from itertools import count
 from multiprocessing.connection import Connection
@@ -23,9 +24,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.io.recordings import examine
+from cavirheo.io.shots import Recordings, read_shots
 from cavirheo.messages import Message
-from cavirheo.reading.recordings import examine
-from cavirheo.reading.shots import Recordings, read_shots
 from cavirheo.video.frames import Footage
 from cavirheo.video.measurement import Measurement, Stated
 from cavirheo.video.track import Track
@@ -63,23 +64,26 @@ class Reader:
         Raises:
             InputError: reading took too long or too much memory, or broke the process.
         """
-        paths = [Path(one.source) if isinstance(one, RadiusCurve) else one for one in files]
-        given = [str(one) if isinstance(one, Path) else one for one in files]
-        answer = self.ask(paths, (_read, given, options))
+        paths = [Path(file.source) if isinstance(file, RadiusCurve) else file for file in files]
+        contents = [str(file) if isinstance(file, Path) else file for file in files]
+        answer = self.ask(paths, (_read, contents, options))
         folder = f"{paths[0].parent}/" if paths else ""
         problems = answer.problems + answer.remarks + answer.hints
-        return [_named(curve) for curve in answer.curves], [problem.replace(folder, "") for problem in problems]
+        return [_without_folders(curve) for curve in answer.curves], [
+            problem.replace(folder, "") for problem in problems
+        ]
 
     def measure(self, path: Path, images: Path, most: float, say: Report, **options: Any) -> Measurement:
         """As `cavirheo.measure`; the frames, at most so many bytes, are left in the file `images` (.npy) and mapped.
 
         Raises InputError: as `read`.
         """
-        found = self.ask([path], (_measure, str(path), str(images), most, options), say)
-        return replace(found, recording=replace(found.recording, frames=np.load(images, mmap_mode="r")))
+        measurement = self.ask([path], (_measure, str(path), str(images), most, options), say)
+        footage = replace(measurement.recording, frames=np.load(images, mmap_mode="r"))
+        return replace(measurement, recording=footage)
 
     def ask(self, paths: Sequence[Path], work: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
-        """What work, a function with its arguments after the first, the pipe to this process, finds there in files.
+        """What `work` gives there, a function of a module with its arguments after the first, the pipe to this process.
 
         Raises InputError: as `read`.
         """
@@ -89,7 +93,8 @@ class Reader:
         try:
             if not child.alive:
                 child.begin()
-            child.pipe.send(work)
+            function, *arguments = work
+            child.pipe.send_bytes(encode((function.__module__, function.__name__, *arguments)))
             end, answer = monotonic() + self.seconds, 0.0
             while isinstance(answer, float):
                 say(answer, "of the frames")  # the share that is measured
@@ -97,9 +102,10 @@ class Reader:
                 answer = _decoded(child.pipe.recv_bytes())
         except BaseException as error:  # whatever ended the call, Ctrl-C too, the process is in no known state
             child.begin()
-            ended = f"{names}: damaged so badly that reading it ended the reader"
-            known = not isinstance(error, EOFError | OSError)
-            raise error if known else InputError(ended, "app.reader_ended") from None
+            if not isinstance(error, EOFError | OSError):
+                raise
+            message = f"{names}: damaged so badly that reading it ended the reader"
+            raise InputError(message, "app.reader_ended") from None
         finally:
             self._free.put(child)
         if isinstance(answer, InputError):
@@ -138,7 +144,7 @@ class _Child:
             self.pipe.close()
 
 
-def _named(curve: RadiusCurve) -> RadiusCurve:
+def _without_folders(curve: RadiusCurve) -> RadiusCurve:
     """The curve without the names of the server's folders."""
     group: dict[str, Any] = {"group_source": curve.group} if "group_source" in curve.meta else {}
     return curve.labelled(source=Path(curve.source).name, **group)
@@ -158,9 +164,9 @@ def _serve(pipe: Connection) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     with suppress(EOFError):
         while True:
-            work, *given = pipe.recv()
+            module, function, *arguments = decode(pipe.recv_bytes())
             try:
-                answer = encode(work(pipe, *given))
+                answer = encode(getattr(import_module(module), function)(pipe, *arguments))
             except InputError as error:
                 answer = encode(error)
             except MemoryError:
@@ -179,12 +185,12 @@ def _measure(pipe: Connection, path: str, images: str, most: float, options: dic
         done = count(1)
         return lambda: pipe.send_bytes(encode(next(done) / frames))
 
-    found, _ = examine(path, begin=begin, **options)
-    seen = found.recording.frames
-    large = f"{path}: its frames are {seen.nbytes / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are shown here"
-    require(seen.nbytes <= most, f"{large}: cut it to the bubble, or use cavirheo measure", "app.too_large")
-    np.save(images, seen)
-    return replace(found, recording=replace(found.recording, frames=seen[:0]))
+    measurement, _ = examine(path, begin=begin, **options)
+    frames = measurement.recording.frames
+    message = f"{path}: its frames are {frames.nbytes / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are shown here"
+    require(frames.nbytes <= most, f"{message}: cut it to the bubble, or use cavirheo measure", "app.too_large")
+    np.save(images, frames)
+    return replace(measurement, recording=replace(measurement.recording, frames=frames[:0]))
 
 
 def encode(value: Any) -> bytes:

@@ -14,9 +14,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, numbered, require
+from cavirheo.io.curve_tables import ONE_SCALE
+from cavirheo.io.files import guarded, sha256, shown
 from cavirheo.parameters import RADIUS
-from cavirheo.reading.curve_tables import ONE_SCALE
-from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.video.frames import is_recording
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def read_curves(
     """
     path = as_path(path)
     if is_recording(path):
-        from cavirheo.reading.recordings import examine
+        from cavirheo.io.recordings import examine
 
         options: MeasureOptions = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px}
         options |= {"exposure": exposure, "exclude": exclude}
@@ -94,7 +94,7 @@ def read_curves(
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
     """The curves of a file that begins with `head`."""
-    from cavirheo.reading import curve_tables, formats, hdf5, matlab
+    from cavirheo.io import curve_tables, formats, hdf5, matlab
 
     if variables := matlab.read_variables(path, matlab.VARIABLES):
         return matlab.curves(*variables, density, pressure)
@@ -126,9 +126,9 @@ def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
     """Those with these numbers, in their order. Raises InputError: as `shot_numbers`, or there are not so many."""
     if (numbers := shot_numbers(shots)) is None:
         return list(items)
-    beyond = ", ".join(str(number) for number in numbers if number > len(items))
-    message = f"shot {beyond} is asked for, and the file has {len(items)}: give numbers from 1 to {len(items)}"
-    require(not beyond, message, "reading.shots")
+    missing = ", ".join(str(number) for number in numbers if number > len(items))
+    message = f"shot {missing} is asked for, and the file has {len(items)}: give numbers from 1 to {len(items)}"
+    require(not missing, message, "reading.shots")
     return [items[number - 1] for number in numbers]
 
 

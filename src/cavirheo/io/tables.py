@@ -20,8 +20,8 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.reading.formats import Cells, Row, Sheet, is_number, number, read_sheets
-from cavirheo.reading.units import ALIASES, plain, plain_title, plain_unit, unit_of
+from cavirheo.io.formats import Cells, Row, Sheet, is_number, number, read_sheets
+from cavirheo.io.units import ALIASES, plain, plain_title, plain_unit, unit_of
 
 Need = Sequence[str] | Callable[[Cells], bool]
 _LONGEST = 120  # characters of a title; more is a sentence, and takes time

@@ -17,18 +17,20 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo.errors import InputError, printable, require
-from cavirheo.reading import limits
+from cavirheo.io import limits
 from cavirheo.video.frames import ENDINGS, HEADER, PIXELS, STACKS, is_recording
 
 MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
 _OURS = {  # tables and films that cavirheo writes: the document that then stands beside them
-    "result.csv": "result.json", "shots.csv": "collapse-time.json", "comparison.csv": "result.json",
-    "rheometer.csv": "rheometer.json", "table.csv": "rheometer.json",
-    "overlay.mp4": "measure.json", "fields.h5": "simulation.csv",
-}  # fmt: skip
-_SPECIAL = {
-    stat.S_ISFIFO: "a pipe", stat.S_ISCHR: "a device", stat.S_ISBLK: "a device", stat.S_ISSOCK: "a socket"
-}  # fmt: skip
+    "result.csv": "result.json",
+    "comparison.csv": "result.json",
+    "shots.csv": "collapse-time.json",
+    "rheometer.csv": "rheometer.json",
+    "table.csv": "rheometer.json",
+    "overlay.mp4": "measure.json",
+    "fields.h5": "simulation.csv",
+}
+_SPECIAL = {stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket", stat.S_ISCHR: "a device", stat.S_ISBLK: "a device"}
 _temporary: set[Path] = set()
 
 
@@ -65,23 +67,23 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
     except Exception as error:  # damaged files make the libraries below raise nearly anything
         if isinstance(error, PermissionError):
             raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
-        why = f"it may be damaged ({type(error).__name__}: {str(error)[:300]})"
-        said = "; ".join(filter(None, (f"{name} cannot be read, {why}", expected)))
-        raise InputError(said, "reading.damaged") from error
+        reason = f"it may be damaged ({type(error).__name__}: {str(error)[:300]})"
+        message = "; ".join(filter(None, (f"{name} cannot be read, {reason}", expected)))
+        raise InputError(message, "reading.damaged") from error
 
 
 def _check(path: Path, name: str) -> None:
     try:
-        about = path.stat()
+        status = path.stat()
     except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name with a zero byte
         raise InputError(f"{name} does not exist", "reading.missing") from None
-    mode = about.st_mode
-    folder = f"{name} is a directory; give the files in it, e.g. {name}/*.mat"
-    require(not stat.S_ISDIR(mode), folder, "reading.folder")
+    mode = status.st_mode
+    message = f"{name} is a directory; give the files in it, e.g. {name}/*.mat"
+    require(not stat.S_ISDIR(mode), message, "reading.folder")
     kind = next((words for test, words in _SPECIAL.items() if test(mode)), "no regular file")
     special = f"{name} is {kind}; give a file, or send its content to standard input and give - as the file"
     require(stat.S_ISREG(mode), special, "reading.special")
-    limits.few(about.st_size, limits.FILE, f"bytes in {name}")
+    limits.few(status.st_size, limits.FILE, f"bytes in {name}")
 
 
 def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda _: None) -> list[Path]:
@@ -95,22 +97,22 @@ def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda 
     Raises:
         InputError: an empty folder ("files.none_in_folder"), or a pattern that nothing matches ("files.no_match").
     """
-    found: list[Path] = []
+    paths: list[Path] = []
     for argument in arguments:
         path = Path(argument)
         if str(argument) == "-":
-            found.append(_standard_input())
+            paths.append(_standard_input())
         elif _is(path.is_dir):
-            found += _of_folder(path, say)
+            paths += _of_folder(path, say)
         elif not _is(path.exists) and glob.has_magic(str(path)):
             matches = [Path(name) for name in sorted(glob.glob(str(path), recursive=True))]
             matches = [match for match in matches if not _is(match.is_dir)]
-            why = f"{path}: no file matches; give the names of files, or of the folder that holds them"
-            require(bool(matches), why, "files.no_match")
-            found += matches
+            message = f"{path}: no file matches; give the names of files, or of the folder that holds them"
+            require(bool(matches), message, "files.no_match")
+            paths += matches
         else:
-            found.append(path)
-    return without_headers(found)
+            paths.append(path)
+    return without_headers(paths)
 
 
 def _is(test: Callable[[], bool]) -> bool:
@@ -124,16 +126,16 @@ def measurements(folder: Path) -> tuple[list[Path], int]:
     """The measurement files in a folder, sorted, without hidden ones, what cavirheo wrote and the headers of films that
     are there; how many others are there. Raises OSError: the folder may not be listed."""
     names = sorted(path for path in folder.iterdir() if path.name[0] != "." and not _is(path.is_dir))
-    there = {path.name for path in names}
-    foreign = [path for path in names if _OURS.get(path.name) not in there]
+    names_here = {path.name for path in names}
+    foreign = [path for path in names if _OURS.get(path.name) not in names_here]
     taken = [path for path in foreign if path.suffix.lower() in MEASUREMENTS]
     return without_headers(taken), len(names) - len(taken)
 
 
 def without_headers(paths: Iterable[Path]) -> list[Path]:
     """A film of two files is one, named by its pixels; a header alone stays, for its reader to say what is missing."""
-    there = dict.fromkeys(paths)
-    return [path for path in there if pixels_of(path) not in there]
+    unique = dict.fromkeys(paths)
+    return [path for path in unique if pixels_of(path) not in unique]
 
 
 def pixels_of(path: Path) -> Path | None:

@@ -14,9 +14,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
-from cavirheo.reading import limits
-from cavirheo.reading.curve_tables import CURVES
-from cavirheo.reading.samples import make_curve
+from cavirheo.io import limits
+from cavirheo.io.curve_tables import CURVES
+from cavirheo.io.samples import make_curve
 
 _EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
 
@@ -25,11 +25,11 @@ def read(path: Path) -> list[RadiusCurve]:
     import h5py
 
     with h5py.File(path, "r") as file:
-        groups, found = [file], []
+        groups, names_found = [file], []
 
         def visit(name: str, item: Any) -> None:
-            found.append(name)
-            limits.few(len(found), limits.SAMPLES // 100, "groups and datasets")
+            names_found.append(name)
+            limits.few(len(names_found), limits.SAMPLES // 100, "groups and datasets")
             if isinstance(item, h5py.Group):
                 groups.append(item)
 
@@ -37,7 +37,7 @@ def read(path: Path) -> list[RadiusCurve]:
         shots = [(group, arrays) for group in groups if {"time", "radius"} <= (arrays := _arrays(group)).keys()]
         limits.few(len(shots), limits.CURVES, "curves")
         limits.arrays(item for _, arrays in shots for item, _ in arrays.values())
-        names = ", ".join(found[:20]) or "nothing"
+        names = ", ".join(names_found[:20]) or "nothing"
         none = f"no group holds a time and a radius dataset; found: {names}; expected {_EXPECTED}"
         require(len(shots) > 0, none, "hdf5.datasets")
         return [_curve(*shot) for shot in shots]

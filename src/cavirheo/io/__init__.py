@@ -3,7 +3,7 @@
 The content of a file decides, not its ending.
 """
 
-from cavirheo.reading.curve_tables import write_csv
-from cavirheo.reading.shots import read_curves
+from cavirheo.io.curve_tables import write_csv
+from cavirheo.io.shots import read_curves
 
 __all__ = ["read_curves", "write_csv"]

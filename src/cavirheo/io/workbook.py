@@ -30,24 +30,25 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
             "limits.unpacked", "limits.cells", "limits.text", "limits.memory", "limits.time").
     """
     from cavirheo.errors import InputError, require, without_unseen
-    from cavirheo.reading import limits
+    from cavirheo.io import limits
 
     most_of = (most or 0, MEMORY, limits.SHEET, limits.UNPACKED, limits.CELLS, limits.TEXT)
     command = [sys.executable, "-P", __file__, str(path), *map(str, most_of)]
     try:
         child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        what = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
-        raise InputError(what, "limits.time") from None
-    said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-    archive = f"a zip archive of {said}, and no workbook: unpack it, and give the files or the folder that holds them"
+        message = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
+        raise InputError(message, "limits.time") from None
+    answer = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    archive = f"a zip archive of {answer}, and no workbook: unpack it, and give the files or the folder that holds them"
     require(child.returncode != _NO_BOOK, archive, "tabular.archive")
     if child.returncode == _TOO_MUCH:
-        code, _, what = said.partition(" ")
-        raise InputError(f"the workbook {what} are not read; save the table alone as CSV", code)
-    full = child.returncode < 0 or b"emory" in child.stderr  # killed, or "MemoryError", "memory allocation ... failed"
-    require(not full, "the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
-    damaged = f"the workbook cannot be read, it may be damaged ({said[:300]})"
+        code, _, message = answer.partition(" ")
+        raise InputError(f"the workbook {message} are not read; save the table alone as CSV", code)
+    # killed, or "MemoryError", "memory allocation ... failed"
+    memory_ended = child.returncode < 0 or b"emory" in child.stderr
+    require(not memory_ended, "the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
+    damaged = f"the workbook cannot be read, it may be damaged ({answer[:300]})"
     require(child.returncode == 0, damaged, "tabular.workbook")
     sheets: list[tuple[str, list[tuple[int, list[str]]]]] = []
     for number, cells in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
@@ -69,31 +70,31 @@ def _write_rows(path: str, most: int, size: int, unpacked: int, cells: int, text
         with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
             names = archive.namelist()
             if not set(names) & set(_PARTS):
-                shown = ascii(", ".join(names[:3])[:100])[1:-1] + ", ..." * (len(names) > 3)
-                print(f"{len(names)} file{'s' * (len(names) > 1)} ({shown})", file=sys.stderr)
+                listed = ascii(", ".join(names[:3])[:100])[1:-1] + ", ..." * (len(names) > 3)
+                print(f"{len(names)} file{'s' * (len(names) > 1)} ({listed})", file=sys.stderr)
                 sys.exit(_NO_BOOK)
             declared = sum(part.file_size for part in archive.infolist())
             _few(declared, unpacked, "limits.unpacked unpacks to", "bytes")
         _few(file.seek(0, 2), size, "limits.bytes has", "bytes")
         file.seek(0)
         book = CalamineWorkbook.from_filelike(file)
-    sheets = [one for one in book.sheets_metadata if one.typ == SheetTypeEnum.WorkSheet]
+    sheets = [sheet for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
     if not sheets:
         raise ValueError("no sheet of cells")
-    seen = [one for one in sheets if one.visible == SheetVisibleEnum.Visible] or sheets
+    visible = [sheet for sheet in sheets if sheet.visible == SheetVisibleEnum.Visible] or sheets
     written = total = 0
-    for about in seen[: most or None]:
-        sheet = book.get_sheet_by_name(about.name)
+    for metadata in visible[: most or None]:
+        sheet = book.get_sheet_by_name(metadata.name)
         total += sheet.height * sheet.width
         _few(total, cells, "limits.cells has", "cells")
         rows = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), (sheet.start or (0, 0))[0] + 1)
-        some = [(0, [about.name])]
-        while some:
-            line = json.dumps([(number, filled) for number, filled in some if any(filled)])
+        chunk = [(0, [metadata.name])]
+        while chunk:
+            line = json.dumps([(number, filled) for number, filled in chunk if any(filled)])
             written += len(line)
             _few(written, text, "limits.text holds", "characters")
             print(line)
-            some = list(islice(rows, 100))
+            chunk = list(islice(rows, 100))
 
 
 def _few(count: int, most: int, what: str, of: str) -> None:

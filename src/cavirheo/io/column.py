@@ -18,13 +18,13 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.reading.files import guarded
-from cavirheo.reading.formats import Cells, is_number
-from cavirheo.reading.tables import Name, Term, Vocabulary, read_columns
+from cavirheo.io.files import guarded
+from cavirheo.io.formats import Cells, is_number
+from cavirheo.io.tables import Name, Term, Vocabulary, read_columns
 
 SIZE = "R_max"  # the word
 LOG_SIZE = "log10(R_max/µm)"  # the column that it stands for
-_SHOWN = 5  # names in a message
+_LISTED = 5  # names in a message
 _DECLARED = Vocabulary(
     {"any": Term("")},
     "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
@@ -43,18 +43,24 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
             all curves of each group have one value, so that nothing can be seen of a trend.
     """
     if is_size(path):
-        found = with_size(curves)
-        _require_several(found, path, LOG_SIZE)
-        return found
-    title, values = read_column(path)
-    require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
-    found, unknown, without = given(curves, title, values)
-    message = f"{path}: nothing here is called {listed(unknown)}; there is {listed([curve.name for curve in curves])}"
-    require(not unknown, message, "column.unknown")
-    message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
-    require(not without, message, "column.missing")
-    _require_several(found, path, title)
-    return found
+        title, with_values = LOG_SIZE, with_size(curves)
+    else:
+        title, values = read_column(path)
+        require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
+        with_values, unknown, without = with_given_values(curves, title, values)
+        names = listed([curve.name for curve in curves])
+        message = f"{path}: nothing here is called {listed(unknown)}; there is {names}"
+        require(not unknown, message, "column.unknown")
+        message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
+        require(not without, message, "column.missing")
+    groups: dict[tuple[str, str], set[float]] = {}
+    for curve in with_values:
+        groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
+    names = listed([name for name, _ in groups])
+    message = f"{path}: one value of {title} in each group ({names}): a trend needs several"
+    message += "; --group folder makes one group of all files of a folder"
+    require(any(len(numbers) > 1 for numbers in groups.values()), message, "column.constant")
+    return with_values
 
 
 def is_size(path: str | Path) -> bool:
@@ -66,44 +72,27 @@ def is_size(path: str | Path) -> bool:
 
 def with_size(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
     """The curves, with log10 of their R_max in um as far as they have one."""
-    found = list(curves)
+    labelled = list(curves)
     for k, curve in enumerate(curves):
         with suppress(InputError):  # no scale, or no maximum
-            value = float(np.log10(1e6 * curve.max_radius))
-            found[k] = curve.labelled(column={LOG_SIZE: value})
-    return found
+            labelled[k] = curve.labelled(column={LOG_SIZE: float(np.log10(1e6 * curve.max_radius))})
+    return labelled
 
 
-def _require_several(curves: Sequence[RadiusCurve], path: str | Path, title: str) -> None:
-    groups: dict[tuple[str, str], set[float]] = {}
-    for curve in curves:
-        groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
-    message = (
-        f"{path}: one value of {title} in each group ({listed([name for name, _ in groups])}): a trend needs several"
-    )
-    message += "; --group folder makes one group of all files of a folder"
-    require(any(len(one) > 1 for one in groups.values()), message, "column.constant")
-
-
-def given(
+def with_given_values(
     curves: Sequence[RadiusCurve], title: str, values: Mapping[str, float]
 ) -> tuple[list[RadiusCurve], list[str], list[str]]:
     """The curves, with their values as far as there are any; names that no curve has; curves without a value."""
-    names = [_names(curve) for curve in curves]
-    here = {name for some in names for name in some}
-    found = [next((values[name] for name in some if name in values), None) for some in names]
-    with_values = [
-        curve if value is None else curve.labelled(column={title: value})
-        for curve, value in zip(curves, found, strict=True)
-    ]
-    without = [curve.name for curve, value in zip(curves, found, strict=True) if value is None]
-    return with_values, [name for name in values if name not in here], without
-
-
-def _names(curve: RadiusCurve) -> list[str]:
-    """By which a line may name it, the closest first."""
-    source = Path(curve.source)
-    return [curve.name, source.name, source.stem, curve.group]
+    names_of_curves: set[str] = set()
+    labelled, without = [], []
+    for curve in curves:
+        source = Path(curve.source)
+        names = [curve.name, source.name, source.stem, curve.group]  # by which a line may name it, the closest first
+        names_of_curves.update(names)
+        value = next((values[name] for name in names if name in values), None)
+        labelled.append(curve if value is None else curve.labelled(column={title: value}))
+        without += [curve.name] if value is None else []
+    return labelled, [name for name in values if name not in names_of_curves], without
 
 
 def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
@@ -128,4 +117,4 @@ def _are_titles(cells: Cells) -> bool:
 def listed(names: Sequence[str]) -> str:
     """The first of them, for a message."""
     unlike = list(dict.fromkeys(names))
-    return (", ".join(unlike[:_SHOWN]) or "nothing") + f" and {len(unlike) - _SHOWN} more" * (len(unlike) > _SHOWN)
+    return (", ".join(unlike[:_LISTED]) or "nothing") + f" and {len(unlike) - _LISTED} more" * (len(unlike) > _LISTED)

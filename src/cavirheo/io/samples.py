@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.io.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.messages import UNIT, Message
-from cavirheo.reading.units import LENGTH_UNITS, TIME_UNITS
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a stand-in until R_max is given
 _PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most

@@ -24,7 +24,7 @@ from typing import Literal, NamedTuple
 
 from cavirheo.errors import InputError, require, without_unseen
 from cavirheo.files import from_cell
-from cavirheo.reading import limits
+from cavirheo.io import limits
 
 Cells = list[str]
 IsHeader = Callable[[Cells], bool]
@@ -79,7 +79,7 @@ def read_sheets(path: Path, is_header: IsHeader, *, most: int | None = None, mar
         limits.few(content.count(b"\n") + 1, limits.ROWS, "lines")
         sheets = [text_sheet(_decoded(content), is_header, marks=marks)]
     else:
-        from cavirheo.reading.workbook import read_workbook
+        from cavirheo.io.workbook import read_workbook
 
         sheets = [_sheet(name, [Row(*row) for row in rows]) for name, rows in read_workbook(path, most)]
     for sheet in sheets:
