@@ -34,7 +34,7 @@ EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["projec
 TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text("utf-8"), flags=re.MULTILINE))
 OF_BENCHMARKS = {
     option
-    for path in (*ROOT.glob("benchmarks/*.py"), *ROOT.glob("validation/**/*.py"))
+    for path in (*ROOT.glob("benchmarks/*.py"), *ROOT.glob("validation/**/*.py"), ROOT / "tests/meta/test_golden.py")
     for option in re.findall(r'"(--[\w-]+)"', path.read_text("utf-8"))
 }
 
