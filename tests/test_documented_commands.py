@@ -31,7 +31,7 @@ NOT_RUN = {  # what a line begins with: why
     "make ": "sets up an environment, or runs these tests",
     "pip install ": "changes the environment that the tests run in; tests/wheel.py installs into an empty one",
     "cavirheo evaluate bdt-viscoelastic data ": "refused with fewer than its 100,000 curves: it saw some",
-    "cavirheo infer SHOTS.mat -o result --scheduler slurm:": "needs a SLURM: tests/test_cluster.py starts one",
+    "cavirheo infer SHOTS.mat -o result --scheduler slurm:": "needs a SLURM: tests/cli/test_cluster.py starts one",
 }
 STAYS = ("cavirheo app", "cavirheo watch", "dask scheduler", "dask worker")  # until somebody ends them
 FIRST = re.compile(r"(cavirheo|make|pip|python3?|cd|dask|AT=\S+)\b")  # word of a block that is a script

@@ -27,7 +27,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("posterior", "errors writing messages parameters physics"),
     ("curve", "errors messages parameters landmarks writing"),
     ("video", "errors files messages parameters curve landmarks writing"),
-    ("io", "errors files messages parameters curve landmarks video writing"),
+    ("reading", "errors files messages parameters curve landmarks video writing"),
     ("problem", "errors parameters prior physics"),
     (
         "inference",
@@ -35,18 +35,18 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ),
     (
         "training",
-        "errors files parallel parameters prior posterior curve io physics problem inference writing",
+        "errors files parallel parameters prior posterior curve reading physics problem inference writing",
     ),
     ("workflow", "errors files messages parallel physics posterior curve inference writing"),
-    ("reporting", "errors messages physics parallel parameters posterior curve io inference workflow writing"),
-    ("watch", "errors parallel physics posterior curve io inference workflow reporting writing"),
+    ("reporting", "errors messages physics parallel parameters posterior curve reading inference workflow writing"),
+    ("watch", "errors parallel physics posterior curve reading inference workflow reporting writing"),
     (
         "companions",
-        "errors parallel parameters landmarks posterior curve io physics inference reporting writing workflow",
+        "errors parallel parameters landmarks posterior curve reading physics inference reporting writing workflow",
     ),
     (
         "app",
-        "errors parallel parameters posterior curve video io physics problem inference reporting writing "
+        "errors parallel parameters posterior curve video reading physics problem inference reporting writing "
         "workflow companions",
     ),
     ("loading", "errors files reporting training companions video writing"),
