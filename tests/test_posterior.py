@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import BDT, load_benchmark, messages
+from conftest import BDT, messages
 from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
@@ -40,8 +40,7 @@ from cavirheo.physics.materials import Zener
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior
 from cavirheo.prior import Prior, log_normal
 from cavirheo.reporting import read_json
-
-calibration = load_benchmark("calibration")
+from validation.claims import calibration
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
 R_MAX = 250e-6
@@ -533,41 +532,6 @@ def test_an_overconfident_proposal_is_caught_and_mended(fitted):
     mended = verify.verify(curve, narrow, budget=Budget(draws=200), **settings)
     width = np.diff(right.interval("viscosity"))[0]
     assert np.diff(mended.interval("viscosity"))[0] == pytest.approx(width, rel=0.3)
-
-
-def test_the_calibration_benchmark_catches_an_overconfident_posterior():
-    rng = np.random.default_rng(0)
-    ranks = {}
-    for factor in (1.0, 0.6):
-        truth = rng.standard_normal(300)
-        centre = truth + rng.standard_normal(300)  # what is seen; flat prior: the posterior is N(centre, 1)
-        ranks[factor] = [
-            calibration.rank(
-                Posterior(("a",), ("1",), (c + factor * rng.standard_normal(1000))[:, None], Checks("ok"), "", ""),
-                "a",
-                t,
-            )
-            for c, t in zip(centre, truth, strict=True)
-        ]
-    assert calibration.calibrated(ranks[1.0])[0]
-    assert calibration.coverage(ranks[1.0], 0.9) == pytest.approx(0.9, abs=0.04)
-    assert not calibration.calibrated(ranks[0.6])[0]
-    assert calibration.coverage(ranks[0.6], 0.9) < 0.8
-
-
-def test_the_calibration_benchmark_says_which_bubble_it_answers_with_and_how_sure_its_shares_are():
-    truth, _ = calibration.shot(0, simulated="real")
-    assert {"accommodation", "confinement_damping"} <= set(truth)
-    assert not {"accommodation", "confinement_damping"} & set(calibration.shot(0)[0])
-    setting = dict(zip(calibration.SETTINGS, ("real", "field", "default", False, False, np.inf), strict=True))
-    row = {"ess": 200.0, "seconds": 1.0, "p_value": 0.5, "simulations": 300, "few": True, "verdict": "ok"}
-    ends = {"viscosity": [0.01, 0.1], "radius_scale": [0.99, 1.02]}
-    rows = [row | setting | {"ranks": dict.fromkeys(ends, k / 100), "intervals": ends} for k in range(100)]
-    told = calibration.tables([*rows, row | setting | {"bubble": "real", "ranks": None, "intervals": None}])
-    assert "Simulated: real bubble; answered by infer with the field's." in told
-    assert "| viscosity | 51.0% ± 5.0 | 91.0% ± 3.0 | 1 decades |" in told
-    assert "| radius_scale | 51.0% ± 5.0 | 91.0% ± 3.0 | 0.03 |" in told
-    assert "answered by infer with the real bubble.\n\n1 shots, 0 with an interval" in told
 
 
 # the predictive check
