@@ -15,24 +15,24 @@ test: $(VENV)/test.done lint
 test-slow: $(VENV)/test.done
 	$(BIN)/python -m pytest -m slow
 
-# More than 250 hostile and odd files through every room: a table, and no traceback, hang or second line; a quarter hour
+# Hundreds of hostile and odd files through every room: a table, and no traceback, hang or second line; a quarter hour
 test-hostile: $(VENV)/test.done
-	$(BIN)/python -m pytest -m hostile tests/hostile
+	$(BIN)/python -m pytest -m hostile tests/nightly/test_corpus.py
 
 # Mutated files, the same on every machine; what is found is kept in build/fuzz. The same call goes on where it stopped,
 # another SEED makes other files: make fuzz SEED=2 N=100000
 SEED ?= 1
 N ?= 20000
 fuzz: $(VENV)/test.done
-	$(BIN)/python tests/hostile/fuzz.py -n $(N) --seed $(SEED) -o build/fuzz
+	$(BIN)/python tests/nightly/fuzz.py -n $(N) --seed $(SEED) -o build/fuzz
 
 # The fast tests that need neither torch nor the browser app, with the oldest versions that pyproject.toml allows;
-# what is frozen in tests/golden is what today's versions write
+# what is frozen in tests/meta/golden is what today's versions write
 test-lowest:
 	$(PYTHON) -m venv build/lowest
 	$(PYTHON) tests/lowest.py plot video > build/lowest.txt
 	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot,video]" pytest
-	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore-glob="*test_app*" --ignore=tests/test_golden.py
+	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore=tests/app --ignore=tests/meta/test_golden.py
 
 # Ten claims as numbers with their standard errors, in ten minutes; FULL=1 takes all cases, DATA=folder the open sets.
 # For a release: make validate FULL=1 DATA=folder RESULTS=validation/results.json pages

@@ -27,9 +27,9 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.search.least_squares import LeastSquares
 from cavirheo.inference.search.starts import spread_starts
+from cavirheo.io.shots import read_shots
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.media import WATER
-from cavirheo.reading.shots import read_shots
 
 LN10 = np.log(10.0)
 BOX = np.array([[3.0, np.log10(5e4)], [-2.0, np.log10(0.3)], [np.log10(4), 1.0], [-4.0, np.log10(4e-4)]])

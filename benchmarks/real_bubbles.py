@@ -28,6 +28,7 @@ from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
+from cavirheo.io import read_curves
 from cavirheo.parameters import LOG10
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import FIELD, FREE, REAL, Bubble
@@ -35,7 +36,6 @@ from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.viscous import Newtonian
 from cavirheo.posterior import Posterior
-from cavirheo.reading import read_curves
 
 USUAL: dict[str, Any] = {"others": False, "trust_input": True, "workers": 1}
 BUBBLES = {

@@ -22,8 +22,8 @@ from statistics import median
 import numpy as np
 
 from cavirheo import read_curves, simulate
+from cavirheo.io import write_csv
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
-from cavirheo.reading import write_csv
 from cavirheo.video import Scene, render
 
 HERE = Path(__file__).resolve().parent

@@ -14,7 +14,7 @@ from cavirheo.messages import Message
 BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
 
 ROOT = Path(__file__).resolve().parents[1]
-collect_ignore_glob = [] if importlib.util.find_spec("av") else ["test_video*"]  # without the extra [video]
+collect_ignore_glob = [] if importlib.util.find_spec("av") else ["*test_video*"]  # without the extra [video]
 if not (ROOT / "docs").is_dir():  # the sdist, whose tests run from the wheel (tests/wheel.py)
     collect_ignore_glob += ["test_documentation.py", "test_documented_commands.py", "test_site.py"]
 
@@ -35,7 +35,7 @@ def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:
 
 
 LONGEST = (
-    "test_app_browser", "test_fit", "test_app", "test_golden", "test_posterior", "test_tutorials", "test_documentation",
+    "test_app_browser", "test_app", "test_posterior", "test_golden", "test_fit", "test_tutorials", "test_documentation",
     "test_architecture", "test_bubble_model", "test_python", "test_training",
 )  # fmt: skip
 

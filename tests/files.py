@@ -126,3 +126,46 @@ def save_v73(path, variables):
             file.create_dataset(name, data=np.array(references, dtype=h5py.ref_dtype)[:, None])
     content = path.read_bytes()
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + content[128:])
+
+
+R_MAX = 200e-6
+T_C = R_MAX * np.sqrt(998.0 / 101325.0)
+
+
+def history(n=180, start=-0.6, end=4.0):
+    """(t*, R*): growth, a collapse at 0.93 and four smaller ones; enough like a bubble for a reader."""
+    t = np.linspace(start, end, n)
+    beat = np.sqrt(np.clip(1.0 - (((t + 0.93) % 1.86 - 0.93) / 0.93) ** 2, 0.0, 1.0)) ** 0.9
+    return t, 0.12 + 0.88 * beat * np.exp(-0.8 * np.maximum(t - 0.93, 0.0))
+
+
+T_STAR, R_STAR = history()
+TIME, RADIUS = T_STAR * T_C, R_STAR * R_MAX
+
+
+def cells(*arrays):
+    row = np.empty((1, len(arrays)), dtype=object)
+    for k, array in enumerate(arrays):
+        row[0, k] = np.asarray(array, dtype=float).reshape(-1, 1)
+    return row
+
+
+def bdt_variables(radii=(R_STAR, R_STAR, R_STAR), times=(T_STAR, T_STAR, T_STAR), maxima=(1e-4, 2e-4, 3e-4)):
+    return {
+        "R_nondim_All": cells(*radii),
+        "t_nondim_All": cells(*times),
+        "RmaxList": np.array([maxima]),
+        "lambda_max_mean": 6.5,
+        "lambda_max_std": 0.4,
+    }
+
+
+def text_table(path, header, *columns, separator=","):
+    rows = [separator.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([*([header] if header else []), *rows]) + "\n")
+    return path
+
+
+def lines(separator, *columns, comma=False):
+    text = "\n".join(separator.join(f"{v:.6f}" for v in row) for row in zip(*columns, strict=True)) + "\n"
+    return text.replace(".", ",") if comma else text

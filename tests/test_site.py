@@ -90,6 +90,13 @@ def test_every_page_of_the_repository_is_there(site):
     assert missing == []
 
 
+def test_equations_are_set_without_a_script(site):
+    page = (site / "docs" / "method" / "physics.html").read_text("utf-8")
+    assert page.count('display="block"') > 15
+    left = [str(path.relative_to(site)) for path in site.rglob("*.html") if "arithmatex" in path.read_text("utf-8")]
+    assert left == []
+
+
 def test_every_tutorial_is_a_page_with_its_script_and_its_notebook(site):
     folder, stems = site / "examples" / "tutorials", [path.stem for path in ROOT.glob("examples/tutorials/*.py")]
     listed = (site / "examples" / "index.html").read_text("utf-8")

@@ -36,7 +36,7 @@ def figures(text: str) -> dict[str, int]:
 
 
 def run(target: str, make: str = "make") -> dict:
-    """Outcome, date, seconds, commit, processor, figures and last line; the output goes to build/last_run/TARGET.txt."""
+    """How it ended, with the figures of its last lines; the output goes to build/last_run/TARGET.txt."""
     words, at = [make, "-C", str(ROOT), target], commit()
     seed = int(time.time()) if target == "fuzz" else None
     words += [f"SEED={seed}"] if seed is not None else []

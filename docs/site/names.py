@@ -125,7 +125,7 @@ LAWS = Page(
 )
 MORE = Page(
     "Further functions",
-    "Each is imported from the room that its name begins with.",
+    "Each is imported from the module that its name begins with.",
     (
         Group(
             "Posterior by importance sampling",
@@ -155,7 +155,7 @@ MORE = Page(
             "[How](../docs/how-to/rheometer.md).",
         ),
         Group("Rendered recordings", {"cavirheo.video": "render Scene Film"}, "[How](../docs/how-to/measure.md)."),
-        Group("Write", {"cavirheo.reporting": "write_report read_json", "cavirheo.reading": "write_csv"}),
+        Group("Write", {"cavirheo.reporting": "write_report read_json", "cavirheo.io": "write_csv"}),
     ),
 )
 PAGES = {"python": START, "answers": ANSWERS, "laws": LAWS, "more": MORE}

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from cavirheo.inference.fit import fit_many as fit_many
     from cavirheo.inference.population import Population as Population
     from cavirheo.inference.population import population as population
+    from cavirheo.io import read_curves as read_curves
+    from cavirheo.io.recordings import measure as measure
     from cavirheo.loading import load as load
     from cavirheo.physics.bubble import Bubble as Bubble
     from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
@@ -28,8 +30,6 @@ if TYPE_CHECKING:
     from cavirheo.physics.simulate import simulate_many as simulate_many
     from cavirheo.physics.simulation import Simulation as Simulation
     from cavirheo.posterior import Posterior as Posterior
-    from cavirheo.reading import read_curves as read_curves
-    from cavirheo.reading.recordings import measure as measure
 
 _HOME = {
     "design": "companions.design",
@@ -53,8 +53,8 @@ _HOME = {
     "simulate": "physics.simulate",
     "simulate_many": "physics.simulate",
     "Posterior": "posterior",
-    "measure": "reading.recordings",
-    "read_curves": "reading",
+    "measure": "io.recordings",
+    "read_curves": "io",
 }
 __all__ = sorted(_HOME)
 

@@ -9,9 +9,9 @@
   standard deviations of the noise. Its time is where the two branches meet: R^(5/2) is linear in time on either side of
   an inertial collapse, and the two lines through the neighbours of the smallest sample cross there.
 
-Measured on simulated shots with 0.5 % noise and 10 or 25 frames per R_max sqrt(rho/p) (tests/test_curve.py): R_max to
-0.3 % (bias below 0.1 %), its time to 0.008 R_max sqrt(rho/p), the first collapse to 0.1 frames; with 2 % noise R_max to
-1.5 %. At Re = 5 the skew, hidden in noise, shifts the time by 0.01 R_max sqrt(rho/p).
+Measured on simulated shots with 0.5 % noise and 10 or 25 frames per R_max sqrt(rho/p) (tests/io/test_curve.py): R_max
+to 0.3 % (bias below 0.1 %), its time to 0.008 R_max sqrt(rho/p), the first collapse to 0.1 frames; with 2 % noise
+R_max to 1.5 %. At Re = 5 the skew, hidden in noise, shifts the time by 0.01 R_max sqrt(rho/p).
 """
 
 from __future__ import annotations

@@ -17,11 +17,11 @@ from pathlib import Path
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
+from cavirheo.io.column import is_size, listed, read_column, with_given_values, with_size
+from cavirheo.io.files import header_of, measurements, pixels_of, shown
+from cavirheo.io.shots import Recordings, read_shots, samples_of
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
-from cavirheo.reading.column import given, is_size, listed, read_column, with_size
-from cavirheo.reading.files import header_of, measurements, pixels_of, shown
-from cavirheo.reading.shots import Recordings, read_shots, samples_of
 from cavirheo.reporting import DOCUMENTS, table, wall_page
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result, result_of
@@ -180,7 +180,7 @@ class Watch:
             self._say_once(f"{error}; {self.column.name} does not count until this is mended")
             remarks.append(str(error))
             return curves
-        found, unknown, without = given(curves, title, values)
+        found, unknown, without = with_given_values(curves, title, values)
         if without:
             remarks.append(f"{self.column.name} has no value of {title} for {listed(without)}: no part of a slope")
         if unknown:

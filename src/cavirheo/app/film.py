@@ -18,11 +18,11 @@ from cavirheo.app.session import Clip, Session
 from cavirheo.arrays import Bools
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.reading import camera
-from cavirheo.reading.camera import Camera
-from cavirheo.reading.recordings import history
-from cavirheo.reading.shots import noted
-from cavirheo.reading.subprocess_reader import Report
+from cavirheo.io import camera
+from cavirheo.io.camera import Camera
+from cavirheo.io.recordings import history
+from cavirheo.io.shots import noted
+from cavirheo.io.subprocess_reader import Report
 from cavirheo.reporting.browser_figures import filmed
 from cavirheo.reporting.input_remarks import cells, notes, warnings
 from cavirheo.video.measurement import Measurement

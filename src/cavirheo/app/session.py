@@ -19,13 +19,13 @@ from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
+from cavirheo.io.camera import Camera
+from cavirheo.io.recordings import is_recording
+from cavirheo.io.shots import check_max_radius
+from cavirheo.io.subprocess_reader import Found, Reader
 from cavirheo.parallel import Stoppable
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
-from cavirheo.reading.camera import Camera
-from cavirheo.reading.recordings import is_recording
-from cavirheo.reading.shots import check_max_radius
-from cavirheo.reading.subprocess_reader import Found, Reader
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import Published
 from cavirheo.reporting.material import kept_material_of

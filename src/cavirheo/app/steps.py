@@ -19,8 +19,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT
 from cavirheo.inference.what_if import reach, seen, tried
+from cavirheo.io.subprocess_reader import Report
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reading.subprocess_reader import Report
 from cavirheo.reporting import browser_figures as plots
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import curve_record

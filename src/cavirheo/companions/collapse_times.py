@@ -17,13 +17,13 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import input_checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
+from cavirheo.io.files import guarded, sha256, shown
+from cavirheo.io.matlab import read_variables
+from cavirheo.io.shots import Chosen, read_shots, selected
+from cavirheo.io.tables import Term, Vocabulary, read_columns
+from cavirheo.io.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
-from cavirheo.reading.files import guarded, sha256, shown
-from cavirheo.reading.matlab import read_variables
-from cavirheo.reading.shots import Chosen, read_shots, selected
-from cavirheo.reading.tables import Term, Vocabulary, read_columns
-from cavirheo.reading.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
 from cavirheo.writing.style import BLUE, INK, VERMILLION, write

@@ -16,11 +16,11 @@ from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.law import Family
 from cavirheo.inference.model import Network
 from cavirheo.inference.posterior_model import network_of
+from cavirheo.io.files import MEASUREMENTS
+from cavirheo.io.shots import read_shots, shot_numbers
 from cavirheo.parallel import aside
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
-from cavirheo.reading.files import MEASUREMENTS
-from cavirheo.reading.shots import read_shots, shot_numbers
 from cavirheo.reporting import DOCUMENTS, outputs, read_json, result, write_report
 from cavirheo.reporting import comparison as tables
 from cavirheo.reporting.group import REFERENCES, Published

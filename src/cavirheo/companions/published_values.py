@@ -31,9 +31,9 @@ from pydantic import (
 )
 
 from cavirheo.errors import InputError, require
+from cavirheo.io.files import guarded
+from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.physics.media import Medium, medium
-from cavirheo.reading.files import guarded
-from cavirheo.reading.tables import Term, Vocabulary, read_columns
 from cavirheo.reporting.group import OURS, GroupRecord, Published, PublishedValue
 
 NO_SETS = "references.no_set_column"  # code of the error that a table of something else gives

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.reading import write_csv
+from cavirheo.io import write_csv
 from cavirheo.reporting import file_names, write_report
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits

@@ -14,10 +14,10 @@ from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.population.material import relative_scatter
+from cavirheo.io.shots import stem_of
 from cavirheo.messages import title
 from cavirheo.parameters import CAMERA
 from cavirheo.physics.media import WATER
-from cavirheo.reading.shots import stem_of
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits

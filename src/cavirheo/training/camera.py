@@ -46,20 +46,21 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     top = shots.max_radius[index].astype(float)
     t_c = WATER.time_scale(1.0) * top
     time, radius = np.empty((m, _ROOM)), np.empty((m, _ROOM))
-    about = np.zeros((m, 10))
-    _film(shots.time[index], shots.radius[index], t_c, seed, time, radius, about)
-    read, frame, noise = about[:, 2], about[:, 3], about[:, 5]
+    summary = np.zeros((m, 10))
+    _film(shots.time[index], shots.radius[index], t_c, seed, time, radius, summary)
+    read, frame, noise = summary[:, 2], summary[:, 3], summary[:, 5]
     with np.errstate(divide="ignore", invalid="ignore"):
-        width_t, width_r = half_widths(frame / read, noise, about[:, 9])
-        early, more = -about[:, 1] / read / width_t, (1.0 / read - 1.0) / width_r
-    good = (about[:, 0] > 0) & (np.abs(early) < 1.0) & (np.abs(more) < 1.0)  # what the priors allow
-    count, _, read, frame, exposure, noise, discrepancy, scale, true_noise, late = about[good].T
+        width_t, width_r = half_widths(frame / read, noise, summary[:, 9])
+        early, more = -summary[:, 1] / read / width_t, (1.0 / read - 1.0) / width_r
+    good = (summary[:, 0] > 0) & (np.abs(early) < 1.0) & (np.abs(more) < 1.0)  # what the priors allow
+    count, _, read, frame, exposure, noise, discrepancy, scale, true_noise, late = summary[good].T
     count = count.astype(np.int64)
     sample = np.repeat(np.arange(len(count)), count)
     flat = np.concatenate([np.arange(c) for c in count]) if len(count) else np.empty(0, np.int64)
     rows = np.flatnonzero(good)[sample]
-    given = {"max_radius": top[good] * read / scale, "frame": frame / read, "exposure": exposure / read, "noise": noise}
-    inputs = cells(sample, time[rows, flat], radius[rows, flat], discrepancy=discrepancy, late=late, **given)
+    numbers = {"max_radius": top[good] * read / scale, "frame": frame / read, "exposure": exposure / read}
+    numbers |= {"noise": noise, "discrepancy": discrepancy, "late": late}
+    inputs = cells(sample, time[rows, flat], radius[rows, flat], **numbers)
     z = shots.z[index][good].copy()
     z[:, SLOTS.index("max_radius_factor")] = 3.0 * more[good]
     z[:, SLOTS.index("time_origin")] = early[good]
@@ -85,10 +86,10 @@ def _solve(a: float, b: float, c: float, d: float, e: float, f: float, x: float,
     whole = a * p + b * q + c * r
     if abs(whole) < 1e-300:
         return 0.0, 0.0, 0.0
-    one = (x * p + y * q + z * r) / whole
-    two = (x * q + y * (a * f - c * c) + z * (b * c - a * e)) / whole
-    three = (x * r + y * (b * c - a * e) + z * (a * d - b * b)) / whole
-    return one, two, three
+    first = (x * p + y * q + z * r) / whole
+    second = (x * q + y * (a * f - c * c) + z * (b * c - a * e)) / whole
+    third = (x * r + y * (b * c - a * e) + z * (a * d - b * b)) / whole
+    return first, second, third
 
 
 @compiled
@@ -126,11 +127,11 @@ def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float, float]:
     unit = time[last - 1] - time[first]
     if not unit > 0:
         return 0.0, 0.0, 0.0
-    zero, one = time[peak], smooth[peak]
+    zero, highest_smooth = time[peak], smooth[peak]
     s0 = s1 = s2 = s3 = s4 = r0 = r1 = r2 = 0.0  # the parabola through them
     top = 0.0
     for i in range(first, last):
-        x, y = (time[i] - zero) / unit, radius[i] / one
+        x, y = (time[i] - zero) / unit, radius[i] / highest_smooth
         top = max(top, y)
         s0, s1, s2, s3, s4 = s0 + 1.0, s1 + x, s2 + x * x, s3 + x**3, s4 + x**4
         r0, r1, r2 = r0 + y, r1 + x * y, r2 + x * x * y
@@ -146,7 +147,7 @@ def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float, float]:
             u = a * s * s
             shape = 1.0 - u - u * u * (2.0 / 3.0)
             slope = -top * (1.0 + u * (4.0 / 3.0))
-            residual = radius[i] / one - top * shape
+            residual = radius[i] / highest_smooth - top * shape
             weight = 1.0 / np.sqrt(1.0 + (residual / 0.005) ** 2)
             g1, g2 = slope * s * s, -2.0 * a * slope * s
             m00, m01, m02 = m00 + weight * shape * shape, m01 + weight * shape * g1, m02 + weight * shape * g2
@@ -161,12 +162,12 @@ def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float, float]:
         a = max(a + min(max(d1, -0.5 * a), a), 1e-6)
     if not (0.9 < top < 1.15 and start - 1.0 <= centre <= stop):
         return 0.0, 0.0, 0.0
-    return zero + centre * unit, top * one, 0.0 if grown else 1.0
+    return zero + centre * unit, top * highest_smooth, 0.0 if grown else 1.0
 
 
 @compiled
-def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radius: Any, about: Any) -> None:
-    """Film each curve into a row of `out_time` (t* of the read R_max) and `out_radius`; `about` as `film` takes it
+def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radius: Any, summary: Any) -> None:
+    """Film each curve into a row of `out_time` (t* of the read R_max) and `out_radius`; `summary` as `film` takes it
     apart, in t* of the true R_max; a row that stays 0 could not be read."""
     np.random.seed(seed)
     time, radius, third = np.empty(_ROOM), np.empty(_ROOM), np.empty(_ROOM)
@@ -223,10 +224,10 @@ def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radiu
         if np.random.random() < 0.1:
             gap_start = 0.5 + (end - 0.5) * np.random.random()
             gap_end = gap_start + 0.5 * np.random.random()
-        kept = 0
+        count = 0
         a, b = np.random.standard_normal(), np.random.standard_normal()
         rho = np.exp(-frame / tau)
-        rest = np.sqrt(1.0 - rho * rho)
+        innovation = np.sqrt(1.0 - rho * rho)
         for i in range(n):
             t = (i - before + phase) * frame
             if exposure > 0:
@@ -236,25 +237,25 @@ def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radiu
             else:
                 y = _at(curve, t)
             if disturbed:
-                a = rho * a + rest * np.random.standard_normal()
-                b = rho * b + rest * np.random.standard_normal()
+                a = rho * a + innovation * np.random.standard_normal()
+                b = rho * b + innovation * np.random.standard_normal()
                 speed = (_at(curve, t + 0.5 * frame) - _at(curve, t - 0.5 * frame)) / frame
                 y += slow * a + late * b * speed * (1.0 if t > 0 else -1.0)
             y += white * np.random.standard_normal()
             away = np.random.random() < lost or y < small or gap_start < t < gap_end
             if away or y <= 0.003 or t > END:
                 continue
-            time[kept], radius[kept] = t, y
-            kept += 1
-        if kept < 12:
+            time[count], radius[count] = t, y
+            count += 1
+        if count < 12:
             continue
-        origin, read, no_growth = _maximum(time, radius, kept)
+        origin, read, no_growth = _maximum(time, radius, count)
         if read < 0.7 or read > 1.4:
             continue
         first = 0
-        while first < kept and time[first] < origin:
+        while first < count and time[first] < origin:
             first += 1
-        left = kept - first
+        left = count - first
         if left < 10:
             continue
         for i in range(left):
@@ -264,6 +265,6 @@ def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radiu
             rise = out_radius[m, i + 3] - out_radius[m, i]
             third[i] = abs(rise - 3.0 * (out_radius[m, i + 2] - out_radius[m, i + 1]))
         noise = 1.4826 * np.sort(third[: left - 3])[(left - 3) // 2] / np.sqrt(20.0)
-        about[m, 0], about[m, 1], about[m, 2], about[m, 3], about[m, 4] = left, origin, read, frame, exposure
-        about[m, 5], about[m, 6], about[m, 7], about[m, 8] = noise, 1.0 if disturbed else 0.0, scale, white
-        about[m, 9] = no_growth
+        summary[m, 0], summary[m, 1], summary[m, 2], summary[m, 3], summary[m, 4] = left, origin, read, frame, exposure
+        summary[m, 5], summary[m, 6], summary[m, 7], summary[m, 8] = noise, 1.0 if disturbed else 0.0, scale, white
+        summary[m, 9] = no_growth

@@ -30,16 +30,7 @@ from cavirheo.errors import require
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
-from cavirheo.training.shards import (
-    FileKind,
-    Layout,
-    Rows,
-    Shard,
-    StoredRows,
-    blocks,
-    fill,
-    read_shard,
-)
+from cavirheo.training.shards import FileKind, Layout, Rows, Shard, StoredRows, blocks, fill, read_shard
 from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
 

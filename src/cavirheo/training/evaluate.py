@@ -69,8 +69,8 @@ def evaluate(
     """
     outputs = Outputs(out_dir, "metrics.json", "evaluation.md", *figures.NAMES) if out_dir is not None else None
     network, data = Network(model), load(data_dir)
-    own = _trained_on(network, data)
-    chosen = data.split(network.card["training"]["seed"])["test"] if own else np.flatnonzero(data.ok)
+    of_training = _trained_on(network, data)
+    chosen = data.split(network.card["training"]["seed"])["test"] if of_training else np.flatnonzero(data.ok)
     names, theta = network.outputs, data.theta[chosen]
     truth, predicted = data.truth(names)[chosen], network(data.radius[chosen])
     result: dict[str, Any] = {
@@ -78,7 +78,7 @@ def evaluate(
         **head,
         "model": network.card["name"],
         "data": {"path": str(data_dir), "problem_id": data.problem.id, "seed": data.seed, "sha256": data.sha256},
-        "part": "test" if own else "all",
+        "part": "test" if of_training else "all",
         "curves": len(chosen),
         "failures": data.failures,
         "outputs": list(names),
@@ -109,30 +109,30 @@ def _trained_on(network: Network, data: Dataset) -> bool:
 
     Raises InputError: a set of another problem, or some of those draws only.
     """
-    trained, here, needed = network.card["data"], data.problem.to_dict(), network.problem.to_dict()
-    if other := difference(_problem(here), _problem(needed)):
-        mend = "judge it on a set of its own recipe, or choose a model of this one"
-        raise InputError(f"the set is not of the problem of {network.name}: {other}; {mend}", "evaluate.problem")
+    trained, problem, needed = network.card["data"], data.problem.to_dict(), network.problem.to_dict()
+    if change := difference(_problem(problem), _problem(needed)):
+        hint = "judge it on a set of its own recipe, or choose a model of this one"
+        raise InputError(f"the set is not of the problem of {network.name}: {change}; {hint}", "evaluate.problem")
     if data.sha256 == trained["sha256"]:
         return True
-    if (data.seed, here["prior"]) != (trained["seed"], needed["prior"]):
+    if (data.seed, problem["prior"]) != (trained["seed"], needed["prior"]):
         return False
-    some = f"{len(data.theta)} curves with prior and seed ({data.seed}) of the model's training set of {trained['n']}"
-    mend = "some of them were trained on; generate them with another --seed"
-    require(len(data.theta) == trained["n"], f"{some}: {mend}", "evaluate.trained_on")
+    message = f"{len(data.theta)} curves with prior and seed ({data.seed}) of the model's training set of "
+    message += f"{trained['n']}: some of them were trained on; generate them with another --seed"
+    require(len(data.theta) == trained["n"], message, "evaluate.trained_on")
     return True
 
 
 def _other_ranges(network: Network, data: Dataset, theta: Floats) -> list[str]:
     """What is to be said where the set is drawn from other ranges than those that the model was trained in."""
     trained, prior = network.problem.prior, data.problem.prior
-    other, outside = [], np.zeros(len(theta), dtype=bool)
+    ranges, outside = [], np.zeros(len(theta), dtype=bool)
     for name, values in zip(prior.names, theta.T, strict=True):
         (low, high), (a, b) = trained.bounds(name), prior.bounds(name)
         outside |= (values < low) | (values > high)
-        other += [f"{name} {a:g} to {b:g} (trained in {low:g} to {high:g})"] * ((a, b) != (low, high))
-    message = f"the set has other ranges than the model's: {', '.join(other)}; {outside.sum()} of {len(theta)} curves"
-    return [f"{message} lie outside, and R² depends on the range"] if other else []
+        ranges += [f"{name} {a:g} to {b:g} (trained in {low:g} to {high:g})"] * ((a, b) != (low, high))
+    message = f"the set has other ranges than the model's: {', '.join(ranges)}; {outside.sum()} of {len(theta)} curves"
+    return [f"{message} lie outside, and R² depends on the range"] if ranges else []
 
 
 def markdown(result: Mapping[str, Any]) -> str:
@@ -164,12 +164,12 @@ def markdown(result: Mapping[str, Any]) -> str:
         lines = []
         for how, row in filmed.items():
             score = row[way]
-            found = _cells((score["metrics"] or {}).get(name), METRICS)
-            lines.append([how, *found, str(score["curves"] - score["failed"])])
+            counts = _cells((score["metrics"] or {}).get(name), METRICS)
+            lines.append([how, *counts, str(score["curves"] - score["failed"])])
         text += _table(["recording", *_heads(METRICS), "answered"], lines)
     verdicts = {how: row["answer"]["verdicts"] for how, row in filmed.items()}
-    kinds = sorted({kind for found in verdicts.values() for kind in found})
-    lines = [[how, *(str(found.get(kind, 0)) for kind in kinds)] for how, found in verdicts.items()]
+    kinds = sorted({kind for counts in verdicts.values() for kind in counts})
+    lines = [[how, *(str(counts.get(kind, 0)) for kind in kinds)] for how, counts in verdicts.items()]
     text += ["", "## Verdicts on the answers", "", *_table(["recording", *kinds], lines)]
     return "\n".join(text) + "\n"
 
@@ -185,8 +185,8 @@ def _heads(columns: Mapping[str, tuple[str, str]]) -> list[str]:
 
 
 def _cells(values: Mapping[str, float | None] | None, columns: Mapping[str, tuple[str, str]]) -> list[str]:
-    found = {key: values[key] if values else None for key in columns}
-    return ["-" if value is None else format(value, columns[key][1]) for key, value in found.items()]
+    chosen = {key: values[key] if values else None for key in columns}
+    return ["-" if value is None else format(value, columns[key][1]) for key, value in chosen.items()]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

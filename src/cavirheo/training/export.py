@@ -185,8 +185,8 @@ def _halve(graph: onnx.GraphProto) -> None:
 def largest_difference(model: Standardised, path: Path, radius: np.ndarray) -> float:
     """Largest difference over curves (curves, frames), fed together and one alone, in the prior's scale."""
     expected = model(torch.from_numpy(radius)).numpy()
-    together, alone = predict(path, radius), predict(path, radius[:1])
-    return float(max(np.abs(together - expected).max(), np.abs(alone - expected[:1]).max()))
+    together, single = predict(path, radius), predict(path, radius[:1])
+    return float(max(np.abs(together - expected).max(), np.abs(single - expected[:1]).max()))
 
 
 def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:

@@ -52,22 +52,22 @@ def draw(
     # who draws a panel, its size in inches, and what is drawn in the panels of each row
     pages: dict[str, tuple[Any, float, float, list[list[Any]]]] = {
         "loss.png": (_loss, 6.0, 3.8, [loss]),
-        "predicted.png": (_predicted, 4.3, 4.4, [[(*one, scores[one[0]]["r2"]) for one in outputs]]),
+        "predicted.png": (_predicted, 4.3, 4.4, [[(*panel, scores[panel[0]]["r2"]) for panel in outputs]]),
         "error.png": (_error, 4.8, 4.0, [outputs]),
         "error_map.png": (_error_map, 4.3, 3.7, [_row(name, where[name]["by_pair"]) for name in where]),
         "error_share.png": (_error_share, 3.4, 3.0, [_row(name, where[name]["by_parameter"]) for name in where]),
         "robustness.png": (_robustness, 5.0, 3.9, [_row(robust, where) if robust else []]),
     }
-    drawn = {file: page for file, page in pages.items() if any(page[-1])}
+    pages_drawn = {file: page for file, page in pages.items() if any(page[-1])}
     with rc_context(_STYLE):
-        for file, (paint, width, height, panels) in drawn.items():
+        for file, (paint, width, height, panels) in pages_drawn.items():
             rows, columns = len(panels), len(panels[0])
             figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
             axes = figure.subplots(rows, columns, squeeze=False)
-            for one, given in zip(axes.flat, chain(*panels), strict=True):
-                paint(one, *given)
-            folder.write(file, lambda path, drawn: drawn.savefig(path, dpi=160), figure)
-    return list(drawn)
+            for panel, arguments in zip(axes.flat, chain(*panels), strict=True):
+                paint(panel, *arguments)
+            folder.write(file, lambda path, drawing: drawing.savefig(path, dpi=160), figure)
+    return list(pages_drawn)
 
 
 def _row(what: Any, items: Any) -> list[Any]:
@@ -108,10 +108,10 @@ def _error(axes: Axes, name: str, truth: Floats, predicted: Floats) -> None:
     axes.axhline(0, color=INK, lw=1)
     edges = np.linspace(truth.min(), truth.max(), 13)
     place = np.clip(np.searchsorted(edges, truth, side="right") - 1, 0, len(edges) - 2)
-    kept = [k for k in range(len(edges) - 1) if np.count_nonzero(place == k) >= _LARGE_BIN]
-    if kept:
-        low, middle, high = np.transpose([np.percentile(error[place == k], (16, 50, 84)) for k in kept])
-        centre = natural(name, _middles(edges)[kept])
+    filled = [k for k in range(len(edges) - 1) if np.count_nonzero(place == k) >= _LARGE_BIN]
+    if filled:
+        low, middle, high = np.transpose([np.percentile(error[place == k], (16, 50, 84)) for k in filled])
+        centre = natural(name, _middles(edges)[filled])
         axes.fill_between(centre, low, high, color=VERMILLION, alpha=0.25, lw=0, label="middle 68 %")
         axes.plot(centre, middle, color=VERMILLION, lw=1.8, label="median")
         axes.legend(loc="upper right", ncols=2)
@@ -127,7 +127,7 @@ def _error(axes: Axes, name: str, truth: Floats, predicted: Floats) -> None:
 def _error_map(axes: Axes, name: str, pairs: Sequence[Mapping[str, Any]], k: int) -> None:
     """RMSE over pair k of the parameters; one colour scale for all pairs."""
     top = max(np.nanmax(np.array(pair["rmse"], dtype=float)) for pair in pairs)
-    pair, shown = pairs[k], f"RMSE of {_error_of(name)}"
+    pair, label = pairs[k], f"RMSE of {_error_of(name)}"
     values, edges = np.array(pair["rmse"], dtype=float), {axis: np.array(pair[f"{axis}_edges"]) for axis in "xy"}
     x, y = (natural(pair[axis], ends) for axis, ends in edges.items())
     mesh = axes.pcolormesh(x, y, values.T, cmap="cividis", vmin=0, vmax=top, edgecolors="white", linewidth=0.4)
@@ -138,9 +138,9 @@ def _error_map(axes: Axes, name: str, pairs: Sequence[Mapping[str, Any]], k: int
     _over(axes, x=pair["x"], y=pair["y"])
     axes.set_facecolor("#eeeeee")  # bins without a curve
     if k == 0:
-        axes.set_title(shown, loc="left", fontweight="bold")
+        axes.set_title(label, loc="left", fontweight="bold")
     if k == len(pairs) - 1:
-        axes.figure.colorbar(mesh, ax=axes, label=shown)
+        axes.figure.colorbar(mesh, ax=axes, label=label)
 
 
 def _error_share(axes: Axes, name: str, parameters: Mapping[str, list[dict[str, Any]]], k: int) -> None:
@@ -169,8 +169,8 @@ def _robustness(axes: Axes, robust: Mapping[str, Any], names: Mapping[str, Any],
         ("network", "o", BLUE, f"network alone ({robust['curves']} curves)"),
         ("answer", "D", VERMILLION, f"cavirheo infer ({robust['answers']} curves)"),
     ):
-        found = [(row[way]["metrics"] or {}).get(name, {}) for row in rows]
-        values = [numbers.get("median_absolute_error", np.nan) for numbers in found]
+        scores = [(row[way]["metrics"] or {}).get(name, {}) for row in rows]
+        values = [numbers.get("median_absolute_error", np.nan) for numbers in scores]
         axes.plot(values, y, marker, color=colour, ms=7, label=words)
     axes.set(xscale="log", xlabel=f"median error of {_error_of(name)}", ylim=(-0.5, len(rows) - 0.5))
     axes.set_yticks(y, [row["recording"]["name"] if k == 0 else "" for row in rows])

@@ -166,15 +166,15 @@ class Training(ABC, Generic[Network]):
         state, note = read_tensors(path)
         with of_run(path):
             changed = difference(note["identity"], json.loads(json.dumps(self.identity)))
-        mend = "use another folder, or the recipe and data that it was begun with"
-        require(not changed, f"{self.folder} holds another run ({changed}): {mend}", "training.another_run")
+        hint = "use another folder, or the recipe and data that it was begun with"
+        require(not changed, f"{self.folder} holds another run ({changed}): {hint}", "training.another_run")
         with of_run(path):
             self.history = [line for line in note["history"] if line["validation"] + line["train"] + line["seconds"]]
             self.step = int(note.get("step", len(self.history) * self.every))
             load_adam(self.optimiser, state)
             for part, network in self._networks.items():
-                begin = f"{part}."
-                network.load_state_dict({key[len(begin) :]: one for key, one in state.items() if key.startswith(begin)})
+                weights = {key: tensor for key, tensor in state.items() if key.startswith(f"{part}.")}
+                network.load_state_dict({key.removeprefix(f"{part}."): tensor for key, tensor in weights.items()})
 
 
 def adam_tensors(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
@@ -230,8 +230,8 @@ def read_result(run: Path) -> dict[str, Any]:
     try:
         return read_object(run / "result.json", LARGEST)
     except InputError as error:
-        mend = "finish the run with `cavirheo train`; if the file is damaged, delete it first"
-        raise InputError(f"{error}; {mend}", "export.unfinished") from error
+        hint = "finish the run with `cavirheo train`; if the file is damaged, delete it first"
+        raise InputError(f"{error}; {hint}", "export.unfinished") from error
 
 
 def write_text(path: Path, text: str) -> None:

@@ -28,12 +28,12 @@ def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dic
     """
     truth, predicted = np.asarray(truth, dtype=float), np.asarray(predicted, dtype=float)
     fine = truth.shape == predicted.shape == (max(len(truth), 2), len(names))
-    given = f"got shapes {truth.shape} and {predicted.shape}"
-    require(fine, f"need truth and prediction of 2 curves or more for {', '.join(names)}, {given}", "metrics.shape")
+    shapes = f"got shapes {truth.shape} and {predicted.shape}"
+    require(fine, f"need truth and prediction of 2 curves or more for {', '.join(names)}, {shapes}", "metrics.shape")
     result = {}
     for name, t, p in zip(names, truth.T, predicted.T, strict=True):
         t_natural, p_natural = natural(name, t), natural(name, p)
-        found = {
+        values = {
             "r2": _r2(t, p),
             "r2_natural": _r2(t_natural, p_natural),
             "median_absolute_error": np.median(np.abs(p - t)),
@@ -42,7 +42,7 @@ def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dic
             "bias": np.mean(p - t),
             "median_relative_error": np.median(np.abs(p_natural / t_natural - 1.0)),
         }
-        result[name] = {key: float(value) for key, value in found.items()}
+        result[name] = {key: float(value) for key, value in values.items()}
     return result
 
 
@@ -75,13 +75,13 @@ def breakdown(outputs: Sequence[str], prior: Prior, theta: Floats, error: Floats
 
 def _bins(prior: Prior, theta: Floats, width: float) -> dict[str, tuple[list[float], list[Bools]]]:
     """Of each parameter the edges of its bins, and which curves lie in each; the outermost include their ends."""
-    found = {}
+    bins = {}
     for name, low, high, values in zip(prior.names, prior.low, prior.high, theta.T, strict=True):
         count = max(1, round((high - low) / width)) if name.startswith(LOG10) else BINS
         edges = np.linspace(low, high, count + 1)
         place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
-        found[name] = edges.tolist(), [place == k for k in range(count)]
-    return found
+        bins[name] = edges.tolist(), [place == k for k in range(count)]
+    return bins
 
 
 def _row(error: Floats, low: float, high: float, total: float) -> dict[str, Any]:

@@ -46,7 +46,7 @@ class PosteriorTable(Section):
         """Raises InputError: a range without width or beyond the prior's, or a law that the slots cannot hold."""
         low, high = self.max_radius_um
         require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
-        known = {"max_radius": (1e-6 * low, 1e-6 * high)}
+        ranges = {"max_radius": (1e-6 * low, 1e-6 * high)}
         for law, bubble, _ in self.kinds:
             try:
                 names = {*Family(law).parameters, "stretch", *BUBBLE_SLOTS[bubble], *CAMERA}
@@ -57,13 +57,13 @@ class PosteriorTable(Section):
             require(fits, message, "recipe.value")
             for name in sampled_parameters(law, bubble):
                 low, high = PARAMETERS[name].searched or (0.0, 0.0)
-                known[name] = 10.0**low, 10.0**high
+                ranges[name] = 10.0**low, 10.0**high
         for name, pair in ((self.more.model_extra or {}) if self.more else {}).items():
             numbers = isinstance(pair, list) and len(pair) == 2 and all(isinstance(end, int | float) for end in pair)
-            fine = name in known and numbers
+            fine = name in ranges and numbers
             slack = 1.0 + 1e-5
-            fine = fine and known[name][0] / slack <= pair[0] < pair[1] <= known[name][1] * slack
-            message = f"more.{name} must be one of {', '.join(known)}, with [low, high] in its range, got {pair}"
+            fine = fine and ranges[name][0] / slack <= pair[0] < pair[1] <= ranges[name][1] * slack
+            message = f"more.{name} must be one of {', '.join(ranges)}, with [low, high] in its range, got {pair}"
             require(fine, message, "recipe.value")
 
 

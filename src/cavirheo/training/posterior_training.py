@@ -47,9 +47,9 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         self.mask = masks(self.kinds)
         n = len(curves.kind)
         identity: dict[str, Any] = self.settings | {"curves": n}
-        shown = round((1.0 - VALIDATION) * n)
-        first_held = max(shown, n - MOST_HELD)
-        if first_held > shown:
+        first_unseen = round((1.0 - VALIDATION) * n)
+        first_held = max(first_unseen, n - MOST_HELD)
+        if first_held > first_unseen:
             identity["held"] = MOST_HELD
         self.identity = identity
         self.train, self.held = np.arange(first_held), np.arange(first_held, n)

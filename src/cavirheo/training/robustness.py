@@ -73,51 +73,52 @@ def robustness(
     default = Analysis(material=data.problem.material_name, medium=data.problem.medium, trust_input=True)
     names, truth = network.outputs, data.truth(network.outputs)
     nothing, R_max = np.full(len(names), np.nan), data.problem.reference_max_radius
-    drawn = np.sort(np.random.default_rng(SEED).permutation(len(chosen))[:ANSWERS])
+    sample = np.sort(np.random.default_rng(SEED).permutation(len(chosen))[:ANSWERS])
 
-    def alone(curve: RadiusCurve) -> Floats:
+    def network_answer(curve: RadiusCurve) -> Floats:
         try:
             return estimator.network_alone(curve)
         except InputError:  # counted as failed
             return nothing
 
-    def score(found: list[Floats], curves: Indices) -> dict[str, Any]:
-        answers = np.reshape(found, (len(curves), len(names)))
+    def score(values: list[Floats], curves: Indices) -> dict[str, Any]:
+        answers = np.reshape(values, (len(curves), len(names)))
         answered = np.isfinite(answers).all(axis=1)
         numbers = metrics(names, truth[curves][answered], answers[answered]) if answered.sum() >= 2 else None
         return {"curves": len(curves), "failed": int(np.sum(~answered)), "metrics": numbers}
 
-    def answered(curves: list[RadiusCurve], done: Callable[..., None]) -> list[Posterior]:
-        found = dict[int, Posterior]()
+    def answered(curves: list[RadiusCurve], step_done: Callable[..., None]) -> list[Posterior]:
+        by_index = dict[int, Posterior]()
         with closing((executor or Threads()).flow(partial(default.answer, workers=1), curves)) as flow:
             for index, answer in flow:
-                found[index] = answer
-                done()
-        return [found[index] for index in range(len(curves))]
+                by_index[index] = answer
+                step_done()
+        return [by_index[index] for index in range(len(curves))]
 
     rows = []
     filmed: dict[tuple[float, float], list[tuple[Floats, Floats]]] = {}  # several ways film at the same times
-    with bar("filming, answering", len(RECORDINGS) * len(drawn), shown=progress, unit="answers") as advance:
+    with bar("filming, answering", len(RECORDINGS) * len(sample), shown=progress, unit="answers") as advance:
         for recording in RECORDINGS:
             key = recording.frame_rate, recording.offset
             if key not in filmed:
                 filmed[key] = film(data.problem, data.theta, chosen, recording)
             curves = [degrade(*true, R_max, recording, i) for true, i in zip(filmed[key], chosen, strict=True)]
-            read = [alone(curve) for curve in curves]
-            posteriors = answered([curves[i] for i in drawn], lambda *_: advance())
-            answers = [np.array([scaled(n, one.median(natural_name(n))) for n in names]) for one in posteriors]
+            read = [network_answer(curve) for curve in curves]
+            posteriors = answered([curves[i] for i in sample], lambda *_: advance())
+            medians = [[scaled(n, answer.median(natural_name(n))) for n in names] for answer in posteriors]
+            answers = list(map(np.array, medians))
             verdicts = [posterior.checks.verdict for posterior in posteriors]
             ok = [i for i, verdict in enumerate(verdicts) if verdict == "ok"]
             rows.append(
                 {
                     "recording": asdict(recording),
                     "network": score(read, chosen),
-                    "network_same_curves": score([read[i] for i in drawn], chosen[drawn]),
-                    "answer": score(answers, chosen[drawn]) | {"verdicts": dict(Counter(verdicts))},
-                    "answer_ok": score([answers[i] for i in ok], chosen[drawn[ok]]),
+                    "network_same_curves": score([read[i] for i in sample], chosen[sample]),
+                    "answer": score(answers, chosen[sample]) | {"verdicts": dict(Counter(verdicts))},
+                    "answer_ok": score([answers[i] for i in ok], chosen[sample[ok]]),
                 }
             )
-    return {"seed": SEED, "curves": len(chosen), "answers": len(drawn), "rows": rows}
+    return {"seed": SEED, "curves": len(chosen), "answers": len(sample), "rows": rows}
 
 
 def film(problem: TrainingProblem, theta: Floats, chosen: Indices, recording: Recording) -> list[tuple[Floats, Floats]]:

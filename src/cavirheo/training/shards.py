@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from cavirheo.errors import InputError, require
+from cavirheo.io import limits
 from cavirheo.parallel import Executor
-from cavirheo.reading import limits
 from cavirheo.training.recipe import difference
 from cavirheo.writing.document import whole
 
@@ -110,7 +110,7 @@ def read_shard(path: Path, kind: FileKind, expected: Mapping[str, Any] | None = 
                 require(type(head[key]) is of, f"{key} is {short(head[key])}", "dataset.unreadable")
             for key, value in (expected or {}).items():
                 if head[key] != value:
-                    both = [json.loads(one) if key == kind.attribute else {key: one} for one in (head[key], value)]
+                    both = [json.loads(text) if key == kind.attribute else {key: text} for text in (head[key], value)]
                     message = f"made with another {key} ({difference(*both) or 'other keys'})"
                     raise InputError(f"{message}; use an empty folder or its settings", f"dataset.another_{key}")
             layout, start = kind.layout(json.loads(head[kind.attribute])), head["start"]
@@ -130,8 +130,8 @@ def read_shard(path: Path, kind: FileKind, expected: Mapping[str, Any] | None = 
             require(finite, "values of its good curves are not finite", "dataset.values")
         return Shard(head, layout, rows, failed)
     except InputError as error:
-        mend = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
-        raise InputError(f"{path}: {error}{mend}", error.code) from error
+        hint = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
+        raise InputError(f"{path}: {error}{hint}", error.code) from error
     except Exception as error:  # libraries raise nearly anything of a damaged file
         message = f"{path} cannot be read as a training set ({error}); delete it and generate again"
         raise InputError(message, "dataset.unreadable") from error
@@ -151,17 +151,17 @@ def fill(
     a `partial` of one.
     """
     units = [(path, block[k : k + chunk]) for path, block in todo.items() for k in range(0, len(block), chunk)]
-    begun: dict[Path, dict[int, Part]] = {}
+    unfinished: dict[Path, dict[int, Part]] = {}
     with closing(executor.flow(simulate, [unit for _, unit in units])) as flow:
         for index, rows in flow:
             path, unit = units[index]
-            parts = begun.setdefault(path, {})
+            parts = unfinished.setdefault(path, {})
             parts[unit.start] = rows
             advance(len(unit))
             block = todo[path]
             if len(parts) == -(-len(block) // chunk):
                 write(path, block, [parts[start] for start in sorted(parts)])
-                del begun[path]
+                del unfinished[path]
 
 
 def write_hdf5(path: Path, attributes: Mapping[str, Any], datasets: Mapping[str, Mapping[str, Any]]) -> None:

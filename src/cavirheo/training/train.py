@@ -48,9 +48,9 @@ def train(
     if threads is not None:
         torch.set_num_threads(threads)
     cards = torch.cuda.device_count()
-    known = ["cpu", *["cuda"][:cards], *(f"cuda:{k}" for k in range(cards))]
-    message = f"there is no device {device!r} for torch {torch.__version__} here; there is {', '.join(known)}"
-    require(device is None or device in known, message, "training.device")
+    devices = ["cpu", *["cuda"][:cards], *(f"cuda:{k}" for k in range(cards))]
+    message = f"there is no device {device!r} for torch {torch.__version__} here; there is {', '.join(devices)}"
+    require(device is None or device in devices, message, "training.device")
     posterior = not isinstance(recipe, Recipe)
     message = f"a posterior network is trained on the processor: leave out --device {device}"
     require(not posterior or device in (None, "cpu"), message, "training.device")

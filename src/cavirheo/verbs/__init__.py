@@ -117,7 +117,7 @@ def entry() -> None:
     except OSError as error:
         print(f"error: what was to be printed cannot be written: {error.strerror}", file=sys.stderr)
         status = 2
-    if files := sys.modules.get("cavirheo.reading.files"):
+    if files := sys.modules.get("cavirheo.io.files"):
         files.tidy()
     with suppress(OSError):
         sys.stdout.flush()

@@ -33,7 +33,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import collapse_times
-        from cavirheo.reading.shots import shot_numbers
+        from cavirheo.io.shots import shot_numbers
         from cavirheo.reporting import file_names
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json

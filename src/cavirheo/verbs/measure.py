@@ -37,8 +37,8 @@ class Measure(options.Printing, options.Documents):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.inference import input_checks
+        from cavirheo.io.recordings import examine
         from cavirheo.physics.media import WATER
-        from cavirheo.reading.recordings import examine
         from cavirheo.video import document
         from cavirheo.video.frames import need
         from cavirheo.writing.document import Outputs, write_json

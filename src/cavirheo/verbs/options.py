@@ -16,9 +16,9 @@ from cavirheo.verbs import completion
 
 if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
+    from cavirheo.io.shots import Recordings
     from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.media import Medium
-    from cavirheo.reading.shots import Recordings
     from cavirheo.verbs.run import Run
 
 INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for experts"
@@ -132,13 +132,13 @@ class Reading(Trust):
 
     def __post_init__(self) -> None:
         if self.shots is not None:
-            from cavirheo.reading.shots import shot_numbers
+            from cavirheo.io.shots import shot_numbers
 
             shot_numbers(self.shots)
 
     def recordings(self, files: list[Path], medium: "Medium", exclude: str | None = None) -> "Recordings":
         """`read_shots` with these settings."""
-        from cavirheo.reading.shots import read_shots
+        from cavirheo.io.shots import read_shots
 
         message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
         require(exclude is None or len(files) == 1, message, "option.exclude")
@@ -348,7 +348,7 @@ class Inference(Answering, OneBubble, Question):
         """Raises InputError for an option that only --verify would use, before hours are spent.
 
         Videos among the files use the exposure, too."""
-        from cavirheo.reading.recordings import is_recording
+        from cavirheo.io.recordings import is_recording
 
         exposed = self.exposure_us is not None and not any(map(is_recording, files))
         given = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law

@@ -53,7 +53,7 @@ class Run:
 
     def files(self, given: list[Path]) -> list[Path]:
         """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""
-        from cavirheo.reading.files import expand, sha256
+        from cavirheo.io.files import expand, sha256
 
         found: list[Path] = []
         for one in given:
@@ -92,7 +92,7 @@ class Run:
         curves = found.curves
         self.need(curves, "curve")
         if reading.column is not None:
-            from cavirheo.reading.column import with_column
+            from cavirheo.io.column import with_column
 
             curves = with_column(curves, reading.column)
         aside(load_solver)

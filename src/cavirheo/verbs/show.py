@@ -140,8 +140,8 @@ def _show_model(path: Path) -> None:
 def _show_curves(path: Path, shots: str | None) -> None:
     """What `infer` would read: a row per curve, then what was recognised, and the input warnings."""
     from cavirheo.inference import input_checks
+    from cavirheo.io import read_curves
     from cavirheo.physics.media import WATER
-    from cavirheo.reading import read_curves
     from cavirheo.writing import digits, terminal
 
     curves, console = read_curves(path, shots=shots), terminal.console()

@@ -24,9 +24,9 @@ class Watch(options.Inference):
     wanted_percent: options.WantedPercent = 10.0
 
     def __call__(self, run: Run) -> None:
+        from cavirheo.io.column import is_size, read_column
         from cavirheo.parallel import aside, cores
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.reading.column import is_size, read_column
         from cavirheo.reporting import wall_page, write_report
         from cavirheo.reporting.table import print_line, print_table
         from cavirheo.watch import Watch as Watching

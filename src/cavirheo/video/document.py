@@ -88,7 +88,7 @@ class Measured(Document):
     columns: dict[str, str] = COLUMNS
 
 
-def describe(found: Measurement, curve: RadiusCurve, doubts: list[str], **head: Any) -> Measured:
+def describe(measurement: Measurement, curve: RadiusCurve, doubts: list[str], **head: Any) -> Measured:
     """The document of a measurement; `doubts`: those of the curve in its medium."""
     top: tuple[float | None, float | None] = None, None
     collapses, unusable = [], ""
@@ -96,56 +96,71 @@ def describe(found: Measurement, curve: RadiusCurve, doubts: list[str], **head: 
         top, collapses = (curve.max_radius, curve.time_of_max), curve.collapse_times().tolist()
     except InputError as error:
         unusable = str(error)
-    shape = found.recording.frames.shape
+    footage, track = measurement.recording, measurement.track
     return Measured(
-        **head, name=curve.name, source=curve.source, source_sha256=curve.source_sha256,
-        width=shape[2], height=shape[1], bits=8 * found.recording.frames.dtype.itemsize,
-        frame_rate_hz=_stated(found.frame_rate), um_per_px=_stated(found.um_per_px), exposure_s=_stated(found.exposure),
-        measured_with=found.options, optics_sigma_px=found.track.optics, flags=found.counts,
-        max_radius_px=float(np.nanmax(found.track.radius)), max_radius_m=top[0], time_of_max_s=top[1],
-        collapse_times_s=collapses, unusable=unusable, doubts=doubts,
-    )  # fmt: skip
+        **head,
+        name=curve.name,
+        source=curve.source,
+        source_sha256=curve.source_sha256,
+        width=footage.frames.shape[2],
+        height=footage.frames.shape[1],
+        bits=8 * footage.frames.dtype.itemsize,
+        frame_rate_hz=_stated(measurement.frame_rate),
+        um_per_px=_stated(measurement.um_per_px),
+        exposure_s=_stated(measurement.exposure),
+        measured_with=measurement.options,
+        optics_sigma_px=track.optics,
+        flags=measurement.counts,
+        max_radius_px=float(np.nanmax(track.radius)),
+        max_radius_m=top[0],
+        time_of_max_s=top[1],
+        collapse_times_s=collapses,
+        unusable=unusable,
+        doubts=doubts,
+    )
 
 
 def _stated(number: Stated) -> StatedNumber:
     return StatedNumber(value=number.value, origin=number.origin)
 
 
-def write_csv(path: Path, found: Measurement) -> None:
+def write_csv(path: Path, measurement: Measurement) -> None:
     """A row per frame; radii in pixels (radius_px, ...) where there is no scale."""
-    track, scale = found.track, found.um_per_px.value
+    track, scale = measurement.track, measurement.um_per_px.value
     unit = "um" if scale else "px"
     lengths = {"radius": track.radius, "radius_std": track.sigma, "systematic": track.systematic}
     columns = {f"{name}_{unit}": values * (scale or 1.0) for name, values in lengths.items()}
     columns = {
-        "time_us": found.time * 1e6,
+        "time_us": measurement.time * 1e6,
         **columns,
-        "x_px": track.x + found.corner[0],
-        "y_px": track.y + found.corner[1],
+        "x_px": track.x + measurement.corner[0],
+        "y_px": track.y + measurement.corner[1],
     }
     columns |= {"asphericity": track.asphericity, "edge_width_px": track.width, "arc": track.arc}
     rows = (
         {name: f"{values[i]:.6g}" if np.isfinite(values[i]) else "" for name, values in columns.items()}
-        | {"time_us": f"{found.time[i] * 1e6:.10g}", "flag": track.flags[i], "frame": found.first + i}
-        for i in range(len(found.time))
+        | {"time_us": f"{measurement.time[i] * 1e6:.10g}", "flag": track.flags[i], "frame": measurement.first + i}
+        for i in range(len(measurement.time))
     )
     document.write_rows(path, [*columns, "flag", "frame"], rows)
 
 
-def print_table(made: Measured) -> None:
+def print_table(record: Measured) -> None:
     """Frames by flag, the maximum, where rate and scale are from, and what is doubtful."""
     console = terminal.console()
-    frames = sum(made.flags.values())
-    console.print(f"{made.name}: {frames} frames of {made.width} x {made.height} pixels, {made.bits} bits")
+    frames = sum(record.flags.values())
+    size = f"{record.width} x {record.height} pixels, {record.bits} bits"
+    console.print(f"{record.name}: {frames} frames of {size}")
     table = terminal.table("flag", ["frames"], left=["meaning"])
-    for flag, count in made.flags.items():
+    for flag, count in record.flags.items():
         table.add_row(flag, str(count), FLAGS[flag])
     console.print(table)
-    top = f"R_max {made.max_radius_px:.2f} px" if made.max_radius_px else "no R_max"
-    if made.max_radius_m:
-        top += f", {1e6 * made.max_radius_m:.2f} um; {len(made.collapse_times_s)} collapses"
+    top = f"R_max {record.max_radius_px:.2f} px" if record.max_radius_px else "no R_max"
+    if record.max_radius_m:
+        top += f", {1e6 * record.max_radius_m:.2f} um; {len(record.collapse_times_s)} collapses"
     console.print(top)
-    for what, number in (("frames per second", made.frame_rate_hz), ("um per pixel", made.um_per_px)):
+    for what, number in (("frames per second", record.frame_rate_hz), ("um per pixel", record.um_per_px)):
         console.print(f"{what}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
-    terminal.print_warnings(console, ((made.name, doubt) for doubt in made.doubts))
-    terminal.print_remarks(console, terminal.once((made.name, note) for note in (made.unusable, *made.notes) if note))
+    terminal.print_warnings(console, ((record.name, doubt) for doubt in record.doubts))
+    notes = [note for note in (record.unusable, *record.notes) if note]
+    terminal.print_remarks(console, terminal.once((record.name, note) for note in notes))

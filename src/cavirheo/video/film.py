@@ -90,7 +90,7 @@ class Film:
 
 
 def write_movie(
-    path: Path, frames: Iterable[Pixels], given: str, codec: str, kind: str, options: dict[str, str]
+    path: Path, frames: Iterable[Pixels], pixel_format: str, codec: str, kind: str, options: dict[str, str]
 ) -> None:
     """Encode frames of the pixel format `given`, of even height and width; played at 10 frames per second."""
     need("av")
@@ -103,7 +103,7 @@ def write_movie(
             if k == 0:
                 stream.height, stream.width, stream.pix_fmt = height, width, kind
             even = np.ascontiguousarray(frame[:height, :width])
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format=given)))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(even, format=pixel_format)))
         container.mux(stream.encode())
 
 
@@ -117,7 +117,6 @@ def render(time: ArrayLike, radius: ArrayLike, *, frames: int, scene: Scene | No
 
     Raises InputError.
     """
-    scene = scene or Scene()
     scene = scene or Scene()
     time, radius = np.asarray(time, float), np.asarray(radius, float)
     fine = time.ndim == 1 and time.shape == radius.shape and len(time) > 1 and bool(np.all(np.diff(time) > 0))
@@ -190,9 +189,9 @@ class _Camera:
         """(height, width): light that passes the bubble, its mirror image and its satellites, blurred."""
         scene = self.scene
         satellites = self.satellites if len(self.collapses) and middle > self.collapses[0] else []
-        reach = 1.3 * radii.max() + 6.0 * scene.blur + 4.0
-        reach = max([reach, *(np.hypot(x, y) + size + 8.0 for x, y, size in satellites)])
-        (left, top), (right, bottom) = (np.floor(centre - reach).astype(int), np.ceil(centre + reach).astype(int) + 1)
+        extent = 1.3 * radii.max() + 6.0 * scene.blur + 4.0
+        extent = max([extent, *(np.hypot(x, y) + size + 8.0 for x, y, size in satellites)])
+        (left, top), (right, bottom) = (np.floor(centre - extent).astype(int), np.ceil(centre + extent).astype(int) + 1)
         wall = scene.wall if scene.wall is not None and scene.mirror else None
         if wall is not None:
             bottom = scene.height

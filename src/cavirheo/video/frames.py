@@ -36,8 +36,9 @@ _STEADY = 0.1  # of a frame: stamps that are so close to even ones are even
 _COLOURED = 12  # levels of 255 between the channels of a grey picture after compression
 _IN_COLOUR = "a colour recording: its brightness is measured"
 _FFMPEG = {  # no playlist, that would open other files
-    "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine", "protocol_whitelist": "file",
-}  # fmt: skip
+    "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine",
+    "protocol_whitelist": "file",
+}
 _LENGTHS = {"micron": 1.0, "um": 1.0, "µm": 1.0, "\\u00B5m": 1.0, "mm": 1e3, "cm": 1e4, "nm": 1e-3}  # in um
 
 
@@ -61,13 +62,11 @@ class Footage:
     def part(self, first: int, last: int) -> Footage:
         """Frames `first` to `last`, counted from 1. Raises InputError: there are none."""
         count = len(self.frames)
-        given = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
-        require(1 <= first < last <= count, given, "video.frames")
-        some = slice(first - 1, last)
-        cut = {
-            name: getattr(self, name)[some] for name in ("frames", "time", "damaged") if getattr(self, name) is not None
-        }
-        return replace(self, **cut)
+        message = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
+        require(1 <= first < last <= count, message, "video.frames")
+        chosen = slice(first - 1, last)
+        arrays = {name: getattr(self, name) for name in ("frames", "time", "damaged")}
+        return replace(self, **{name: array[chosen] for name, array in arrays.items() if array is not None})
 
 
 def is_recording(path: Path) -> bool:
@@ -97,15 +96,15 @@ def read(path: Path) -> Footage:
             reader = _mraw
         else:
             reader = _stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _movie
-    found = reader(path)
-    shape = found.frames.shape
-    require(len(shape) == 3 and len(found.frames) > 0, f"no frame in it (shape {shape})", "video.no_frames")
+    footage = reader(path)
+    shape = footage.frames.shape
+    require(len(shape) == 3 and len(footage.frames) > 0, f"no frame in it (shape {shape})", "video.no_frames")
     small = f"frames of {shape[2]} x {shape[1]} pixels; at least 16 x 16 are needed"
     require(min(shape[1:]) >= 16, small, "video.small")
-    fine = len(found.frames) > 1
+    fine = len(footage.frames) > 1
     require(fine, "one frame is no recording: a bubble must be seen to grow and collapse", "video.one_frame")
-    damaged = found.damaged if len(found.damaged) else np.zeros(len(found.frames), bool)
-    return replace(found, damaged=damaged)
+    damaged = footage.damaged if len(footage.damaged) else np.zeros(len(footage.frames), bool)
+    return replace(footage, damaged=damaged)
 
 
 def need(library: str) -> None:
@@ -189,11 +188,11 @@ def _stack(path: Path) -> Footage:
     with TiffFile(path) as file:
         pages, first = len(file.pages), file.pages[0]
         _fits(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
-        about = file.imagej_metadata or {}
-        scale, notes = _tiff_scale(first, about)
+        imagej = file.imagej_metadata or {}
+        scale, notes = _tiff_scale(first, imagej)
         notes += (_IN_COLOUR,) if getattr(first, "samplesperpixel", 1) > 2 else ()
         try:
-            images = file.asarray() if about.get("images", 1) > pages else _each(file.pages)
+            images = file.asarray() if imagej.get("images", 1) > pages else _each(file.pages)
         except (ValueError, ImportError):  # a compression that needs another library
             images = _each(_pillow_pages(path))
     images = images.reshape(-1, *images.shape[-2:])
@@ -215,9 +214,9 @@ def _pillow_pages(path: Path) -> Iterator[Pixels]:
             yield np.asarray(page)
 
 
-def _tiff_scale(page: Any, about: dict[str, Any]) -> tuple[float | None, tuple[str, ...]]:
+def _tiff_scale(page: Any, imagej: dict[str, Any]) -> tuple[float | None, tuple[str, ...]]:
     """(um per pixel, notes) where ImageJ states a length per pixel; the resolution of others is that of printing."""
-    per = _LENGTHS.get(str(about.get("unit", "")))
+    per = _LENGTHS.get(str(imagej.get("unit", "")))
     tag = page.tags.get("XResolution")
     if not per or not tag or not tag.value[0]:
         return None, ()
@@ -240,24 +239,24 @@ def _folder(path: Path) -> Footage:
     need("PIL")
     from PIL import Image
 
-    held, names = _Growing(), _images(path)
+    frames, names = _Growing(), _images(path)
     for name in names:
         with Image.open(name) as image:
             flat = image.convert("RGB") if image.mode in ("P", "CMYK", "YCbCr") else image
-            held.add(_grey(np.asarray(flat)))
-    said = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
-    return Footage(_unsigned(held.whole()), notes=(said,))
+            frames.add(_grey(np.asarray(flat)))
+    note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
+    return Footage(_unsigned(frames.whole()), notes=(note,))
 
 
 def _images(folder: Path) -> list[Path]:
     """The images in it that most of them are like, in natural order: frame 2 before frame 10."""
     try:
-        found = [path for path in folder.iterdir() if path.name[0] != "." and path.suffix.lower() in IMAGES + STACKS]
+        paths = [path for path in folder.iterdir() if path.name[0] != "." and path.suffix.lower() in IMAGES + STACKS]
     except OSError:
         return []
-    endings = [path.suffix.lower() for path in found]
+    endings = [path.suffix.lower() for path in paths]
     most = max(set(endings), key=endings.count, default="")
-    chosen = [path for path in found if path.suffix.lower() == most and path.is_file()]
+    chosen = [path for path in paths if path.suffix.lower() == most and path.is_file()]
     return sorted(chosen, key=_natural) if _single(chosen) else []
 
 
@@ -305,20 +304,20 @@ def _cine(path: Path) -> Footage:
     if len(blocks.get(1002, b"")) >= 8 * n and n > 1:
         stamps = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64)
         time = (stamps[:, 1] - stamps[0, 1]) + (stamps[:, 0] - stamps[0, 0]) / 2**32
-        told, increases = (n - 1) / max(float(time[-1]), 1e-12), bool(np.all(np.diff(time) > 0))
-        if increases and np.all(np.abs(time * told - np.arange(n)) < _STEADY):  # stamps are rounded, often to 1 us
-            time = np.arange(n) / told
+        stamped, increases = (n - 1) / max(float(time[-1]), 1e-12), bool(np.all(np.diff(time) > 0))
+        if increases and np.all(np.abs(time * stamped - np.arange(n)) < _STEADY):  # stamps are rounded, often to 1 us
+            time = np.arange(n) / stamped
         if increases:
-            notes.append(f"{told:.6g} frames per second by the time stamps of the .cine file")
+            notes.append(f"{stamped:.6g} frames per second by the time stamps of the .cine file")
         else:
             time = None
             warnings.append(Message("check_input.time_stamps"))
-        if increases and rate and abs(told / rate - 1.0) > 0.01:
-            warnings.append(Message("check_input.camera_clock", {"header": float(rate), "stamps": told}))
+        if increases and rate and abs(stamped / rate - 1.0) > 0.01:
+            warnings.append(Message("check_input.camera_clock", {"header": float(rate), "stamps": stamped}))
     if len(blocks.get(1003, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
-    about: dict[str, Any] = {"time": time, "frame_rate": rate or None, "exposure": exposure}
-    return replace(movie, notes=tuple(notes), warnings=tuple(warnings), **about)
+    times: dict[str, Any] = {"time": time, "frame_rate": rate or None, "exposure": exposure}
+    return replace(movie, notes=tuple(notes), warnings=tuple(warnings), **times)
 
 
 def _cut_short(frames: int, stated: float, about: str = "") -> Message:
@@ -342,8 +341,8 @@ def _mraw(path: Path) -> Footage:
     width, height = (number(f"imageDataInfo/resolution/{side}") for side in ("width", "height"))
     bits, stated = number("imageDataInfo/colorInfo/bit"), number("frameInfo/totalFrame")
     kind = tree.findtext("imageDataInfo/colorInfo/type") or ""
-    known = bits in (8, 12, 16) and kind in ("Mono", "Raw", "")
-    require(known, f"{bits} bits of kind {kind!r}; expected grey pixels of 8, 12 or 16 bits", "video.mraw_bits")
+    fine = bits in (8, 12, 16) and kind in ("Mono", "Raw", "")
+    require(fine, f"{bits} bits of kind {kind!r}; expected grey pixels of 8, 12 or 16 bits", "video.mraw_bits")
     size = width * height
     _fits(float(stated) * size * (2 if bits > 8 else 1))
     require(size > 0 and size * bits % 8 == 0, f"frames of {width} x {height} pixels", "video.mraw_bits")

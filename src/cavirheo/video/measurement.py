@@ -61,8 +61,8 @@ class Measurement:
     @property
     def counts(self) -> dict[str, int]:
         """Frames by flag, in the order of `FLAGS`."""
-        found = Counter(self.track.flags.tolist())
-        return {flag: found[flag] for flag in FLAGS if found[flag]}
+        counter = Counter(self.track.flags.tolist())
+        return {flag: counter[flag] for flag in FLAGS if counter[flag]}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -72,8 +72,8 @@ class Measurement:
     @property
     def cut(self) -> str:
         """How little of the largest outline is within the frame, where it is little."""
-        seen = self.track.arc[int(np.nanargmax(self.track.radius))]
-        return f"at R_max {100 * seen:.0f} % of the outline is within the frame" if seen < _CUT else ""
+        share = self.track.arc[int(np.nanargmax(self.track.radius))]
+        return f"at R_max {100 * share:.0f} % of the outline is within the frame" if share < _CUT else ""
 
     def without(self, frames: str | Iterable[int]) -> Measurement:
         """The same with these frames left out: "12,40-45" or numbers, from 1 in the recording. The others stay as they
@@ -81,9 +81,10 @@ class Measurement:
         last = self.first + len(self.time) - 1
         listed = numbered(frames, "frames to exclude", "video.exclude", self.first, last)
         left = np.isin(np.arange(self.first, last + 1), listed)
-        arrays = {name: one for name, one in vars(self.track).items() if isinstance(one, np.ndarray)}
-        kept: dict[str, Any] = {name: np.where(left, np.nan, one) for name, one in arrays.items() if name != "flags"}
-        track = replace(self.track, **kept, flags=np.where(left, "excluded", self.track.flags))
+        arrays = {name: array for name, array in vars(self.track).items() if isinstance(array, np.ndarray)}
+        del arrays["flags"]
+        rest: dict[str, Any] = {name: np.where(left, np.nan, array) for name, array in arrays.items()}
+        track = replace(self.track, **rest, flags=np.where(left, "excluded", self.track.flags))
         require(bool(np.isfinite(track.radius).any()), "all measured frames are excluded", "video.exclude")
         listed = (np.flatnonzero(track.flags == "excluded") + self.first).tolist()
         return replace(self, track=track, options={**self.options, "exclude": digits.ranges(listed)})
@@ -91,16 +92,16 @@ class Measurement:
     def curve(self, **meta: Any) -> RadiusCurve:
         """The history; frames that are not used are NaN. Its meta has `flags` (n,). Raises InputError."""
         pixel = (self.um_per_px.value or 1.0) * _PIXEL
-        about = {"notes": self.notes, "flags": tuple(self.track.flags.tolist()), "video": True, **meta}
+        labels = {"notes": self.notes, "flags": tuple(self.track.flags.tolist()), "video": True, **meta}
         if self.frame_rate.value:
-            about["frame_rate_hz"] = self.frame_rate.value
+            labels["frame_rate_hz"] = self.frame_rate.value
         if self.exposure.value:
-            about["exposure_s"] = self.exposure.value
+            labels["exposure_s"] = self.exposure.value
         largest = float(np.nanmax(self.track.radius))
-        why = f"the radius is in pixels (largest {largest:.4g}) without um per pixel; give --um-per-px"
-        unscaled = "" if self.um_per_px.value else why
+        message = f"the radius is in pixels (largest {largest:.4g}) without um per pixel; give --um-per-px"
+        unscaled = "" if self.um_per_px.value else message
         radius, sigma = self.track.radius * pixel, self.track.sigma * pixel
-        return RadiusCurve(self.time, radius, sigma, about, unscaled=unscaled, warnings=self.warnings)
+        return RadiusCurve(self.time, radius, sigma, labels, unscaled=unscaled, warnings=self.warnings)
 
 
 class MeasureOptions(TypedDict, total=False):
@@ -152,36 +153,37 @@ def measure(
     require(rate.value is not None or whole.time is not None, _NO_RATE, "video.frame_rate")
     if rate.value is not None:
         FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
-    shutter, more = _agreed("seconds of exposure", exposure, (whole.exposure, "the camera's header"))
-    scale, again = _agreed("um per pixel", um_per_px, (whole.um_per_px, "the resolution stored by ImageJ"))
+    shutter, shutter_warnings = _agreed("seconds of exposure", exposure, (whole.exposure, "the camera's header"))
+    scale, scale_warnings = _agreed("um per pixel", um_per_px, (whole.um_per_px, "the resolution stored by ImageJ"))
     stamped = whole.time is not None and frame_rate is None
     time = whole.time if stamped and whole.time is not None else np.arange(count) / (rate.value or 1.0)
     first, last = span or (1, count)
-    seen = whole.part(first, last) if span else whole
+    footage = whole.part(first, last) if span else whole
     corner = (0, 0)
     if roi:
-        corner, seen = roi[:2], replace(seen, frames=_region(seen.frames, roi))
+        corner, footage = roi[:2], replace(footage, frames=_region(footage.frames, roi))
     if reference_frame is not None:
         fine = first <= reference_frame <= last
         require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
         reference_frame -= first - 1
     between = float(np.median(np.diff(time)))
-    long = (
+    message = (
         f"an exposure of {1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * between:.4g} us between frames"
     )
-    require(not shutter.value or shutter.value <= 1.001 * between, long, "video.exposure")
-    stage = set_stage(seen, polarity, reference_frame)
-    track = follow(stage, shutter.value / between if shutter.value else None, begin(len(seen.frames)))
+    require(not shutter.value or shutter.value <= 1.001 * between, message, "video.exposure")
+    stage = set_stage(footage, polarity, reference_frame)
+    track = follow(stage, shutter.value / between if shutter.value else None, begin(len(footage.frames)))
     options = {
-        "polarity": "dark" if stage.depth > 0 else "bright", "roi": roi, "frames": f"{first}:{last}",
+        "polarity": "dark" if stage.depth > 0 else "bright",
+        "roi": roi,
+        "frames": f"{first}:{last}",
         "reference_frame": reference_frame and reference_frame + first - 1,
         "frames_without_bubble": stage.empty,
-    }  # fmt: skip
-    made = Measurement(
-        track, seen, time[first - 1 : last], rate, scale, shutter, options, whole.notes,
-        (*whole.warnings, *warnings, *more, *again, *_warnings(track, stage)), first, corner,
-    )  # fmt: skip
-    return made if exclude is None else made.without(exclude)
+    }
+    warnings = (*whole.warnings, *warnings, *shutter_warnings, *scale_warnings, *_warnings(track, stage))
+    numbers = time[first - 1 : last], rate, scale, shutter
+    measurement = Measurement(track, footage, *numbers, options, whole.notes, warnings, first, corner)
+    return measurement if exclude is None else measurement.without(exclude)
 
 
 def _camera_rate(recording: Footage) -> tuple[float | None, str]:
@@ -190,47 +192,47 @@ def _camera_rate(recording: Footage) -> tuple[float | None, str]:
     return float(1.0 / np.median(np.diff(recording.time))), "the camera's time stamps"
 
 
-def _agreed(what: str, given: float | None, camera: tuple[float | None, str]) -> tuple[Stated, tuple[Message, ...]]:
+def _agreed(what: str, stated: float | None, camera: tuple[float | None, str]) -> tuple[Stated, tuple[Message, ...]]:
     """The number that counts, the user's before the camera's; a warning where they differ."""
     value, origin = camera
-    if given is None:
+    if stated is None:
         return (Stated(value, origin) if value else Stated()), ()
-    if not value or abs(given / value - 1.0) <= _DIFFERS:
-        return Stated(float(given), "the user"), ()
-    values = {"given": given, "what": what, "origin": origin, "value": value}
-    return Stated(float(given), "the user"), (Message("check_input.camera_differs", values),)
+    if not value or abs(stated / value - 1.0) <= _DIFFERS:
+        return Stated(float(stated), "the user"), ()
+    values = {"given": stated, "what": what, "origin": origin, "value": value}
+    return Stated(float(stated), "the user"), (Message("check_input.camera_differs", values),)
 
 
 def _region(images: frames.Pixels, roi: tuple[int, int, int, int]) -> frames.Pixels:
     (x, y, width, height), (high, wide) = roi, images.shape[1:]
     inside = min(x, y) >= 0 and min(width, height) >= 16 and x + width <= wide and y + height <= high
-    given = f"region {x},{y},{width},{height} of frames of {wide} x {high} pixels"
-    require(inside, f"{given}; give x,y,width,height within them, at least 16 x 16", "video.roi")
+    message = f"region {x},{y},{width},{height} of frames of {wide} x {high} pixels"
+    require(inside, f"{message}; give x,y,width,height within them, at least 16 x 16", "video.roi")
     return images[:, y : y + height, x : x + width]
 
 
 def _warnings(track: Track, stage: Stage) -> tuple[Message, ...]:
     measured = int(np.isfinite(track.radius).sum())
-    found = []
+    warnings = []
     if track.twins >= _TWINS * measured:
-        found.append(Message("check_input.two_bubbles", {"frames": int(track.twins), "measured": measured}))
+        warnings.append(Message("check_input.two_bubbles", {"frames": int(track.twins), "measured": measured}))
     if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT:
-        found.append(Message("check_input.overexposed"))
-    return tuple(found)
+        warnings.append(Message("check_input.overexposed"))
+    return tuple(warnings)
 
 
-def _counted(found: Measurement) -> list[str]:
-    track, counts = found.track, found.counts
+def _counted(measurement: Measurement) -> list[str]:
+    track, counts = measurement.track, measurement.counts
     used = sum(counts.get(flag, 0) for flag in USED)
     messages = [f"{used} of {len(track.flags)} frames measured"]
     messages += [
         f"{n} {flag} ({FLAGS[flag]})" for flag, n in counts.items() if flag not in ("ok", "before", "excluded")
     ]
-    if listed := found.options.get("exclude"):
+    if listed := measurement.options.get("exclude"):
         messages.append(f"excluded by hand: frames {listed}")
-    messages += [found.cut] if found.cut else []
+    messages += [measurement.cut] if measurement.cut else []
     hint = track.exposure_hint
-    if found.exposure.value is None and hint and isfinite(hint):
+    if measurement.exposure.value is None and hint and isfinite(hint):
         messages.append(
             f"exposure not known; the blur of fast frames suggests {min(hint, 1.0):.2g} of the time between frames"
         )

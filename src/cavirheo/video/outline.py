@@ -130,70 +130,70 @@ def _tukey(off: Floats, scale: float) -> Floats:
 def measure(stage: Stage, i: int, rough: Patch) -> Outline | None:
     """The outline near a rough circle in frame i; None where no wall is found."""
     x0, y0, radius, width = rough.x, rough.y, rough.radius, 2.0
-    found = None
+    result = None
     for _ in range(3):  # again where the edge is wider, or elsewhere, than was looked for
         half = float(np.clip(0.25 * radius + 2.0 * width, 6.0, 60.0))
-        found = _on_rays(stage, i, x0, y0, radius, half, width)
-        if found is None:
+        result = _on_rays(stage, i, x0, y0, radius, half, width)
+        if result is None:
             return None
-        moved = np.hypot(found.x - x0, found.y - y0) + abs(found.radius - radius)
-        settled = moved < 0.25 * half and found.edge.width < 0.4 * half
-        x0, y0, radius, width = found.x, found.y, max(found.radius, 1.0), max(0.5, found.edge.width)
+        moved = np.hypot(result.x - x0, result.y - y0) + abs(result.radius - radius)
+        settled = moved < 0.25 * half and result.edge.width < 0.4 * half
+        x0, y0, radius, width = result.x, result.y, max(result.radius, 1.0), max(0.5, result.edge.width)
         if settled:
             break
-    return found
+    return result
 
 
 def _on_rays(stage: Stage, i: int, x0: float, y0: float, radius: float, half: float, width: float) -> Outline | None:
     count = int(np.clip(2 * np.pi * radius / 1.5, *_RAYS))
     angles = np.arange(count) * (2 * np.pi / count)
     away = np.arange(max(radius - half, 0.25), radius + half, _STEP)
-    reach = radius + half + 2
-    top, left = max(int(y0 - reach), 0), max(int(x0 - reach), 0)
-    part = (slice(top, max(int(y0 + reach) + 2, 0)), slice(left, max(int(x0 + reach) + 2, 0)))
+    size = radius + half + 2
+    top, left = max(int(y0 - size), 0), max(int(x0 - size), 0)
+    part = (slice(top, max(int(y0 + size) + 2, 0)), slice(left, max(int(x0 + size) + 2, 0)))
     if 0 in stage.reference[part].shape:
         return None
     covered = stage.covered(i, part)
     x = x0 - left + np.cos(angles)[:, None] * away
     y = y0 - top + np.sin(angles)[:, None] * away
     along = map_coordinates(covered, [y, x], order=1, mode="constant", cval=np.nan)
-    seen = np.isfinite(along)
-    if seen.mean() < 0.02:
+    inside_frame = np.isfinite(along)
+    if inside_frame.mean() < 0.02:
         return None
     outer, inner = away > radius + 1.5 * width + 1.5, (away < radius - 1.5 * width - 1.0) & (away > 0.55 * radius)
-    beside = _level(along[:, outer], 0.0)
-    inside = _level(along[:, inner], 1.0) if radius > 8 and inner.sum() > 2 else 1.0
-    contrast = inside - beside
+    outside_level = _level(along[:, outer], 0.0)
+    inside_level = _level(along[:, inner], 1.0) if radius > 8 and inner.sum() > 2 else 1.0
+    contrast = inside_level - outside_level
     if contrast < 0.15:
         return None
     smooth = along if radius < 12 else (along + np.roll(along, 1, 0) + np.roll(along, -1, 0)) / 3
-    wall, outside, within = (_crossings(smooth, away, beside + part * contrast) for part in (0.5, 0.25, 0.75))
+    wall, outside, within = (_crossings(smooth, away, outside_level + part * contrast) for part in (0.5, 0.25, 0.75))
     on = np.isfinite(wall)
     if on.sum() < 8:
         return None
     points = np.stack([x0 + wall[on] * np.cos(angles[on]), y0 + wall[on] * np.sin(angles[on])], axis=1)
     width = _median(outside - within, np.nan)
-    lag = _lag(smooth, away, wall, beside, contrast, 1.2 * _median(outside - within, 2.0) + 1.5)[on]
+    lag = _lag(smooth, away, wall, outside_level, contrast, 1.2 * _median(outside - within, 2.0) + 1.5)[on]
     light = np.nan
-    if radius < 20 and seen.mean() > 0.99:
-        light = _light(covered, x0 - left, y0 - top, radius + 3 * width + 2.0, beside, 1.0)
+    if radius < 20 and inside_frame.mean() > 0.99:
+        light = _light(covered, x0 - left, y0 - top, radius + 3 * width + 2.0, outside_level, 1.0)
     edge = Edge(width, _median(lag, 0.0), light, contrast, float(on.mean()))
     return fitted(points, (x0, y0), edge)
 
 
 def _median(values: NDArray[np.floating], otherwise: float) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else otherwise
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else otherwise
 
 
 def _level(values: NDArray[np.floating], otherwise: float) -> float:
     """Their mean without stray ones: the median alone would be a whole grey value."""
-    known = values[np.isfinite(values)]
-    if not known.size:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         return otherwise
-    middle = np.median(known)
-    near = np.abs(known - middle)
-    return float(np.mean(known[near <= 4.0 * np.median(near) + 0.02]))
+    middle = np.median(finite)
+    deviation = np.abs(finite - middle)
+    return float(np.mean(finite[deviation <= 4.0 * np.median(deviation) + 0.02]))
 
 
 def _crossings(along: NDArray[np.floating], away: Floats, level: float) -> Floats:
@@ -204,26 +204,26 @@ def _crossings(along: NDArray[np.floating], away: Floats, level: float) -> Float
     ray = np.arange(len(along))
     before, after = along[ray, last], along[ray, last + 1]
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = away[last] + (away[1] - away[0]) * (before - level) / (before - after)
-    return np.where(falls.any(1), found, np.nan)
+        crossing = away[last] + (away[1] - away[0]) * (before - level) / (before - after)
+    return np.where(falls.any(1), crossing, np.nan)
 
 
 def _lag(
-    along: NDArray[np.floating], away: Floats, wall: Floats, beside: float, contrast: float, reach: float
+    along: NDArray[np.floating], away: Floats, wall: Floats, outside_level: float, contrast: float, distance: float
 ) -> Floats:
     """(rays,) by how much the mean of the wall over the exposure is beyond its half level: all that the profile covers
     within `reach` of it, which motion and optics do not change."""
-    near = np.abs(away - wall[:, None]) <= reach
-    begin = away[near.argmax(1)] - _STEP / 2
-    covered = np.where(near, (along - beside) / contrast, 0.0).sum(1) * _STEP
+    within = np.abs(away - wall[:, None]) <= distance
+    begin = away[within.argmax(1)] - _STEP / 2
+    covered = np.where(within, (along - outside_level) / contrast, 0.0).sum(1) * _STEP
     return np.asarray(begin + covered - wall)
 
 
-def _light(covered: Image, x: float, y: float, reach: float, beside: float, full: float) -> float:
+def _light(covered: Image, x: float, y: float, distance: float, outside_level: float, full: float) -> float:
     """Radius of the disc that takes as much light."""
     v, u = np.ogrid[: covered.shape[0], : covered.shape[1]]
-    near = (u - x) ** 2 + (v - y) ** 2 < reach**2
-    missing = float(np.nansum(covered[near] - beside)) / full
+    within = (u - x) ** 2 + (v - y) ** 2 < distance**2
+    missing = float(np.nansum(covered[within] - outside_level)) / full
     return float(np.sqrt(max(missing, 0.0) / np.pi))
 
 
@@ -261,12 +261,14 @@ def fitted(
         x, y = x + float(step[0]), y + float(step[1])
         if turn > 3 and np.hypot(*step) < 1e-3:
             break
-    kept = off[weight > 0]
-    rho = float(np.clip(np.corrcoef(kept[:-1], kept[1:])[0, 1], 0.0, 0.95)) if len(kept) > 4 and np.ptp(kept) else 0.0
-    worth = max(len(kept) * (1 - rho) / (1 + rho) - rows.shape[1], 2.0)
+    inliers = off[weight > 0]
+    rho = 0.0
+    if len(inliers) > 4 and np.ptp(inliers):
+        rho = float(np.clip(np.corrcoef(inliers[:-1], inliers[1:])[0, 1], 0.0, 0.95))
+    effective = max(len(inliers) * (1 - rho) / (1 + rho) - rows.shape[1], 2.0)
     radius = float(solution[0])
     if not 0.3 < radius < 1e4:
         return None
     mode = float(np.hypot(solution[2], solution[2 + most])) if most > 1 else np.nan
-    sigma = float(np.sqrt(np.mean(kept**2) / worth))
-    return Outline(points, radius, x, y, sigma, mode, float(len(kept) / len(off)), edge)
+    sigma = float(np.sqrt(np.mean(inliers**2) / effective))
+    return Outline(points, radius, x, y, sigma, mode, float(len(inliers) / len(off)), edge)

@@ -15,9 +15,13 @@ from cavirheo.video.film import write_movie
 from cavirheo.video.measurement import Measurement
 
 COLOURS = {  # Okabe and Ito's; what is not named is grey
-    "ok": "#56b4e9", "small": "#009e73", "arc": "#f0e442", "reversal": "#d55e00", "spike": "#cc79a7",
-    "poor": "#e69f00", "faint": "#e69f00", "elsewhere": "#e69f00", "lost": "#e69f00",
-}  # fmt: skip
+    "ok": "#56b4e9",
+    "small": "#009e73",
+    "arc": "#f0e442",
+    "reversal": "#d55e00",
+    "spike": "#cc79a7",
+    **dict.fromkeys(("poor", "faint", "elsewhere", "lost"), "#e69f00"),
+}
 GREY = "#999999"
 _SHEET = 1600  # px across
 _CELL = (190, 150)  # px of a frame in it, at most
@@ -26,16 +30,16 @@ _LARGEST = 4.0  # times, that a single frame is enlarged
 _FILM = 640  # px across, at least
 
 
-def contact_sheet(found: Measurement) -> Image.Image:
+def contact_sheet(measurement: Measurement) -> Image.Image:
     """All frames, or evenly chosen ones of very many."""
-    n = len(found.time)
+    n = len(measurement.time)
     chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST)).astype(int))
-    height, width = found.recording.frames.shape[1:]
+    height, width = measurement.recording.frames.shape[1:]
     scale = min(_CELL[0] / width, _CELL[1] / height)
     across, cell = _SHEET // _CELL[0], (int(width * scale), int(height * scale) + 13)
     rows = -(-len(chosen) // across)
     sheet = Image.new("RGB", (across * (cell[0] + 4) + 4, rows * (cell[1] + 4) + 4), "white")
-    for k, picture in enumerate(_pictures(found, scale, chosen)):
+    for k, picture in enumerate(_pictures(measurement, scale, chosen)):
         sheet.paste(picture, (4 + k % across * (cell[0] + 4), 4 + k // across * (cell[1] + 4)))
     return sheet
 
@@ -48,15 +52,15 @@ def save_sheet(path: Path, sheet: Image.Image) -> None:
     sheet.quantize(palette=palette, dither=Image.Dither.NONE).save(path, "png", optimize=True)
 
 
-def sheet_address(found: Measurement) -> str:
+def sheet_address(measurement: Measurement) -> str:
     """The sheet itself, as an address that a page can show."""
-    return _address(contact_sheet(found), 60)
+    return _address(contact_sheet(measurement), 60)
 
 
-def frame_address(found: Measurement, i: int, across: int) -> str:
+def frame_address(measurement: Measurement, i: int, across: int) -> str:
     """Frame i with its circle, about so many px across, as such an address."""
-    scale = min(across / found.recording.frames.shape[2], _LARGEST)
-    return _address(frame_picture(found, i, scale, shown_levels(found)), 80)
+    scale = min(across / measurement.recording.frames.shape[2], _LARGEST)
+    return _address(frame_picture(measurement, i, scale, shown_levels(measurement)), 80)
 
 
 def _address(picture: Image.Image, quality: int) -> str:
@@ -65,42 +69,43 @@ def _address(picture: Image.Image, quality: int) -> str:
     return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
 
 
-def write_overlay(path: Path, found: Measurement) -> None:
+def write_overlay(path: Path, measurement: Measurement) -> None:
     """The recording as a film (H.264), every frame with its circle."""
-    scale = max(1.0, _FILM / found.recording.frames.shape[2])
-    film = (np.asarray(picture) for picture in _pictures(found, scale, np.arange(len(found.time))))
+    scale = max(1.0, _FILM / measurement.recording.frames.shape[2])
+    film = (np.asarray(picture) for picture in _pictures(measurement, scale, np.arange(len(measurement.time))))
     write_movie(path, film, "rgb24", "libx264", "yuv420p", {"crf": "20"})
 
 
-def _pictures(found: Measurement, scale: float, chosen: np.ndarray) -> Iterator[Image.Image]:
-    levels = shown_levels(found)
+def _pictures(measurement: Measurement, scale: float, chosen: np.ndarray) -> Iterator[Image.Image]:
+    levels = shown_levels(measurement)
     for i in chosen:
-        picture = frame_picture(found, int(i), scale, levels)
-        flag, radius = str(found.track.flags[i]), found.track.radius[i]
-        words = f"{found.first + i} {flag}" + (f" {radius:.1f}" if np.isfinite(radius) else "")
+        picture = frame_picture(measurement, int(i), scale, levels)
+        flag, radius = str(measurement.track.flags[i]), measurement.track.radius[i]
+        words = f"{measurement.first + i} {flag}" + (f" {radius:.1f}" if np.isfinite(radius) else "")
         labelled = Image.new("RGB", (picture.width, picture.height + 13), "#222222")
         labelled.paste(picture, (0, 13))
         ImageDraw.Draw(labelled).text((2, 0), words, fill=COLOURS.get(flag, GREY))
         yield labelled
 
 
-def shown_levels(found: Measurement) -> tuple[float, float]:
+def shown_levels(measurement: Measurement) -> tuple[float, float]:
     """The pixel values that are shown as black and nearly white."""
-    images = found.recording.frames
-    usual = np.flatnonzero(np.isin(found.track.flags, ("flash", "dark"), invert=True))
+    images = measurement.recording.frames
+    usual = np.flatnonzero(np.isin(measurement.track.flags, ("flash", "dark"), invert=True))
     some = images[usual[:: max(len(images) // 40, 1)], ::3, ::3] if len(usual) else images
     low, high = np.percentile(some, (0.5, 99.5))
     return float(low), max(float(high), float(low) + 1.0)
 
 
-def frame_picture(found: Measurement, i: int, scale: float, levels: tuple[float, float]) -> Image.Image:
+def frame_picture(measurement: Measurement, i: int, scale: float, levels: tuple[float, float]) -> Image.Image:
     """Frame i with its circle, in the colour of its flag; with a border of it where there is no radius."""
-    image, (low, high) = found.recording.frames[i].astype(np.float32), levels
+    image, (low, high) = measurement.recording.frames[i].astype(np.float32), levels
     grey = Image.fromarray(np.clip((image - low) * (235.0 / (high - low)), 0, 255).astype(np.uint8))
     size = int(grey.width * scale), int(grey.height * scale)
     picture = grey.resize(size, Image.Resampling.BILINEAR).convert("RGB")
-    draw, colour = ImageDraw.Draw(picture), COLOURS.get(str(found.track.flags[i]), GREY)
-    x, y, r = (scale * float(one[i]) for one in (found.track.x + 0.5, found.track.y + 0.5, found.track.radius))
+    draw, colour = ImageDraw.Draw(picture), COLOURS.get(str(measurement.track.flags[i]), GREY)
+    track = measurement.track
+    x, y, r = scale * float(track.x[i] + 0.5), scale * float(track.y[i] + 0.5), scale * float(track.radius[i])
     if np.isfinite(r):
         box = [floor(end) for end in (x - r, y - r, x + r, y + r)]
         draw.ellipse(box, outline=colour, width=max(round(scale), 1))

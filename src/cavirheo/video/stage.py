@@ -50,9 +50,9 @@ class Stage:
         part = part or (slice(None), slice(None))
         light, behind = (_binned(image[part], step) for image in (self.frames[i], self.reference))
         behind *= np.float32(self.gains[i])
-        found = (behind - light) / (np.float32(self.depth) * behind if self.depth > 0 else np.float32(self.depth))
-        found[self.blind[part][::step, ::step][: found.shape[0], : found.shape[1]]] = np.nan
-        return found
+        share = (behind - light) / (np.float32(self.depth) * behind if self.depth > 0 else np.float32(self.depth))
+        share[self.blind[part][::step, ::step][: share.shape[0], : share.shape[1]]] = np.nan
+        return share
 
 
 def _binned(image: Pixels, step: int) -> Image:
@@ -69,8 +69,8 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
 
     Raises InputError: nothing moves in the recording, or an option is wrong.
     """
-    known = f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}"
-    require(polarity in POLARITIES, known, "video.polarity")
+    message = f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}"
+    require(polarity in POLARITIES, message, "video.polarity")
     frames = recording.frames
     step = max(int(np.sqrt(frames[0].size / _SAMPLED)), int(np.sqrt(frames.size / _AT_ONCE)), 1)
     small = frames[:, ::step, ::step].astype(np.float32)
@@ -91,13 +91,13 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
     # Of a bubble that is never gone, the middle of where things move is always covered.
     within = binary_fill_holes(moving)
     bare = np.where(within & (sign * (usual - middle) > 0.3 * swing), usual, middle)
-    seen = np.flatnonzero(((sign * (bare - small) > 0.5 * swing) & within).any((1, 2)))
-    empty = normal[: int(seen[0])] if len(seen) else normal[:0]
+    with_bubble = np.flatnonzero(((sign * (bare - small) > 0.5 * swing) & within).any((1, 2)))
+    empty = normal[: int(with_bubble[0])] if len(with_bubble) else normal[:0]
     empty = empty[:-1] if len(empty) > 2 else empty
     reference = _first_background(frames, normal, level / usual, empty, sign, swing, usual)
     if reference_frame is not None:
-        given = f"the reference frame must be 1 to {len(frames)}, got {reference_frame}"
-        require(1 <= reference_frame <= len(frames), given, "video.reference_frame")
+        message = f"the reference frame must be 1 to {len(frames)}, got {reference_frame}"
+        require(1 <= reference_frame <= len(frames), message, "video.reference_frame")
         reference = frames[reference_frame - 1].astype(np.float32)
     depth = swing / usual if sign > 0 else -swing
     blind = reference < (_OPAQUE * usual if sign > 0 else -1.0)
@@ -109,11 +109,11 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
     return Stage(frames, kinds, reference, depth, blind, noise / swing, first, gains)
 
 
-def _gain(frame: Pixels, reference: Image, seen: Bools, depth: float | None = None) -> float:
+def _gain(frame: Pixels, reference: Image, pixels: Bools, depth: float | None = None) -> float:
     """Brightness of a frame over that of the background, by the middle of the pixels that are seen; of these that the
     bubble may cover only those that are nearer to light than to dark."""
-    some = seen[::3, ::3]
-    ratio = frame[::3, ::3][some] / reference[::3, ::3][some]
+    chosen = pixels[::3, ::3]
+    ratio = frame[::3, ::3][chosen] / reference[::3, ::3][chosen]
     if depth is not None and ratio.size:
         bulk = np.percentile(ratio, 90 if depth > 0 else 10)
         ratio = ratio[np.sign(depth) * (ratio / bulk - 1.0) > -abs(depth) / 2]

@@ -93,77 +93,78 @@ def follow(stage: Stage, exposure: float | None = None, done: Callable[[], None]
     Raises InputError: no bubble.
     """
     n = len(stage.frames)
-    seen = {i: outline.patches(stage, i) for i in map(int, np.flatnonzero(stage.kinds == ""))}
-    chosen, strays = _one_bubble(seen, n)
+    patches_of = {i: outline.patches(stage, i) for i in map(int, np.flatnonzero(stage.kinds == ""))}
+    chosen, elsewhere = _one_bubble(patches_of, n)
     levels = [patch.inside for patch in chosen.values() if patch.radius > 10 and np.isfinite(patch.inside)]
     stage = refined(stage, {i: (patch.x, patch.y, patch.radius) for i, patch in chosen.items()})
     if levels:
         stage = replace(stage, depth=stage.depth * float(np.median(levels)))
-    for i in seen:
-        if not seen[i]:
-            seen[i] = outline.patches(stage, i)
-    chosen, strays = _one_bubble(seen, n)
-    twins = sum(_is_twin(seen[i], patch) for i, patch in chosen.items())
-    found: dict[int, Outline] = {}
+    for i in patches_of:
+        if not patches_of[i]:
+            patches_of[i] = outline.patches(stage, i)
+    chosen, elsewhere = _one_bubble(patches_of, n)
+    twins = sum(_is_twin(patches_of[i], patch) for i, patch in chosen.items())
+    outlines: dict[int, Outline] = {}
     for i, patch in chosen.items():
         if measured := outline.measure(stage, i, patch):
-            found[i] = measured
+            outlines[i] = measured
         done()
-    require(bool(found), _NOTHING, "video.no_bubble")
-    return _judged(stage, _centred(found), strays, exposure, twins)
+    require(bool(outlines), _NOTHING, "video.no_bubble")
+    return _judged(stage, _centred(outlines), elsewhere, exposure, twins)
 
 
 _NOTHING = "no bubble is found in any frame; name its place with --roi x,y,w,h, or --polarity dark or bright"
 
 
-def _one_bubble(seen: dict[int, list[Patch]], n: int) -> tuple[dict[int, Patch], set[int]]:
+def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, Patch], set[int]]:
     """(the patch of the bubble by frame, frames that show something elsewhere): from the largest patch on both ways."""
-    largest = max(seen, key=lambda i: max((patch.area for patch in seen[i]), default=0.0))
-    require(bool(seen[largest]), _NOTHING, "video.no_bubble")
-    peak, chosen, strays = seen[largest][0], {}, set()
+    largest = max(patches_of, key=lambda i: max((patch.area for patch in patches_of[i]), default=0.0))
+    require(bool(patches_of[largest]), _NOTHING, "video.no_bubble")
+    peak, chosen, elsewhere = patches_of[largest][0], {}, set()
     for way in (range(largest, n), range(largest - 1, -1, -1)):
         last, gone = peak, 0
         for i in way:
-            near = [patch for patch in seen.get(i, ()) if _distance(patch, last) < _reach(patch, last)]
-            if near:
-                last, gone = max(near, key=lambda one: one.area / (1.0 + (_distance(one, last) / 10.0) ** 2)), 0
+            candidates = [patch for patch in patches_of.get(i, ()) if _distance(patch, last) < _reach(patch, last)]
+            if candidates:
+                weights = [patch.area / (1.0 + (_distance(patch, last) / 10.0) ** 2) for patch in candidates]
+                last, gone = candidates[int(np.argmax(weights))], 0
                 chosen[i] = last
-            elif i in seen:
+            elif i in patches_of:
                 gone += 1
-                if seen[i]:
-                    strays.add(i)
+                if patches_of[i]:
+                    elsewhere.add(i)
                 if way.step < 0 and gone > RULES.gap:
                     break
-    return dict(sorted(chosen.items())), strays
+    return dict(sorted(chosen.items())), elsewhere
 
 
-def _distance(one: Patch, other: Patch) -> float:
-    return hypot(one.x - other.x, one.y - other.y)
+def _distance(a: Patch, b: Patch) -> float:
+    return hypot(a.x - b.x, a.y - b.y)
 
 
-def _reach(one: Patch, other: Patch) -> float:
-    return RULES.jump + 0.5 * max(one.radius, other.radius)
+def _reach(a: Patch, b: Patch) -> float:
+    return RULES.jump + 0.5 * max(a.radius, b.radius)
 
 
 def _is_twin(patches: list[Patch], bubble: Patch) -> bool:
-    return any(other is not bubble and other.area > 0.5 * bubble.area > 25.0 for other in patches)
+    return any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches)
 
 
-def _centred(found: dict[int, Outline]) -> dict[int, Outline]:
+def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
     """Outlines that are not seen whole get the centre that others near them have."""
-    whole = [i for i, one in found.items() if one.edge.arc > WHOLE]
-    whole = whole or sorted(found, key=lambda i: -found[i].edge.arc)[:5]
+    whole = [i for i, fit in outlines.items() if fit.edge.arc > WHOLE]
+    whole = whole or sorted(outlines, key=lambda i: -outlines[i].edge.arc)[:5]
 
-    def centred(i: int, one: Outline) -> Outline:
-        if one.edge.arc > WHOLE:
-            return one
-        near = [found[k] for k in sorted(whole, key=lambda k: abs(k - i))[: RULES.near]]
-        weight = np.array([1.0 / max(other.sigma, 0.02) for other in near])
-        x, y = (_weighted_median(np.array([getattr(other, axis) for other in near]), weight) for axis in "xy")
-        spread = 1.4826 * float(np.median([hypot(other.x - x, other.y - y) for other in near])) + 0.3
-        return outline.fitted(one.points, (one.x, one.y), one.edge, (x, y, spread)) or one
+    def centred(i: int, fit: Outline) -> Outline:
+        if fit.edge.arc > WHOLE:
+            return fit
+        neighbours = [outlines[k] for k in sorted(whole, key=lambda k: abs(k - i))[: RULES.near]]
+        weight = np.array([1.0 / max(each.sigma, 0.02) for each in neighbours])
+        x, y = (_weighted_median(np.array([getattr(each, axis) for each in neighbours]), weight) for axis in "xy")
+        spread = 1.4826 * float(np.median([hypot(each.x - x, each.y - y) for each in neighbours])) + 0.3
+        return outline.fitted(fit.points, (fit.x, fit.y), fit.edge, (x, y, spread)) or fit
 
-    return {i: centred(i, one) for i, one in found.items()}
+    return {i: centred(i, fit) for i, fit in outlines.items()}
 
 
 def _weighted_median(values: Floats, weights: Floats) -> float:
@@ -172,13 +173,14 @@ def _weighted_median(values: Floats, weights: Floats) -> float:
     return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
-def _judged(stage: Stage, found: dict[int, Outline], strays: set[int], exposure: float | None, twins: int) -> Track:
+def _judged(
+    stage: Stage, outlines: dict[int, Outline], elsewhere: set[int], exposure: float | None, twins: int
+) -> Track:
     """The radii of the outlines, corrected for blur, with deviations and flags."""
-    n, index = len(stage.frames), list(found)
+    n, index = len(stage.frames), list(outlines)
     values = np.full((11, n), np.nan)
-    values[:, index] = np.transpose(
-        [(one.radius, one.sigma, one.x, one.y, one.mode, one.good, *astuple(one.edge)) for one in found.values()]
-    )
+    for i, fit in outlines.items():
+        values[:, i] = fit.radius, fit.sigma, fit.x, fit.y, fit.mode, fit.good, *astuple(fit.edge)
     radius, sigma, x, y, mode, good, width, lag, light, contrast, arc = values
     sharp = (arc > 0.5) & (radius > 8.0) & (width > 0.0)
     optics = float(np.percentile(width[sharp], 20)) / QUARTERS if sharp.any() else 1.0
@@ -194,13 +196,16 @@ def _judged(stage: Stage, found: dict[int, Outline], strays: set[int], exposure:
     radius = np.where(small, share * light, radius)
     radius[~(radius > 0.0)] = np.nan
     parts = (
-        RULES.scatter * sigma, RULES.per_width * width, RULES.per_lag * moved, RULES.small_share * radius * small,
+        RULES.scatter * sigma,
+        RULES.per_width * width,
+        RULES.per_lag * moved,
+        RULES.small_share * radius * small,
         RULES.per_bend * optics**4 / np.maximum(radius, optics) ** 3 * ~small,
-    )  # fmt: skip
+    )
     sigma = np.sqrt(RULES.floor**2 + sum(part**2 for part in parts))
     flags = stage.kinds.astype("U12")
     flags[flags == ""] = "lost"
-    flags[[i for i in strays if i not in found]] = "elsewhere"
+    flags[[i for i in elsewhere if i not in outlines]] = "elsewhere"
     flags[index] = "ok"
     flags[small] = "small"
     flags[arc < RULES.short_arc] = "arc"
@@ -221,8 +226,8 @@ def _judged(stage: Stage, found: dict[int, Outline], strays: set[int], exposure:
     used = np.isin(flags, USED)
     systematic = np.hypot(RULES.systematic_width * width, np.nan_to_num(mode) / 6.0)
     columns = np.where(used, (radius, sigma, systematic, x, y, mode / radius, width, arc), np.nan)
-    named = dict(zip((each.name for each in fields(Track)), columns, strict=False))
-    return Track(**named, flags=flags, optics=optics, exposure_hint=hint, twins=twins)
+    arrays = dict(zip((each.name for each in fields(Track)), columns, strict=False))
+    return Track(**arrays, flags=flags, optics=optics, exposure_hint=hint, twins=twins)
 
 
 def _exposure_hint(radius: Floats, width: Floats, flags: NDArray[np.str_], optics: float) -> float | None:
@@ -240,29 +245,29 @@ def _exposure_hint(radius: Floats, width: Floats, flags: NDArray[np.str_], optic
 def _reversals(radius: Floats, exposure: float) -> list[int]:
     """Frames in whose exposure the wall turns fast enough to matter."""
     turned = []
-    known = [int(i) for i in np.flatnonzero(np.isfinite(radius))]
-    for k in range(1, len(known) - 1):
-        before, i, after = known[k - 1], known[k], known[k + 1]
+    measured = [int(i) for i in np.flatnonzero(np.isfinite(radius))]
+    for k in range(1, len(measured) - 1):
+        before, i, after = measured[k - 1], measured[k], measured[k + 1]
         if radius[i] > min(radius[before], radius[after]) or after - before > 4:
             continue
         speed = max((radius[before] - radius[i]) / (i - before), (radius[after] - radius[i]) / (after - i))
-        turn = _turn(radius, known, k)
+        turn = _turn(radius, measured, k)
         late = [abs(j - turn) < exposure / 2 + RULES.close for j in (before, i, after)]
         if speed * exposure / 2 > RULES.swing:
             turned += [j for j, within in zip((before, i, after), late, strict=True) if within]
     return turned
 
 
-def _turn(radius: Floats, known: list[int], k: int) -> float:
+def _turn(radius: Floats, measured: list[int], k: int) -> float:
     """When the wall turns near the smallest radius known[k], in frames.
 
     Between the lowest point of the parabola through three frames, which a gentle turn has, and where the branches of
     R^(5/2) meet, which in a collapse are straight.
     """
-    before, i, after = known[k - 1 : k + 2]
+    before, i, after = measured[k - 1 : k + 2]
     falls, rises = (radius[before] - radius[i]) / (i - before), (radius[after] - radius[i]) / (after - i)
     lowest = i + 0.5 * (falls - rises) / max(falls + rises, 1e-9)
-    near = known[k - 2 : k + 3]
-    if k < 2 or len(near) < 5:
+    five = measured[k - 2 : k + 3]
+    if k < 2 or len(five) < 5:
         return lowest
-    return (lowest + collapse_time(np.array(near, float), radius[near], 2)) / 2
+    return (lowest + collapse_time(np.array(five, float), radius[five], 2)) / 2

@@ -17,8 +17,8 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.errors import InputError, printable, require
-from cavirheo.reading.files import guarded, sha256, shown
-from cavirheo.reading.tables import Table, Term, Vocabulary, read_columns
+from cavirheo.io.files import guarded, sha256, shown
+from cavirheo.io.tables import Table, Term, Vocabulary, read_columns
 from cavirheo.writing.digits import counted
 
 _PASCAL = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "pa": 1.0, "KPa": 1e3, "kpa": 1e3, "dyncm2": 0.1}

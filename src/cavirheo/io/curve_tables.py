@@ -1,0 +1,326 @@
+"""Tables of radius histories: with a header, or one of the two layouts without one that can be told apart.
+
+A header names its columns `time_us,radius_um`, in any case and in several languages, with s, ms, us, ns and m, mm, um,
+px written `time_s`, `t [us]`, `R (microns)`, or in the row below. Numbers of frames with a frame rate may stand for
+the times, diameters for the radii. Several curves: a column `curve` or `shot`, or one column of radii for each
+(`R1_um,R2_um`, `Shot 1 (um)`). Optional: `radius_std_um`; and of each curve `rmax_um`, the true R_max, and `stretch`
+with `stretch_std`, what is known of R_max/R_0.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, require
+from cavirheo.io import limits
+from cavirheo.io.formats import is_number
+from cavirheo.io.samples import RADIUS_UNITS, TIME_UNITS, make_curve, swapped
+from cavirheo.io.tables import Column, Name, Table, Term, Vocabulary, read_columns, single
+from cavirheo.io.units import unit_of
+from cavirheo.messages import Message
+from cavirheo.parameters import FRAME_RATE, RADIUS
+from cavirheo.writing.document import write_rows
+
+ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
+_EITHER = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # the unit of another quantity is seen as a mistake
+_SHOT = r"(?:shot|bubble|curve|run|exp|experiment|schuss|blase|kurve|tir|bulle|courbe|essai|disparo|burbuja|curva)"
+_NUMBER = re.compile(rf"(?:\b|_)?({_SHOT}?)[\s_#.\-]*(\d+)(?!.*\d)", re.I)  # the last one in a title
+_UNIT = re.compile(r"[\s_\[(/,]([^\W_]+)[\])]?$")
+_NO_RADIUS = re.compile(r"(x|y|z|pos|cent|dist|depth|height|width|length|wave|gap|lambda|std|sd|err)", re.I)
+_COUNT = r"(\d[\d.,' ]*(?:e\+?\d+)?)"
+_RATE = re.compile(
+    r"(?:frame.?rate|fps|frames.per.s|bildrate|bildfrequenz|aufnahmerate|cadence|フレームレート|帧率)\D{0,20}?"
+    rf"{_COUNT}|{_COUNT}\s*[kM]?(?:fps|frames)",
+    re.I,
+)
+_CAMERA = (1e3, 1e10)  # frames per second that may show the collapse of a bubble
+_SEPARATOR = -1000.0
+_PROVEN = (0.55, 1.6)  # Rayleigh times of a first collapse that prove the units of time and radius
+_ADVICE = "begin the file with a header line such as time_us,radius_um, or time_us,R1_um,R2_um for several shots"
+
+
+def _of_one_shot(title: str) -> Name:
+    """What titles of one curve among several name: `R2_um`, `Radius shot 2 (um)`, `Shot 2`, `gel_02 [um]`.
+
+    A length under the name of a shot is a "shot".
+    """
+    match = _NUMBER.search(title[:200])
+    if not match:
+        return Name()
+    shot, number = match.groups()
+    words = (title[: match.start()] + " " + title[match.end() :]).strip()
+    kind, unit, _ = CURVES.name_by_words(words)
+    if kind in ("time", "radius", "diameter"):
+        return Name(kind, unit, number)
+    written = _UNIT.search(title)
+    unit = unit_of(written[1], _EITHER) if written else None
+    bare = not words or bool(written and words.strip("_[]()/ ") == written[1])
+    length = unit in RADIUS_UNITS and not _NO_RADIUS.match(title)
+    return Name("shot" if (shot and bare) or length else "", unit, number)
+
+
+CURVES = Vocabulary(
+    {
+        "time": Term("t time elapsedtime zeit temps tiempo tempo 時間 时间", _EITHER),
+        "frame": Term(
+            "frame frames frameno framenumber framenr frameindex framenum image imageno imagenumber bild bildnr "
+            "bildnummer fotograma cuadro numeroimage numerodimage フレーム フレーム番号 コマ 帧 帧号 帧数",
+            _EITHER,
+        ),
+        "radius": Term(
+            "r radius rt rnew bubbleradius radiusofbubble radiusofthebubble meanradius averageradius equivalentradius "
+            "blasenradius rayon rayonbulle rayondebulle rayondelabulle radio radioburbuja radiodeburbuja "
+            "radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
+            _EITHER,
+            twice="the shots of a file are R1_um, R2_um, or have a column `shot`",
+        ),
+        "max_radius": Term("rmax truermax maxradius maximumradius", _EITHER),
+        "stretch": Term("stretch lambdamax lambdamaxmean"),
+        "stretch_std": Term("stretchstd lambdamaxstd"),
+        "radius_std": Term("radiusstd rstd radiussd rsd", _EITHER),
+        "diameter": Term(
+            "diameter bubblediameter meandiameter equivalentdiameter durchmesser blasendurchmesser diametre "
+            "diametrebulle diametredebulle diametredelabulle diametro 直径 直徑 気泡直径 气泡直径",
+            _EITHER,
+            symbols="d",
+        ),
+        "area": Term(
+            "area bubblearea flache blasenflache aire surface superficie 面積 面积",
+            {f"{unit}2": np.nan for unit in RADIUS_UNITS},
+            symbols="a",
+        ),
+        "shot": Term(""),
+        "curve": Term("curve shot"),
+    },
+    _ADVICE,
+    codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
+    other=_of_one_shot,
+    bare=True,
+)
+_NEED = ("time|frame", "radius|diameter|area|shot")
+
+
+def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
+    """The curves of a text table, or of the first sheet of a workbook; the options are those of `read_curves`.
+
+    Raises:
+        InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
+    """
+    (table,) = read_columns(path, CURVES, _NEED)
+    curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
+    notes = ["read from the first sheet of the workbook"] if table.sheet else []
+    return [curve.with_notes(*notes) for curve in curves] if notes else curves
+
+
+def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
+    shot, std, max_radius = map(table.only, ("curve", "radius_std", "max_radius"))
+    stretches = [column for column in map(table.only, ("stretch", "stretch_std")) if column]
+    radii, radius_notes = _radii(table)
+    clock, time_unit, clock_notes, warnings = _clock(table, frame_rate)
+    units = {column.unit for column in radii}
+    fine = time_unit in (None, *TIME_UNITS) and units <= {None, *RADIUS_UNITS}
+    radius_units = " and ".join(str(column.unit) for column in radii[:2])
+    message = f"the header {table.titles} gives time in {time_unit} and radius in {radius_units}"
+    require(fine, message, "table.units")
+    notes = [*table.notes, *radius_notes, *clock_notes]
+    deviation = None
+    if std and len(radii) > 1:
+        notes.append(f"{std.title!r} is not used: there are {len(radii)} columns of radii")
+    elif std:
+        std_unit = std.unit or radii[0].unit
+        message = f"radius is in {radii[0].unit} but radius_std in {std_unit}; give both in one unit"
+        require(std_unit == radii[0].unit, message, "table.units")
+        deviation = std.numbers
+    message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other" if shot else ""
+    require(not shot or len(radii) == 1, message, "table.twice")
+    shots: dict[str, list[int]] = {}
+    for k, label in enumerate(shot.text if shot else [""] * len(table.rows)):
+        shots.setdefault(label, []).append(k)
+    limits.few(len(shots) * len(radii), limits.CURVES, "curves")
+    curves = []
+    for column in radii:
+        radius = column.numbers * (0.5 if column.name.kind == "diameter" else 1.0)
+        for label, rows in shots.items():
+            meta, stretch_notes = _stated_stretch(stretches, rows)
+            if shot or len(radii) > 1:
+                meta["label"] = label if shot else re.sub(r"\s*[\[(].*", "", column.title) or column.title
+            curve = make_curve(
+                clock[rows],
+                radius[rows],
+                None if deviation is None else deviation[rows],
+                time_unit=time_unit,
+                radius_unit=column.unit,
+                notes=(*notes, *stretch_notes),
+                warnings=warnings,
+                **meta,
+            )
+            curves.append(_with_size(curve, max_radius, rows) if max_radius else curve)
+    return curves
+
+
+def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCurve:
+    """Scaled to the R_max in these rows of a column, if there is one. Raises InputError: two, or that of no bubble."""
+    if column.unit not in RADIUS_UNITS or column.unit == "px":
+        return curve.with_notes(f"the column {column.title!r} is not used: it names no unit of length, as rmax_um does")
+    sizes = sorted({float(value) for value in column.numbers[rows] if np.isfinite(value)})
+    message = f"{column.title!r} has {len(sizes)} values for one curve, {sizes[:2]}: expected its R_max in every row"
+    require(len(sizes) < 2, message, "table.several_sizes")
+    if not sizes:
+        return curve
+    RADIUS.check(column.title, size := sizes[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
+    with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
+        factor = size / curve.max_radius
+        scaled = (
+            "radii scaled to it" if abs(factor - 1.0) < ONE_SCALE else f"radii of {curve.name} scaled by {factor:.3g}"
+        )
+        hint = f"R_max of each shot as the column {column.title!r} has it: {scaled}"
+        return curve.labelled(hints=(*curve.hints, hint)).with_max_radius(size)
+    return curve
+
+
+def _stated_stretch(columns: list[Column], rows: list[int]) -> tuple[dict[str, Any], list[str]]:
+    """What columns state of the stretch of one curve, and notes; one that changes from frame to frame is another."""
+    meta, notes = dict[str, Any](), list[str]()
+    for column in columns:
+        values = {float(value) for value in column.numbers[rows] if np.isfinite(value)}
+        if len(values) == 1:
+            meta[column.name.kind] = values.pop()
+        elif values:
+            notes.append(f"the column {column.title!r} is not used: it changes from frame to frame")
+    if "stretch" in meta:
+        notes.append(f"the file states the stretch {meta['stretch']:.4g} +- {meta.get('stretch_std', np.nan):.2g}")
+    return meta, notes
+
+
+def _radii(table: Table) -> tuple[list[Column], list[str]]:
+    """(the columns of radii, one curve each; notes).
+
+    Raises:
+        InputError: there is none, or it is not clear which they are.
+    """
+    kind = next(kind for kind in ("radius", "diameter", "area", "shot") if table.all(kind))
+    radii, notes = table.all(kind), []
+    message = f"{radii[0].title!r} is an area: give a column of radii, sqrt(area/pi) if the bubble is round"
+    require(kind != "area", message, "table.area")
+    if len({column.unit for column in radii} - {"px"}) == 1 and any(column.unit == "px" for column in radii):
+        notes.append("the column in pixels is not used: there is one in a unit of length")
+        radii = [column for column in radii if column.unit != "px"]
+    plain, counted = ([c for c in radii if bool(c.name.number) == has] for has in (False, True))
+    if plain and counted:
+        titles = " and ".join(repr(column.title) for column in (plain[0], counted[0]))
+        message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
+        require({c.name.number.lstrip("0") for c in counted} == {""}, message, "table.twice")  # R0 is another radius
+        counted = []
+    if not counted:
+        single(plain)
+    radii = counted or plain
+    message = f"two columns {radii[0].title!r}; number them"
+    require(len({c.title for c in radii}) == len(radii), message, "table.twice")
+    if len(radii) > 1:
+        titles = ", ".join(column.title for column in radii[:6]) + (", ..." if len(radii) > 6 else "")
+        notes.append(
+            f"{len(radii)} columns of {'diameters' if kind == 'diameter' else 'radii'}, a curve each: {titles}"
+        )
+    elif kind == "shot":
+        notes.append(f"the column {radii[0].title!r} taken as the radius")
+    return radii, notes + (["diameters halved"] if kind == "diameter" else [])
+
+
+def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, list[str], list[Message]]:
+    """((rows,) times, their unit, notes, warnings), of the times in the file, or its frame numbers and the frame rate.
+
+    Raises:
+        InputError: two columns of times, or no frame rate, or two.
+    """
+    time, frame = table.only("time"), table.only("frame")
+    if time:
+        idle = ["the frame rate that is given is not used: the file has times"] if frame_rate else []
+        return time.numbers, time.unit, idle, []
+    assert frame is not None  # a header without times has frames
+    stated = _stated_rates(table.above)
+    rate = frame_rate or (stated[0] if len(stated) == 1 else None)
+    stated_rates = f"; the file states {' and '.join(f'{value:g}/s' for value in stated)}" if stated else ""
+    message = f"{frame.title!r} has numbers of frames and no times{stated_rates}: give the frame rate (--fps 1e6)"
+    require(rate is not None, message, "table.frame_rate")
+    assert rate is not None
+    if frame_rate is not None:
+        FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
+    note = f"times of the numbers in {frame.title!r} at {rate:.6g} frames per second, as "
+    note += "given" if frame_rate else "the file states"
+    different = [value for value in stated if abs(value / rate - 1) > 0.01]
+    warnings = [Message("check_input.frame_rate", {"given": rate, "stated": value}) for value in different[:1]]
+    return frame.numbers / rate, "s", [note, *(warning.text for warning in warnings)], warnings
+
+
+def _stated_rates(lines: Iterable[str]) -> list[float]:
+    """The frame rates, 1/s, that stand above a table (`frame rate: 1,000,000 fps`, `270 kfps`)."""
+    stated: dict[float, None] = {}
+    for line in lines:
+        for match in _RATE.finditer(line[:300]):
+            unit = 1e3 if re.search(r"\bk(fps|hz)|\dk(fps|hz)", line, re.I) else 1.0
+            unit = 1e6 if re.search(r"\bM(fps|hz)|\dM(fps|hz)", line, re.I) else unit
+            text = re.sub("[' ]", "", match[1] or match[2]).strip(".,")
+            readings = {text.replace(",", ""), text.replace(".", "").replace(",", ".")}
+            rates = {float(number) * unit for number in readings if is_number(number) and number.count(".") < 2}
+            possible = [rate for rate in rates if _CAMERA[0] <= rate <= _CAMERA[1]]
+            if len(possible) == 1:
+                stated[possible[0]] = None
+    return list(stated)
+
+
+def _without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
+    """Curves separated by rows of -1000; else two columns (or one time and two radii) whose units prove themselves."""
+    width = max(len(row.cells) for row in table.rows)
+    values = [Column(table, at, "", Name()).numbers for at in range(width)]
+    while len(values) > 2 and np.isnan(values[-1]).all():  # each line ends with a separator
+        values.pop()
+    columns, numbers = len(values), np.column_stack(values)
+    separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
+    if len(separators) and columns == 2:
+        limits.few(len(separators), limits.CURVES, "curves")
+        blocks = [b[np.any(b != _SEPARATOR, axis=1)] for b in np.split(numbers, separators)]
+        filled = [b for b in blocks if np.count_nonzero(b[:, 1] > 1e-9) > 0]
+        without = sum(len(b) > 0 for b in blocks) - len(filled)
+        require(len(filled) > 0, "no curve between the rows of -1000 holds a radius", "table.empty")
+        note = "curves separated by rows of -1000, no header"
+        note += f"; {without} blocks of the file hold no radius and were left out" if without else ""
+        return [make_curve(b[:, 0], b[:, 1], notes=(note,)).with_notes(*table.notes) for b in filled]
+    require(columns in (2, 3), f"{columns} columns and no header; {_ADVICE}", "table.header")
+    time, radius, note = values[0], values[1], "no header: columns taken as time and radius"
+    if columns == 3:
+        radius = numbers[:, 1:].mean(axis=1)
+        percent = 100 * np.abs(values[2] - values[1]) / radius
+        percent = percent[np.isfinite(percent)]
+        middle, most = (np.median(percent), np.max(percent)) if percent.size else (np.inf, np.inf)
+        require(middle < 10, f"three columns, no header, and the last two are not two radii; {_ADVICE}", "table.header")
+        note = "no header: columns taken as time and two radii of one bubble (semi-axes), which differ by "
+        note += f"{middle:.2g} % (median) and {most:.2g} % (most): their mean is used"
+    elif swapped(time, radius):
+        time, radius = radius, time
+        note = "no header: columns taken as radius and time, as only the second rises in even steps"
+    curve = make_curve(time, radius, notes=(note,)).with_notes(*table.notes)
+    ratio = curve.rayleigh_ratio(density, pressure)
+    proven = ratio is not None and _PROVEN[0] <= ratio <= _PROVEN[1]
+    require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
+    return [curve]
+
+
+def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
+    """Write `time_us,radius_um` (and `radius_std_um`, and what the file stated of the stretch, where known), one row
+    per frame, ten digits, nan for no radius. remark: a line above them, after "# "."""
+    columns = {"time_us": curve.time, "radius_um": curve.radius}
+    if np.isfinite(curve.radius_std).any():
+        columns["radius_std_um"] = curve.radius_std
+    columns = {name: 1e6 * values for name, values in columns.items()}
+    for name, value in (("stretch", curve.stretch), ("stretch_std", curve.stretch_std)):
+        columns |= {} if value is None else {name: np.full(len(curve.time), value)}
+    cells = zip(*([f"{value:.10g}" for value in values] for values in columns.values()), strict=True)
+    write_rows(path, list(columns), (dict(zip(columns, row, strict=True)) for row in cells), remark)

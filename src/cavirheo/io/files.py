@@ -1,0 +1,182 @@
+"""Which files are read: those that the command line names, and only regular ones that can be opened."""
+
+from __future__ import annotations
+
+import atexit
+import glob
+import hashlib
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from cavirheo.errors import InputError, printable, require
+from cavirheo.io import limits
+from cavirheo.video.frames import ENDINGS, HEADER, PIXELS, STACKS, is_recording
+
+MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
+_OURS = {  # tables and films that cavirheo writes: the document that then stands beside them
+    "result.csv": "result.json",
+    "comparison.csv": "result.json",
+    "shots.csv": "collapse-time.json",
+    "rheometer.csv": "rheometer.json",
+    "table.csv": "rheometer.json",
+    "overlay.mp4": "measure.json",
+    "fields.h5": "simulation.csv",
+}
+_SPECIAL = {stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket", stat.S_ISCHR: "a device", stat.S_ISBLK: "a device"}
+_temporary: set[Path] = set()
+
+
+def shown(path: Path) -> str:
+    """The name of a file as people see it."""
+    return path.name if path in _temporary else printable(str(path))
+
+
+def sha256(path: Path) -> str:
+    """Of the content of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator[None]:
+    """Around the reading of a file, or a folder if it may be one: what goes wrong becomes an InputError that names it.
+
+    Raises:
+        InputError: no regular file, found before it is opened ("reading.missing", "reading.folder", "reading.special");
+            one that may not be read ("reading.unreadable"), is damaged ("reading.damaged"), or as the reader says.
+    """
+    name = shown(path)
+    try:
+        if not (folder and path.is_dir()):
+            _check(path, name)
+    except OSError as error:
+        raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
+    try:
+        with np.errstate(all="ignore"):  # a damaged file may hold any number; what comes of it is checked
+            yield
+    except InputError as error:
+        raise error.within(name) from None
+    except Exception as error:  # damaged files make the libraries below raise nearly anything
+        if isinstance(error, PermissionError):
+            raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
+        reason = f"it may be damaged ({type(error).__name__}: {str(error)[:300]})"
+        message = "; ".join(filter(None, (f"{name} cannot be read, {reason}", expected)))
+        raise InputError(message, "reading.damaged") from error
+
+
+def _check(path: Path, name: str) -> None:
+    try:
+        status = path.stat()
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name with a zero byte
+        raise InputError(f"{name} does not exist", "reading.missing") from None
+    mode = status.st_mode
+    message = f"{name} is a directory; give the files in it, e.g. {name}/*.mat"
+    require(not stat.S_ISDIR(mode), message, "reading.folder")
+    kind = next((words for test, words in _SPECIAL.items() if test(mode)), "no regular file")
+    special = f"{name} is {kind}; give a file, or send its content to standard input and give - as the file"
+    require(stat.S_ISREG(mode), special, "reading.special")
+    limits.few(status.st_size, limits.FILE, f"bytes in {name}")
+
+
+def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda _: None) -> list[Path]:
+    """The files that the arguments of a command name, in their order, each once: a file as it is; `-`: standard input;
+    a folder: the measurement files in it, sorted, without hidden ones and what cavirheo wrote; a pattern (`gel_*.mat`)
+    that the shell left as it is. A film whose header is named, too, is one file. `say` is told in one line what was
+    taken of each folder.
+
+    A file that is missing or cannot be read is named too: its reader refuses it, and the others are answered.
+
+    Raises:
+        InputError: an empty folder ("files.none_in_folder"), or a pattern that nothing matches ("files.no_match").
+    """
+    paths: list[Path] = []
+    for argument in arguments:
+        path = Path(argument)
+        if str(argument) == "-":
+            paths.append(_standard_input())
+        elif _is(path.is_dir):
+            paths += _of_folder(path, say)
+        elif not _is(path.exists) and glob.has_magic(str(path)):
+            matches = [Path(name) for name in sorted(glob.glob(str(path), recursive=True))]
+            matches = [match for match in matches if not _is(match.is_dir)]
+            message = f"{path}: no file matches; give the names of files, or of the folder that holds them"
+            require(bool(matches), message, "files.no_match")
+            paths += matches
+        else:
+            paths.append(path)
+    return without_headers(paths)
+
+
+def _is(test: Callable[[], bool]) -> bool:
+    try:
+        return test()
+    except (OSError, ValueError):  # a name that is too long, a folder that may not be entered
+        return False
+
+
+def measurements(folder: Path) -> tuple[list[Path], int]:
+    """The measurement files in a folder, sorted, without hidden ones, what cavirheo wrote and the headers of films that
+    are there; how many others are there. Raises OSError: the folder may not be listed."""
+    names = sorted(path for path in folder.iterdir() if path.name[0] != "." and not _is(path.is_dir))
+    names_here = {path.name for path in names}
+    foreign = [path for path in names if _OURS.get(path.name) not in names_here]
+    taken = [path for path in foreign if path.suffix.lower() in MEASUREMENTS]
+    return without_headers(taken), len(names) - len(taken)
+
+
+def without_headers(paths: Iterable[Path]) -> list[Path]:
+    """A film of two files is one, named by its pixels; a header alone stays, for its reader to say what is missing."""
+    unique = dict.fromkeys(paths)
+    return [path for path in unique if pixels_of(path) not in unique]
+
+
+def pixels_of(path: Path) -> Path | None:
+    """Of a header: where its film's pixels are, or should be."""
+    return path.with_suffix(PIXELS) if path.suffix == HEADER else None
+
+
+def header_of(path: Path) -> Path | None:
+    """Of the pixels of a film: where its header is, or should be."""
+    return path.with_suffix(HEADER) if path.suffix == PIXELS else None
+
+
+def _of_folder(folder: Path, say: Callable[[str], None]) -> list[Path]:
+    try:
+        taken, left = measurements(folder)
+    except OSError:
+        return [folder]  # may not be listed: the reader says so
+    if is_recording(folder) and {path.suffix.lower() for path in taken} <= {*STACKS}:
+        return [folder]  # its images are the frames of one
+    kinds = ", ".join(sorted(MEASUREMENTS))
+    require(bool(taken), f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
+    say(f"{folder}: {len(taken)} files" + (f"; {left} others left out" if left else ""))
+    return taken
+
+
+@cache
+def _standard_input() -> Path:
+    """A file with all that comes from standard input; its name is what people see."""
+    path, size = Path(tempfile.mkdtemp(prefix="cavirheo-")) / "standard input", 0
+    _temporary.add(path)
+    atexit.register(tidy)
+    with path.open("wb") as file:
+        while block := sys.stdin.buffer.read(1 << 20):
+            size += len(block)
+            limits.few(size, limits.INFLATED, "bytes from standard input")
+            file.write(block)
+    return path
+
+
+def tidy() -> None:
+    """Remove what standard input was kept in; called when the program ends."""
+    while _temporary:
+        shutil.rmtree(_temporary.pop().parent, ignore_errors=True)
+    _standard_input.cache_clear()

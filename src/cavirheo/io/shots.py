@@ -1,0 +1,269 @@
+"""Files -> the shots of one run: each counted once, named apart, in the groups that files and folders make."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, as_path, numbered, require
+from cavirheo.io.curve_tables import ONE_SCALE
+from cavirheo.io.files import guarded, sha256, shown
+from cavirheo.parameters import RADIUS
+from cavirheo.video.frames import is_recording
+
+if TYPE_CHECKING:
+    from cavirheo.video.measurement import MeasureOptions
+
+Chosen = str | Iterable[int] | None  # which shots of a file: "1,4-7", numbered from 1 in the order of the file
+Item = TypeVar("Item")
+GROUPINGS = ("auto", "file", "folder", "name", "none")
+# the number of a shot at the end of a name, with what stands before it; a decimal number is no shot's
+_NUMBER = re.compile(r"(?:[^\w.,]|_)*(?<![.,])\d+(?: \(\d+\))?[)\]]?$")
+_EXPECTED = (
+    "expected .mat (R_nondim_All + t_nondim_All + RmaxList, or Rnew + t), .csv or .txt (columns time_us,radius_um), "
+    ".h5 (groups with time and radius), .xlsx, .xls or .ods"
+)
+_NO_GROWTH = (
+    "no growth recorded: R_max is taken to be where the file says or at the first frame; "
+    "if the recording began later, R_max is larger and G smaller than found"
+)
+
+
+def read_curves(
+    path: str | Path,
+    *,
+    density: float = 998.0,
+    pressure: float = 101325.0,
+    frame_rate_hz: float | None = None,
+    shots: Chosen = None,
+    um_per_px: float | None = None,
+    exposure: float | None = None,
+    exclude: str | Iterable[int] | None = None,
+) -> list[RadiusCurve]:
+    """Every radius history of a file.
+
+    Args:
+        path: a table, a .mat or HDF5 file, or a recording (docs/how-to/your-shots.md).
+        density: kg/m3. It and `pressure` turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files with
+            times in seconds do not depend on them.
+        pressure: Pa.
+        frame_rate_hz: 1/s, of a recording, and of a table that has frame numbers and no times.
+        shots: only these, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file.
+        um_per_px: micrometres per pixel of a recording, which is measured (`cavirheo.measure`).
+        exposure: s, of a frame of a recording.
+        exclude: frames of a recording to leave out, "12,40-45" or a list, from 1.
+
+    Returns:
+        The curves in the order of the file, (n,) times in s and radii in m. One that cannot be used (empty cell, three
+        samples, all NaN) is returned with its reason; its `max_radius` raises it. What was recognised, converted or
+        left out stands in each curve's `notes`, what makes the recording doubtful in its `warnings` too.
+
+    Raises:
+        InputError: the file cannot be found or read, or holds no radius history, or not so many; the message says what
+            was found.
+    """
+    path = as_path(path)
+    if is_recording(path):
+        from cavirheo.io.recordings import examine
+
+        options: MeasureOptions = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px}
+        options |= {"exposure": exposure, "exclude": exclude}
+        return [noted(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
+    message = f"{shown(path)}: frames are excluded of recordings; of a table empty their radius"
+    require(exclude is None, message, "reading.exclude")
+    with guarded(path, _EXPECTED):
+        with path.open("rb") as file:
+            head = file.read(1024)
+        require(len(head) > 0, f"the file is empty; {_EXPECTED}", "reading.empty")
+        curves = _read(head, path, density, pressure, frame_rate_hz)
+        require(len(curves) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
+        origin: dict[str, Any] = {"group": path.stem, "source": shown(path), "source_sha256": sha256(path)}
+        labels = [path.stem] if len(curves) == 1 else []
+        labels = labels or [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
+        chosen = selected(list(zip(curves, labels, strict=True)), shots)
+        return [noted(curve.labelled(name=label, **origin)) for curve, label in chosen]
+
+
+def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
+    """The curves of a file that begins with `head`."""
+    from cavirheo.io import curve_tables, formats, hdf5, matlab
+
+    if variables := matlab.read_variables(path, matlab.VARIABLES):
+        return matlab.curves(*variables, density, pressure)
+    if head.startswith(matlab.HDF5):
+        return hdf5.read(path)
+    require(formats.kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
+    return curve_tables.read(path, density, pressure, frame_rate)
+
+
+def noted(curve: RadiusCurve) -> RadiusCurve:
+    """The curve with the notes that need its maximum."""
+    try:
+        start, spikes = curve.time_of_max, curve.spikes()
+    except InputError:
+        return curve
+    growth = int(((curve.time < start) & (curve.radius > 0)).sum())
+    notes = [f"{growth} measured frames before R_max (growth)" if growth else _NO_GROWTH]
+    if spikes:
+        notes.append(f"{len(spikes)} single frames stand out by more than 20 % of R_max; kept, but probably wrong")
+    return curve.with_notes(*notes)
+
+
+def shot_numbers(shots: Chosen) -> list[int] | None:
+    """Sorted, each once; None for all. Raises InputError: no such list, or a number below 1."""
+    return None if shots is None else numbered(shots, "shots", "option.shots")
+
+
+def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
+    """Those with these numbers, in their order. Raises InputError: as `shot_numbers`, or there are not so many."""
+    if (numbers := shot_numbers(shots)) is None:
+        return list(items)
+    missing = ", ".join(str(number) for number in numbers if number > len(items))
+    message = f"shot {missing} is asked for, and the file has {len(items)}: give numbers from 1 to {len(items)}"
+    require(not missing, message, "reading.shots")
+    return [items[number - 1] for number in numbers]
+
+
+class Recordings(NamedTuple):
+    """The curves of all files in their order; why files could not be read; which recordings were given twice and how
+    they were scaled; and what of scales and constants should be known, a line for all groups that it concerns."""
+
+    curves: list[RadiusCurve]
+    problems: list[str]
+    remarks: list[str]
+    hints: list[str]
+
+
+def read_shots(
+    files: Sequence[str | Path | RadiusCurve], *, max_radius: float | None = None, group: str = "auto", **options: Any
+) -> Recordings:
+    """All curves of all files; `options` are those of `read_curves`. A curve stands for a file that was read.
+
+    A recording that is given again (the same samples, in whichever file) is left out with a remark. Names that several
+    curves share get their folders before them.
+
+    Args:
+        max_radius: m, the true R_max: rescales every curve, by one factor.
+        group: whose shots are one material: "file" (of one file), "folder" (of all files of a folder), "name" (of
+            the files of a folder whose names differ in the number at their end), "none" (each by itself), "auto" (of
+            one file; single-shot files of one folder together).
+
+    Raises:
+        InputError: `max_radius` is no radius of a bubble, or would scale curves by different factors; or `group` is
+            none of these.
+    """
+    require(group in GROUPINGS, f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
+    check_max_radius(max_radius)
+    curves: list[RadiusCurve] = []
+    problems: list[str] = []
+    for path in files:
+        try:
+            curves += [path] if isinstance(path, RadiusCurve) else read_curves(path, **options)
+        except InputError as error:
+            problems.append(str(error))
+    curves, remarks = _without_copies(curves)
+    curves = _grouped(_with_unlike_names(curves), group)
+    groups_of: dict[str, dict[str, None]] = {}
+    for curve in curves:
+        for hint in curve.hints:
+            groups_of.setdefault(hint, {})[curve.group] = None
+    hints = [f"{', '.join(groups)}: {hint}" for hint, groups in groups_of.items()]
+    if max_radius:
+        curves, scale_remarks = _scaled(curves, max_radius)
+        remarks += scale_remarks
+    return Recordings(curves, problems, remarks, hints)
+
+
+def samples_of(curve: RadiusCurve) -> bytes:
+    """A hash of the samples, equal in every file that holds the recording; without samples, of the curve's origin."""
+    content = curve.time.tobytes() + curve.radius.tobytes()
+    return hashlib.sha256(content or f"{curve.source}: {curve.name}: {curve.unusable}".encode()).digest()
+
+
+def _without_copies(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
+    """The curves without those whose samples were there before, and a remark on each of these."""
+    first: dict[bytes, RadiusCurve] = {}
+    remarks: list[str] = []
+    for curve in curves:
+        if (earlier := first.setdefault(samples_of(curve), curve)) is not curve:
+            copy, original = (f"{each.name} ({each.source})" for each in (curve, earlier))
+            remarks.append(f"{copy} is the same recording as {original}: it is counted once")
+    return list(first.values()), remarks
+
+
+def _with_unlike_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
+    """The curves with unlike names: those that several files share get the file's ending, or folders, or a number."""
+    sharing: dict[str, list[int]] = {}
+    for k, curve in enumerate(curves):
+        sharing.setdefault(curve.name, []).append(k)
+    for name, places in sharing.items():
+        if len(places) < 2:
+            continue
+        paths = [Path(curves[k].source).resolve() for k in places]
+        with_folders = (["/".join((*path.parts[-depth:-1], name)) for path in paths] for depth in range(2, 9))
+        with_endings = [name + path.suffix for path in paths]
+        numbered_names = [f"{name} ({k})" for k in range(1, len(places) + 1)]
+        candidates = (*with_folders, with_endings)
+        unlike = next((names for names in candidates if len(set(names)) == len(places)), numbered_names)
+        for k, new in zip(places, unlike, strict=True):
+            curves[k] = curves[k].labelled(name=new)
+    return curves
+
+
+def _grouped(curves: list[RadiusCurve], group: str) -> list[RadiusCurve]:
+    per_file = Counter(curve.source for curve in curves)
+    folders = [Path(curve.source).resolve().parent for curve in curves]
+    singles = Counter(folder for curve, folder in zip(curves, folders, strict=True) if per_file[curve.source] == 1)
+    grouped = []
+    for curve, folder in zip(curves, folders, strict=True):
+        with_others = per_file[curve.source] == 1 and singles[folder] > 1
+        if group == "none":
+            curve = curve.with_group(curve.name, curve.source)
+        elif group == "name":
+            stem = stem_of(curve.source)
+            curve = curve.with_group(stem or folder.name, str(folder / stem))
+        elif group == "folder" or (group == "auto" and with_others):
+            curve = curve.with_group(folder.name, str(folder))
+        grouped.append(curve)
+    return grouped
+
+
+def stem_of(file: str) -> str:
+    """'soft' of soft_1.csv, soft 02.csv and soft_1 (2).csv; "" of 7.csv."""
+    return _NUMBER.sub("", Path(file).stem)
+
+
+def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCurve], list[str]]:
+    """The curves with this R_max, and by which factor their radii are scaled. Raises InputError: there are several."""
+    scaled, factors = list(curves), dict[str, float]()
+    for k, curve in enumerate(curves):
+        with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
+            scaled[k] = curve.with_max_radius(max_radius)
+            factors[curve.name] = float(np.nanmax(scaled[k].radius) / np.nanmax(curve.radius))
+    if not factors:
+        return scaled, []
+    low, high = min(factors, key=factors.__getitem__), max(factors, key=factors.__getitem__)
+    option, ends = f"--rmax-um {1e6 * max_radius:g}", f"{factors[low]:.4g} ({low}) to {factors[high]:.4g} ({high})"
+    message = (
+        f"{option} would scale the shots by {ends}, but a wrong scale is one factor for all of them: give the R_max "
+        "of each shot in a column rmax_um of the file, or each shot in a run of its own"
+    )
+    require(factors[high] <= (1.0 + ONE_SCALE) * factors[low], message, "option.several_scales")
+    pixels = any(curve.unscaled for curve in curves)
+    return scaled, [option + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]
+
+
+def check_max_radius(max_radius: float | None) -> None:
+    """Raise InputError unless it is None, or a radius (m) that a bubble has."""
+    if max_radius is not None:
+        low, high = (1e6 * end for end in RADIUS[:2])
+        message = f"the true R_max must be a radius in micrometres, {low:g} to {high:g}, got {1e6 * max_radius:.6g}"
+        require(RADIUS.low <= max_radius <= RADIUS.high, message, "curve.max_radius")

@@ -1,0 +1,212 @@
+"""Files read in a process of its own: one that exhausts time or memory, or ends the process, ends nothing else.
+
+It is asked and answers by arrays and JSON: whatever a file makes of the process that reads it, nothing that comes from
+there is executed.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from importlib import import_module
+from io import BytesIO
+from itertools import count
+from multiprocessing.connection import Connection
+from pathlib import Path
+from queue import LifoQueue
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, require
+from cavirheo.io.recordings import examine
+from cavirheo.io.shots import Recordings, read_shots
+from cavirheo.messages import Message
+from cavirheo.video.frames import Footage
+from cavirheo.video.measurement import Measurement, Stated
+from cavirheo.video.track import Track
+from cavirheo.writing.packing import pack, unpack
+
+MEMORY = 4 << 30  # bytes of address space that reading may take
+
+_KINDS: dict[str, Any] = {
+    kind.__name__: kind for kind in (RadiusCurve, Message, Recordings, Footage, Measurement, Stated, Track, InputError)
+}
+_SPAWN = multiprocessing.get_context("spawn")
+
+Found = tuple[list[RadiusCurve], list[str]]
+Report = Callable[[float, str], Any]
+
+
+class Reader:
+    """Child processes that read files, so many calls at a time. They stay warm from call to call, and one that fails is
+    replaced."""
+
+    def __init__(self, seconds: float, *, processes: int = 1, at_once: bool = True) -> None:
+        """seconds: that a call may take. at_once: one begins to load, so that the first file need not wait."""
+        self.seconds, self._processes = seconds, processes
+        self._free: LifoQueue[_Child] = LifoQueue()  # the one that was used last is warm
+        for _ in range(processes):
+            self._free.put(_Child())
+        if at_once:
+            child = self._free.get()
+            child.begin()
+            self._free.put(child)
+
+    def read(self, files: Sequence[Path | RadiusCurve], **options: Any) -> Found:
+        """As `read_shots`, with file names instead of paths in curves and problems.
+
+        Raises:
+            InputError: reading took too long or too much memory, or broke the process.
+        """
+        paths = [Path(file.source) if isinstance(file, RadiusCurve) else file for file in files]
+        contents = [str(file) if isinstance(file, Path) else file for file in files]
+        answer = self.ask(paths, (_read, contents, options))
+        folder = f"{paths[0].parent}/" if paths else ""
+        problems = answer.problems + answer.remarks + answer.hints
+        return [_without_folders(curve) for curve in answer.curves], [
+            problem.replace(folder, "") for problem in problems
+        ]
+
+    def measure(self, path: Path, images: Path, most: float, say: Report, **options: Any) -> Measurement:
+        """As `cavirheo.measure`; the frames, at most so many bytes, are left in the file `images` (.npy) and mapped.
+
+        Raises InputError: as `read`.
+        """
+        measurement = self.ask([path], (_measure, str(path), str(images), most, options), say)
+        footage = replace(measurement.recording, frames=np.load(images, mmap_mode="r"))
+        return replace(measurement, recording=footage)
+
+    def ask(self, paths: Sequence[Path], work: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
+        """What `work` gives there, a function of a module with its arguments after the first, the pipe to this process.
+
+        Raises InputError: as `read`.
+        """
+        names = ", ".join(path.name for path in paths[:3]) + (", ..." if len(paths) > 3 else "")
+        slow = f"reading {names} took more than {self.seconds:g} s; is the file damaged, or too long?"
+        child = self._free.get()
+        try:
+            if not child.alive:
+                child.begin()
+            function, *arguments = work
+            child.pipe.send_bytes(encode((function.__module__, function.__name__, *arguments)))
+            end, answer = monotonic() + self.seconds, 0.0
+            while isinstance(answer, float):
+                say(answer, "of the frames")  # the share that is measured
+                require(child.pipe.poll(max(end - monotonic(), 0.0)), slow, "app.reading_too_slow")
+                answer = _decoded(child.pipe.recv_bytes())
+        except BaseException as error:  # whatever ended the call, Ctrl-C too, the process is in no known state
+            child.begin()
+            if not isinstance(error, EOFError | OSError):
+                raise
+            message = f"{names}: damaged so badly that reading it ended the reader"
+            raise InputError(message, "app.reader_ended") from None
+        finally:
+            self._free.put(child)
+        if isinstance(answer, InputError):
+            raise InputError(str(answer).replace(f"{paths[0].parent}/", ""), answer.code)
+        return answer
+
+    def close(self) -> None:
+        """End the processes, each after the call that it works on."""
+        for _ in range(self._processes):
+            self._free.get().end()
+
+
+class _Child:
+    """One process, and the pipe to it."""
+
+    def __init__(self) -> None:
+        self._process: Any = None
+        self.pipe: Any = None
+
+    @property
+    def alive(self) -> bool:
+        return self._process is not None and self._process.is_alive()
+
+    def begin(self) -> None:
+        """Anew, if it is there already."""
+        self.end()
+        self.pipe, theirs = _SPAWN.Pipe()
+        self._process = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+            self.pipe.close()
+
+
+def _without_folders(curve: RadiusCurve) -> RadiusCurve:
+    """The curve without the names of the server's folders."""
+    group: dict[str, Any] = {"group_source": curve.group} if "group_source" in curve.meta else {}
+    return curve.labelled(source=Path(curve.source).name, **group)
+
+
+def _decoded(message: bytes) -> Any:
+    try:
+        return decode(message)
+    except Exception as error:  # a process that a file has damaged may send anything
+        raise EOFError(f"no message of a reader ({type(error).__name__})") from error
+
+
+def _serve(pipe: Connection) -> None:
+    with suppress(ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    with suppress(EOFError):
+        while True:
+            module, function, *arguments = decode(pipe.recv_bytes())
+            try:
+                answer = encode(getattr(import_module(module), function)(pipe, *arguments))
+            except InputError as error:
+                answer = encode(error)
+            except MemoryError:
+                answer = encode(InputError("the file needs more memory than is allowed here", "app.out_of_memory"))
+            except Exception as error:  # libraries raise nearly anything of a damaged file, and the next is to be read
+                answer = encode(InputError(f"the file cannot be read ({type(error).__name__}: {error})"))
+            pipe.send_bytes(answer)
+
+
+def _read(_: Connection, files: list[str | RadiusCurve], options: dict[str, Any]) -> Recordings:
+    return read_shots(files, **options)
+
+
+def _measure(pipe: Connection, path: str, images: str, most: float, options: dict[str, Any]) -> Measurement:
+    def begin(frames: int) -> Callable[[], None]:
+        done = count(1)
+        return lambda: pipe.send_bytes(encode(next(done) / frames))
+
+    measurement, _ = examine(path, begin=begin, **options)
+    frames = measurement.recording.frames
+    message = f"{path}: its frames are {frames.nbytes / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are shown here"
+    require(frames.nbytes <= most, f"{message}: cut it to the bubble, or use cavirheo measure", "app.too_large")
+    np.save(images, frames)
+    return replace(measurement, recording=replace(measurement.recording, frames=frames[:0]))
+
+
+def encode(value: Any) -> bytes:
+    """What writing/packing.py packs. Raises TypeError: it holds something else."""
+    arrays: list[np.ndarray] = []
+    text = json.dumps(pack(value, arrays))
+    stream = BytesIO()
+    stream.write(f"{len(arrays)} {text}\n".encode("ascii"))
+    for array in arrays:
+        np.lib.format.write_array(stream, array, allow_pickle=False)
+    return stream.getvalue()
+
+
+def decode(message: bytes) -> Any:
+    """What was encoded. Raises ValueError, TypeError and the like: it is no message of ours."""
+    stream = BytesIO(message)
+    count, _, text = stream.readline().partition(b" ")
+    arrays = [np.lib.format.read_array(stream, allow_pickle=False) for _ in range(int(count))]
+    return unpack(json.loads(text), arrays, _KINDS)

@@ -1,0 +1,386 @@
+"""The one reader of tables: text of every dialect or a workbook goes in with a vocabulary, columns in SI come out.
+
+A vocabulary holds the quantities that columns may have, the words that name each, as people write them (`R [um]`,
+`Zeit / µs`), and its units. Titles are found below whatever stands above them, with units in them or in the row below.
+Rows of means, sums and the like at the end are no measurements; a first column without a title numbers the rows.
+Everything that is left out or recognised is counted in `notes`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from itertools import islice, takewhile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import InputError, require
+from cavirheo.io.formats import Cells, Row, Sheet, is_number, number, read_sheets
+from cavirheo.io.units import ALIASES, plain, plain_title, plain_unit, unit_of
+
+Need = Sequence[str] | Callable[[Cells], bool]
+_LONGEST = 120  # characters of a title; more is a sentence, and takes time
+_SUMMARIES = {  # as `plain_title` writes them
+    word
+    for words in (
+        "mean average avg median sum total std sd stdev stddev standarddeviation min max minimum maximum",
+        "mittel mittelwert durchschnitt summe gesamt standardabweichung moyenne mediane somme ecarttype",
+        "media promedio suma mediana desviacionestandar desviaciontipica 平均 平均值 合計 标准差 標準偏差",
+    )
+    for word in words.split()
+}
+_LISTED = 8  # titles in a message
+
+
+class Name(NamedTuple):
+    """What a title names. kind: of the vocabulary, "" for none. unit: as the vocabulary has it, as written where it
+    stands in brackets and is not known, None where there is none. number: "2" of R2, else ""."""
+
+    kind: str = ""
+    unit: str | None = None
+    number: str = ""
+
+
+@dataclass(frozen=True)
+class Term:
+    """What a column may hold."""
+
+    words: str  # titles that name it, separated by spaces, as `plain_title` writes them
+    units: Mapping[str, float] = field(default_factory=dict)  # factor to SI of each; NaN: known, but cannot be used
+    unit: str | None = None  # of a title that names none; None where it must name one
+    label: str = ""  # its name in messages
+    hint: str = ""  # how to write its unit, where it is missing
+    twice: str = "keep the one that counts"  # how to mend a table with two columns of it
+    symbols: str = ""  # titles, as `words`, that count only with a unit
+
+
+@dataclass(frozen=True, eq=False)
+class Vocabulary:
+    """What the columns of a table may hold, by kind, and how the table is laid out.
+
+    A declared table is typed by a person: its first line has the titles, every other one counts. A measured one may
+    have other lines above its titles, units below them, and means and sums at its end. With sections a file holds
+    several tables, each under its own titles.
+    """
+
+    terms: Mapping[str, Term]
+    expected: str  # in a table, for messages
+    codes: Mapping[str, str] = field(default_factory=dict)  # of errors, where they are not "tabular.…"
+    other: Callable[[str], Name] | None = None  # what a title names that no term does
+    marks: str = "#%"  # that begin a comment
+    declared: bool = False
+    sections: bool = False
+    bare: bool = False  # whether numbers without titles are a table, too
+
+    def name(self, title: str) -> Name:
+        """What a title such as `time_us`, `R [um]`, `Shear Strain (%)` or `omega in rad/s` names."""
+        return _name(self, title)
+
+    def name_by_words(self, title: str) -> Name:
+        """As `name`, by the words of the vocabulary alone."""
+        if len(title) > _LONGEST:
+            return Name()
+        text, with_foreign_unit = plain(title).strip(), Name()
+        for cut in re.finditer(r"\s*[\s_\[(/,.\-]\s*((in|en)\s)?", text):
+            kind = self._kinds.get(plain_title(text[: cut.start()]))
+            if kind is None:
+                continue
+            written = text[cut.end() :].rstrip("]), ")
+            unit = plain_unit(written)
+            for spelling in (unit, unit.lower(), ALIASES.get(unit), ALIASES.get(unit.lower())):
+                if spelling is not None and spelling in self.terms[kind].units:
+                    return Name(kind, spelling)
+            if re.fullmatch(r"\s*[\[(][^\[\]()]+[\])]\s*", text[cut.start() :]):
+                with_foreign_unit = Name(kind, written)
+        whole = plain_title(text)
+        kind = self._kinds.get(whole)
+        return Name(kind) if kind and whole not in self.terms[kind].symbols.split() else with_foreign_unit
+
+    def code(self, mistake: str) -> str:
+        return self.codes.get(mistake, f"tabular.{mistake}")
+
+    def units(self, kind: str) -> Mapping[str, float]:
+        """Of a kind; none of texts and of what is not known."""
+        return self.terms[kind].units if kind else {}
+
+    def label(self, kind: str) -> str:
+        return self.terms[kind].label or kind
+
+    @cached_property
+    def _kinds(self) -> dict[str, str]:
+        words = ((kind, f"{term.words} {term.symbols}".split()) for kind, term in self.terms.items())
+        return {plain_title(word): kind for kind, titles in words for word in titles}
+
+
+@lru_cache(4096)
+def _name(vocabulary: Vocabulary, title: str) -> Name:
+    if is_number(title):
+        return Name()
+    name = vocabulary.name_by_words(title)
+    return vocabulary.other(title) if vocabulary.other and not name.kind else name
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column of a table; what is in its cells is read when it is asked for."""
+
+    table: Table
+    at: int  # its place, from 0
+    title: str  # as it is written, with a unit from the row below
+    name: Name
+
+    @property
+    def unit(self) -> str | None:
+        """That the title names, else that of the vocabulary for a title without one; None where it must name one."""
+        return self.name.unit if self.name.unit is not None else self._term.unit
+
+    @property
+    def text(self) -> list[str]:
+        """(rows,) cells; "" where there is none."""
+        return [cells[self.at] if self.at < len(cells) else "" for _, cells in self.table.rows]
+
+    @cached_property
+    def numbers(self) -> Floats:
+        """(rows,) in the unit of the column; NaN where a cell is missing. Raises InputError: a cell is no number."""
+        values = np.full(len(self.table.rows), np.nan)
+        for k, (row, cell) in enumerate(zip(self.table.rows, self.text, strict=True)):
+            try:
+                values[k] = number(cell)
+            except InputError as error:
+                mistake = error.code.removeprefix("tabular.")
+                message = f"row {row.number}, column {self.title!r}: {error}"
+                raise InputError(message, self.table.vocabulary.code(mistake)) from None
+        return values
+
+    @property
+    def si(self) -> Floats:
+        """(rows,) in SI. Raises InputError as `numbers` and `factor`."""
+        return self.numbers * self.factor
+
+    @property
+    def factor(self) -> float:
+        """From the unit of the column to SI. Raises InputError: the unit is missing or not known."""
+        units, unit, vocabulary = self._term.units, self.unit, self.table.vocabulary
+        if not units:
+            return 1.0
+        missing = unit is None or np.isnan(units.get(unit, 1.0))
+        first_units = ", ".join([name for name in units if name.isascii()][:4])
+        hint = self._term.hint or f"write it into the title, as in {self.title.split()[0]} ({next(iter(units))})"
+        require(not missing, f"{self.title!r} has no unit: {hint}; {vocabulary.expected}", vocabulary.code("no_unit"))
+        unknown = f"{self.title!r} has the unknown unit {unit!r} ({first_units}); {vocabulary.expected}"
+        require(unit in units, unknown, vocabulary.code("unit"))
+        return units[str(unit)]
+
+    @property
+    def assumed(self) -> list[str]:
+        """A note where the vocabulary says the unit, and the title none."""
+        message = f"{self.title!r} has no unit: taken to be in {self._term.unit}"
+        return [message] if self.name.unit is None and self._term.unit else []
+
+    @property
+    def _term(self) -> Term:
+        return self.table.vocabulary.terms[self.name.kind]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A table below its titles."""
+
+    vocabulary: Vocabulary  # that it is read with
+    titles: Cells  # as they are written, with units from the row below
+    rows: list[Row]  # of data
+    notes: list[str]  # what was left out or recognised
+    above: list[str]  # the lines over the titles, and comments
+    line: int = 1  # number of that of the titles
+    sheet: str = ""  # its name in a workbook
+
+    @cached_property
+    def columns(self) -> list[Column]:
+        """Those that the vocabulary knows."""
+        names = map(self.vocabulary.name, self.titles)
+        return [Column(self, at, self.titles[at], name) for at, name in enumerate(names) if name.kind]
+
+    def all(self, kind: str) -> list[Column]:
+        return [column for column in self.columns if column.name.kind == kind]
+
+    def only(self, kind: str) -> Column | None:
+        """The one column of a kind, if there is any. Raises InputError: there are two."""
+        return single(self.all(kind))
+
+    def column(self, kind: str) -> Column:
+        """The one column of a kind that the table must have. Raises InputError: there are two."""
+        column = self.only(kind)
+        assert column is not None
+        return column
+
+    def part(self, rows: list[Row]) -> Table:
+        """The same with these rows alone."""
+        return replace(self, rows=rows)
+
+
+def single(columns: Sequence[Column]) -> Column | None:
+    """The one column of one kind, if there is one. Raises InputError: there are two."""
+    if len(columns) > 1:
+        vocabulary, kind = columns[0].table.vocabulary, columns[0].name.kind
+        two = " and ".join(repr(column.title) for column in columns[:2])
+        message = f"two columns for {vocabulary.label(kind)}: {two}; {vocabulary.terms[kind].twice}"
+        raise InputError(message, vocabulary.code("twice"))
+    return columns[0] if columns else None
+
+
+def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
+    """The table of a text file or of a workbook's first sheet; with sections all tables of all sheets.
+
+    Args:
+        path: text of any dialect (formats.py), .xlsx, .xls, .xlsb or .ods.
+        vocabulary: what columns may hold.
+        need: columns whose titles are a header, "time|frame" for one of two; or what tells a header.
+
+    Returns:
+        The tables, at least one; no row has more cells than there are titles.
+
+    Raises:
+        InputError: the file cannot be read (`read_sheets`), has no such titles ("columns") or nothing below them
+            ("rows", where the vocabulary has that code), a row is wider than the titles ("width"), or a column has two
+            units ("units"); with the codes of the vocabulary.
+    """
+
+    def is_header(cells: Cells) -> bool:
+        if callable(need):
+            return need(cells)
+        kinds = {vocabulary.name(cell).kind for cell in cells}
+        return all(not kinds.isdisjoint(needed.split("|")) for needed in need)
+
+    sheets = read_sheets(path, is_header, most=None if vocabulary.sections else 1, marks=vocabulary.marks)
+    tables = [table for sheet in sheets for table in _tables(sheet, vocabulary, is_header)]
+    rows = [row.cells for sheet in sheets for row in sheet.rows]
+    if not tables and vocabulary.bare and rows and all(map(is_number, rows[0])):
+        return [Table(vocabulary, [], sheets[0].rows, list(sheets[0].notes), [], sheet=sheets[0].name)]
+    if not tables:
+        raise _no_titles(rows, vocabulary, need)
+    filled = "rows" not in vocabulary.codes or any(table.rows for table in tables)
+    require(filled, f"a header but no rows of data; {vocabulary.expected}", vocabulary.code("rows"))
+    return tables
+
+
+def _no_titles(rows: list[Cells], vocabulary: Vocabulary, need: Need) -> InputError:
+    """That no row is a header: the row that is closest to one, and what it lacks."""
+    if not rows:
+        return InputError(f"no rows of data; {vocabulary.expected}", vocabulary.code("empty"))
+    data = (k for k, row in enumerate(rows) if all(map(is_number, row)) and any(re.search(r"\d", c) for c in row))
+    above_data = max(next(data, 1) - 1, 0)
+    kinds = [{vocabulary.name(cell).kind for cell in row} - {""} for row in rows]
+    closest = max(range(len(rows)), key=lambda k: (len(kinds[k]), k == above_data))
+    titles = ", ".join(repr(title[:30]) for title in rows[closest][:_LISTED])
+    missing = [] if callable(need) else [kind for kind in need if kinds[closest].isdisjoint(kind.split("|"))]
+    names = " and ".join(vocabulary.label(kind.split("|")[0]) for kind in missing)
+    lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}" if missing else f"the titles are {titles}"
+    return InputError(f"{lack}; {vocabulary.expected}", vocabulary.code("columns"))
+
+
+def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[Cells], bool]) -> Iterator[Table]:
+    """The tables of a sheet: one declared in its first line, the first one, or with sections each one."""
+    headers = (k for k, row in enumerate(sheet.rows) if not all(map(is_number, row.cells)) and is_header(row.cells))
+    starts = list(headers if vocabulary.sections else islice(headers, 1))
+    for at, end in zip(starts, [*starts[1:], None], strict=False):
+        titles, rows, notes = sheet.rows[at].cells, sheet.rows[at + 1 : end], list(sheet.notes)
+        if vocabulary.declared:
+            if at:
+                return
+            if len(titles) == 1:  # nothing separates columns
+                rows = [Row(row.number, [" ".join(row.cells)]) for row in rows]
+        else:
+            notes += [f"{_lines(at)} above the titles left out"] if at and not vocabulary.sections else []
+            titles, rows, more = _measured(titles, rows, vocabulary)
+            notes += more
+        if wide := next((row for row in rows if any(row.cells[len(titles) :])), None):
+            message = f"row {wide.number} has {len(wide.cells)} cells, the header {len(titles)}"
+            message += ": is a comma decimal, or part of a text that needs quotes?"
+            raise InputError(message, vocabulary.code("width"))
+        above = [*sheet.comments, *(" ".join(row.cells) for row in sheet.rows[: min(at, 1000)])]
+        yield Table(vocabulary, titles, rows, notes, above, sheet.rows[at].number, sheet.name)
+
+
+def _measured(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple[Cells, list[Row], list[str]]:
+    """(titles with units, the rows that are measurements, notes) of what stands below the titles."""
+    titles, below = _with_units(titles, rows, vocabulary)
+    units = ", ".join(cell for row in below for cell in row.cells if cell)
+    notes, rows = [f"units from the row below the titles: {units}"] if units else [], rows[len(below) :]
+    if vocabulary.sections:
+        rows = list(takewhile(lambda row: not _begins_section(row), rows))
+    rows, summary = _without_summary(rows)
+    notes += summary
+    if _first_numbers_rows(titles, rows):
+        return ["", *titles], rows, [*notes, "a first column without a title, which numbers the rows, left out"]
+    return titles, rows, notes
+
+
+def _lines(count: int) -> str:
+    return f"{count} line" + "s" * (count > 1)
+
+
+def _begins_section(row: Row) -> bool:
+    """Whether a row ends a table: "[step]", "Result:", "Frequency sweep - 2"."""
+    filled = [cell for cell in row.cells if cell]
+    return filled[0].startswith("[") or filled[0].endswith(":") or not any(map(is_number, filled))
+
+
+def _with_units(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple[Cells, list[Row]]:
+    """(the titles with the units of the rows of words below them, these rows).
+
+    Raises InputError: a title names one unit and a row below it another.
+    """
+    titles, units = list(titles), list(takewhile(lambda row: _are_words(titles, row.cells, vocabulary), rows))
+    for _, cells in units:
+        for k, (title, cell) in enumerate(zip(titles, cells, strict=False)):
+            kind, unit, _ = vocabulary.name(title)
+            units_of_kind, bare = vocabulary.units(kind), cell.strip("[]() ")
+            below = unit_of(bare, units_of_kind)
+            if not units_of_kind or (below is None and is_number(bare)):
+                continue
+            both = f"the column {title!r} has the unit {unit!r} in its title, and {cell!r} in the row below"
+            require(unit in (None, below or bare), both, vocabulary.code("units"))
+            titles[k] = title if unit else f"{title} ({bare})"
+    return titles, units
+
+
+def _are_words(titles: Cells, cells: Cells, vocabulary: Vocabulary) -> bool:
+    """Whether a row has words and units, not numbers, in the columns that have units."""
+    units = [vocabulary.units(vocabulary.name(title).kind) for title in titles]
+    measured = [(cell, of_kind) for cell, of_kind in zip(cells, units, strict=False) if of_kind and cell]
+    words = [cell for cell, of_kind in measured if unit_of(cell.strip("[]() "), of_kind) is None or not is_number(cell)]
+    words = words or (cells if vocabulary.sections else [])
+    return not all(map(is_number, words)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in words)
+
+
+def _without_summary(rows: list[Row]) -> tuple[list[Row], list[str]]:
+    """(the rows without those of a mean, a sum and the like at their end, a note if there were any).
+
+    A word that comes twice is the name of something.
+    """
+    words: list[str] = []
+    for row in reversed(rows):
+        word = next((cell for cell in row.cells if plain_title(cell) in _SUMMARIES), None)
+        if word is None:
+            break
+        words.insert(0, word)
+    if not words or len(set(map(plain_title, words))) < len(words):
+        return rows, []
+    return rows[: -len(words)], [f"{_lines(len(words))} of {', '.join(words)} at the end left out"]
+
+
+def _first_numbers_rows(titles: Cells, rows: list[Row]) -> bool:
+    """Whether each row has one cell more than there are titles, and the first ones count the rows.
+
+    Without any decimal point the further cell may as well come from decimal commas.
+    """
+    if len(rows) < 2 or not all(len(row.cells) == len(titles) + 1 for row in rows):
+        return False
+    firsts = [int(row.cells[0]) if row.cells[0].isdecimal() else -9 for row in rows]
+    counted = firsts == list(range(firsts[0], firsts[0] + len(rows))) and firsts[0] in (0, 1)
+    return counted and any(row.cells[-1] for row in rows) and any("." in cell for row in rows for cell in row.cells)

@@ -1,0 +1,118 @@
+"""The sheets of a workbook (.xlsx, .xls, .xlsb, .ods) as rows of text, read by calamine in a process of its own.
+
+A workbook of a few kilobytes may unpack to gigabytes, or name a cell so far out that the grid up to it is larger than
+any memory, which ends the process that reads it. So a child reads it, with a limit on its memory and its time; what the
+file declares is checked before it is unpacked, and rows are handed on one by one. This file is also the child's
+program, and then knows no other module of the package.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from contextlib import suppress
+from itertools import chain, islice
+from pathlib import Path
+
+MEMORY = 400_000_000  # bytes
+_SECONDS = 30.0
+_TOO_MUCH, _NO_BOOK = 3, 4  # exit status of the child; what it then says begins with the code of the limit
+_PARTS = ("[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml")  # a workbook has one of them
+
+
+def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[tuple[int, list[str]]]]]:
+    """(name, [(number of the row from 1, its cells)]) of the first `most` visible sheets, in the order of their tabs,
+    without their empty rows.
+
+    Raises:
+        InputError: no workbook, damaged, another archive ("tabular.archive"), or larger than is read ("limits.bytes",
+            "limits.unpacked", "limits.cells", "limits.text", "limits.memory", "limits.time").
+    """
+    from cavirheo.errors import InputError, require, without_unseen
+    from cavirheo.io import limits
+
+    most_of = (most or 0, MEMORY, limits.SHEET, limits.UNPACKED, limits.CELLS, limits.TEXT)
+    command = [sys.executable, "-P", __file__, str(path), *map(str, most_of)]
+    try:
+        child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        message = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
+        raise InputError(message, "limits.time") from None
+    answer = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    archive = f"a zip archive of {answer}, and no workbook: unpack it, and give the files or the folder that holds them"
+    require(child.returncode != _NO_BOOK, archive, "tabular.archive")
+    if child.returncode == _TOO_MUCH:
+        code, _, message = answer.partition(" ")
+        raise InputError(f"the workbook {message} are not read; save the table alone as CSV", code)
+    # killed, or "MemoryError", "memory allocation ... failed"
+    memory_ended = child.returncode < 0 or b"emory" in child.stderr
+    require(not memory_ended, "the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
+    damaged = f"the workbook cannot be read, it may be damaged ({answer[:300]})"
+    require(child.returncode == 0, damaged, "tabular.workbook")
+    sheets: list[tuple[str, list[tuple[int, list[str]]]]] = []
+    for number, cells in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
+        cells = [cell if cell.isprintable() else without_unseen(cell)[0] for cell in cells]
+        if number:
+            sheets[-1][1].append((number, cells))
+        else:
+            sheets.append((cells[0], []))
+    return sheets
+
+
+def _write_rows(path: str, most: int, size: int, unpacked: int, cells: int, text: int) -> None:
+    """What the child says: lines of JSON, each a list of (number of a row, its cells); (0, [name]) begins a sheet."""
+    import zipfile
+
+    from python_calamine import CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
+
+    with open(path, "rb") as file:  # not by its path: then the ending would decide
+        with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
+            names = archive.namelist()
+            if not set(names) & set(_PARTS):
+                listed = ascii(", ".join(names[:3])[:100])[1:-1] + ", ..." * (len(names) > 3)
+                print(f"{len(names)} file{'s' * (len(names) > 1)} ({listed})", file=sys.stderr)
+                sys.exit(_NO_BOOK)
+            declared = sum(part.file_size for part in archive.infolist())
+            _few(declared, unpacked, "limits.unpacked unpacks to", "bytes")
+        _few(file.seek(0, 2), size, "limits.bytes has", "bytes")
+        file.seek(0)
+        book = CalamineWorkbook.from_filelike(file)
+    sheets = [sheet for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
+    if not sheets:
+        raise ValueError("no sheet of cells")
+    visible = [sheet for sheet in sheets if sheet.visible == SheetVisibleEnum.Visible] or sheets
+    written = total = 0
+    for metadata in visible[: most or None]:
+        sheet = book.get_sheet_by_name(metadata.name)
+        total += sheet.height * sheet.width
+        _few(total, cells, "limits.cells has", "cells")
+        rows = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), (sheet.start or (0, 0))[0] + 1)
+        chunk = [(0, [metadata.name])]
+        while chunk:
+            line = json.dumps([(number, filled) for number, filled in chunk if any(filled)])
+            written += len(line)
+            _few(written, text, "limits.text holds", "characters")
+            print(line)
+            chunk = list(islice(rows, 100))
+
+
+def _few(count: int, most: int, what: str, of: str) -> None:
+    if count > most:
+        print(f"{what} {count} {of}: more than {most}", file=sys.stderr)
+        sys.exit(_TOO_MUCH)
+
+
+def _text(cell: object) -> str:
+    whole = isinstance(cell, float) and cell.is_integer() and abs(cell) < 1e15
+    return str(int(cell) if whole else cell).strip()  # type: ignore[call-overload]
+
+
+if __name__ == "__main__":
+    _most, _memory, *_limits = map(int, sys.argv[2:])
+    with suppress(ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_AS, (_memory, _memory))
+    _write_rows(sys.argv[1], _most, *_limits)

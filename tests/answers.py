@@ -1,0 +1,169 @@
+"""Curves and answers that are not computed, for tests of what is done with answers."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from html.parser import HTMLParser
+from typing import Any
+
+import numpy as np
+from conftest import messages
+
+from cavirheo import Posterior, RadiusCurve
+from cavirheo.inference.analysis import Analysis
+from cavirheo.messages import Message
+from cavirheo.posterior import Checks, Diagnostics
+from cavirheo.reporting import table
+from cavirheo.reporting.record import Result
+from cavirheo.writing import terminal
+
+NAMES = ("log10_shear_modulus", "log10_viscosity")
+COMMAND = "cavirheo infer shots.mat -o out"
+CENTRE = np.array([3.8, -1.4])  # log10 of 6.3 kPa and 0.04 Pa s
+FLAT = {NAMES[0]: (1.0, 7.0), NAMES[1]: (-4.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class KnownAnalysis(Analysis):
+    """`of(curve)` is the answer, or `of(curve, begun)` where it begins with another."""
+
+    of: Callable[..., Posterior] | None = None
+
+    def answer(self, curve: RadiusCurve, begun: Posterior | None = None, **_: Any) -> Posterior:
+        assert self.of
+        return self.of(curve) if begun is None else self.of(curve, begun)
+
+
+def bubble(name="shot[1]", group="shots", source="data/shots.mat", top=2.6e-4, frames=160, **meta) -> RadiusCurve:
+    """A history of the right look: growth, three collapses, a plateau; with three frames missing."""
+    t_c = top * np.sqrt(998.0 / 101325.0)
+    t = np.linspace(-0.7, 6.0, frames)
+    wave = np.abs(np.cos(np.pi * t / 1.9)) ** 0.7
+    radius = top * (0.12 + 0.88 * np.exp(-np.maximum(t, 0.0) / 0.9) * wave)
+    radius[[50, 51, 52]] = np.nan
+    notes = ("3 of 160 frames without a radius (NaN)",)
+    return RadiusCurve(
+        t * t_c + 1e-4, radius, meta={"name": name, "group": group, "source": source, "notes": notes, **meta}
+    )
+
+
+def empty(name="shot[3]", group="shots", source="data/shots.mat") -> RadiusCurve:
+    meta = {"name": name, "group": group, "source": source}
+    return RadiusCurve(np.empty(0), np.empty(0), meta=meta, unusable="cell 3 of 5 is empty")
+
+
+def answer(curve, G=6100.0, mu=0.021, *, draws=1, verdict="ok", message="", material="nhkv", stretch=9.1) -> Posterior:
+    """G and mu, with 5 % of a decade of scatter in several draws."""
+    rng = np.random.default_rng(0)
+    after = (curve.time >= curve.time_of_max) & np.isfinite(curve.radius)
+    time = curve.time[after][:60]
+    residual = 0.01 * np.sin(np.arange(len(time)))
+    line = np.linspace(time[0], time[-1], 200)
+    said = messages(message, code="check_input.test" if verdict == "check_input" else "test")
+    checks = Checks(
+        verdict,
+        said,
+        rmse_over_rmax=float(np.sqrt(np.mean(residual**2))),
+        mae_over_rmax=float(np.mean(np.abs(residual))),
+        max_difference_over_rmax=float(np.max(np.abs(residual))),
+        collapses=2,
+        t_star_end=2.6,
+        compared_time=time,
+        residual_over_rmax=residual,
+        reconstruction_time=line,
+        reconstruction_radius=np.interp(line, time, curve.radius[after][:60]),
+        time_scale=curve.max_radius * np.sqrt(998.0 / 101325.0),
+    )
+    names = NAMES if material == "nhkv" else NAMES[1:]
+    centre = np.log10([G, mu])[-len(names) :]
+    theta = centre + (0.05 * rng.standard_normal((draws, len(names))) if draws > 1 else 0.0) * np.ones((draws, 1))
+    about: dict[str, Any] = {"stretch": stretch, "diagnostics": Diagnostics(stretch_source="fitted"), "seconds": 0.4}
+    units = ("Pa", "Pa s")[-len(names) :]
+    return Posterior(names, units, theta, checks, material, "bdt", {"model": "bdt-viscoelastic"}, **about)
+
+
+def unanswered(message="cell 3 of 5 is empty") -> Posterior:
+    return Posterior(NAMES, ("Pa", "Pa s"), np.empty((0, 2)), Checks("failed", messages(message)), "nhkv", "bdt")
+
+
+def with_verdict(posterior: Posterior, verdict: str, *said: Message) -> Posterior:
+    return replace(posterior, checks=replace(posterior.checks, verdict=verdict, messages=said))
+
+
+def seen(mean, width, draws=600, *, seed=0, names=NAMES, bend=None, **more) -> Posterior:
+    """Draws of a Gaussian posterior with exactly this mean (d,) and standard deviation; `bend`: log weights."""
+    rng = np.random.default_rng(seed)
+    z = rng.standard_normal((draws, len(names)))
+    z = (z - z.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(z.T, bias=True).reshape(len(names), -1))).T
+    theta = np.asarray(mean) + z * width
+    about = {"prior": {name: FLAT[name] for name in names}, "log_weight": None if bend is None else bend(theta), **more}
+    law = "nhkv" if len(names) == 2 else "newtonian"
+    return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks("ok"), law, "verified", **about)
+
+
+def shots(n, spread=0.05, width=0.05, *, seed=1, centre=CENTRE, away=()) -> list[Posterior]:
+    """Shots about a material, each seen with its own error; those in `away` half a decade off."""
+    rng = np.random.default_rng(seed)
+    truths = centre + spread * rng.standard_normal((n, 2))
+    truths[list(away)] = np.asarray(centre) + 0.5
+    return [seen(truth + width * rng.standard_normal(2), width, seed=i) for i, truth in enumerate(truths)]
+
+
+def printed(document: Result, width: int) -> str:
+    """The table of a document on a terminal of this width."""
+    console = terminal.console(width=width, file=io.StringIO(), force_terminal=False)
+    table.print_table(document, console)
+    return console.file.getvalue()
+
+
+class Page(HTMLParser):
+    """Collects ids, tags and text, and holds that tags close in order."""
+
+    VOID = ("meta", "br", "img")
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.tags: set[str] = set()
+        self.attributes: list[tuple[str, str | None]] = []
+        self.text: list[str] = []
+        self.feed(text)
+        assert not self.open, f"left open: {self.open}"
+
+    def handle_starttag(self, tag: str, attrs: Sequence[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.attributes += attrs
+        self.ids += [value for key, value in attrs if key == "id"]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: Sequence[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether both are of one class and hold the same, arrays and parts of parts included."""
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+    if is_dataclass(one):
+        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+    if isinstance(one, Mapping):
+        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, list | tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, Exception):
+        return str(one) == str(other) and vars(one) == vars(other)
+    return bool(one == other)

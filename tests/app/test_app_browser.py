@@ -1,0 +1,372 @@
+"""The browser app in a real Chromium: the five steps, wide and narrow, errors, two visitors, no outside request."""
+
+import json
+import os
+import re
+import shutil
+import time
+import zipfile
+from dataclasses import replace
+from importlib.util import find_spec
+
+import pytest
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+for found, lacking in (
+    (find_spec("gradio"), "the app extra is not installed"),
+    (find_spec("playwright"), "playwright is not installed"),
+    (CHROMIUM, "no Chromium on this machine"),
+):
+    if found is None:
+        pytest.skip(lacking, allow_module_level=True)
+
+from cavirheo.app.session import VisitorLimits  # noqa: E402
+from cavirheo.app.steps import examples  # noqa: E402
+from cavirheo.io import read_curves, write_csv  # noqa: E402
+
+WIDE, PHONE = (1440, 900), (390, 844)
+
+
+@pytest.fixture(scope="module")
+def served():
+    from cavirheo.app.server import running  # gradio takes seconds, which collecting tests need not wait for
+
+    with running(limits=VisitorLimits(file_mb=1.0)) as (address, visitors):
+        yield address, visitors
+
+
+@pytest.fixture(scope="module")
+def browser():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        sandbox = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []  # Chromium refuses it to root
+        one = driver.chromium.launch(executable_path=CHROMIUM, args=sandbox)
+        yield one.new_context()  # of all pages: scripts are loaded once
+        one.close()
+
+
+@pytest.fixture
+def visit(served, browser):
+    """A new visitor's page of this size; at the end: no request went elsewhere, no script failed."""
+    pages, elsewhere, failed = [], [], []
+
+    def one(size=WIDE):
+        page = browser.new_page()
+        pages.append(page)
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        page.set_default_timeout(60_000)
+        page.on("request", lambda request: _foreign(request.url, served[0]) and elsewhere.append(request.url))
+        page.on("websocket", lambda socket: elsewhere.append(socket.url))
+        page.on("pageerror", lambda error: failed.append(str(error)))
+        page.goto(served[0])
+        page.wait_for_selector("#upload input[type=file]", state="attached")
+        return page
+
+    yield one
+    for page in pages:
+        page.close()
+    assert elsewhere == []
+    assert failed == []
+
+
+def _foreign(url, address):
+    return not url.startswith((address, "data:", "blob:"))
+
+
+def drop(page, *files):
+    page.set_input_files("#upload input[type=file]", [str(file) for file in files])
+    page.wait_for_selector("#found table, #refused .failed-message")
+
+
+def drag(page, name, share):
+    """Move a slider to this share of its range, and wait until the simulation is drawn."""
+    before = page.evaluate("document.body.dataset.redrawn || '0'")
+    page.locator(f"#slider-{name} input[type=range]").evaluate(
+        "(one, share) => { one.value = share * one.max; one.dispatchEvent(new Event('input', {bubbles: true})); }",
+        share,
+    )
+    page.wait_for_function("before => (document.body.dataset.redrawn || '0') !== before", arg=before)
+
+
+def traces(page):
+    """{name: number of points} of the upper panel of the check."""
+    return page.evaluate(
+        "Object.fromEntries(document.querySelector('#check-plot .js-plotly-plot').data"
+        ".filter(one => one.showlegend !== false).map(one => [one.name, one.x.length ?? one.x.shape]))"
+    )
+
+
+def quick(page, level="not verified (fastest)"):
+    """Answers without simulations, where the answers themselves are not looked at."""
+    page.get_by_role("button", name="More about the method").click()
+    page.get_by_label(level).check()
+
+
+def answered(page, shots):
+    rows = "document.querySelectorAll('#answers .curves tbody tr')"
+    page.wait_for_function(f"{rows}.length === {shots} && !document.querySelector('#answers .soon')")
+    page.wait_for_selector("#to-check:enabled")
+
+
+def closed(page):
+    """Numbers of the steps that cannot be opened."""
+    return [k for k, tab in enumerate(page.locator("#steps [role=tab]").all(), 1) if tab.is_disabled()]
+
+
+def fits_the_screen(page):
+    return page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def take(page, folder):
+    """The zip of the last step, unpacked."""
+    page.get_by_role("tab", name="5 Export").click()
+    with page.expect_download() as download:
+        page.click("#make")
+    download.value.save_as(folder / "result.zip")
+    with zipfile.ZipFile(folder / "result.zip") as archive:
+        archive.extractall(folder)
+    return folder / "cavirheo-result"
+
+
+def test_five_steps_on_a_shipped_example(visit, tmp_path):
+    page = visit(WIDE)
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#overview .js-plotly-plot")
+    page.wait_for_selector("#overview-normalised .js-plotly-plot")
+    assert page.locator("#found tbody tr").count() == 5
+    assert fits_the_screen(page)
+
+    page.click("#to-prepare")
+    page.wait_for_selector("#prepared svg.picture")
+    for k in (2, 4, 5):
+        page.get_by_label(f"soft_gel[{k}]", exact=True).uncheck()
+    page.fill("#density input", "1050")
+    page.press("#density input", "Tab")
+    page.wait_for_selector("#prepared li")
+
+    page.click("#to-infer")
+    page.click("#infer")
+    answered(page, 2)
+    assert re.search(r"G\s*kPa", page.inner_text("#answers .curves thead"))
+    assert page.locator("#answers .curves .badge").first.inner_text() == "ok"
+
+    page.click("#to-check")
+    page.wait_for_selector("#check-plot .js-plotly-plot")
+    page.wait_for_selector("#facts article")
+    assert len(re.findall(r"[\d.]+ %", page.inner_text("#facts"))) >= 3  # RMSE, mean and largest difference
+    assert traces(page)["sliders"] == 0
+    drag(page, "viscosity", 0.2)
+    first = page.inner_text("#trial")
+    assert traces(page)["sliders"] > 100
+    drag(page, "viscosity", 0.6)
+    assert re.search(r"RMSE [\d.]+ %", page.inner_text("#trial"))
+    assert page.inner_text("#trial") != first
+    assert not page.locator("#stop-fit").is_visible()
+    page.click("#fit")
+    page.wait_for_selector("#stop-fit", state="visible")
+    page.wait_for_selector("#facts :text('least squares')")
+    page.wait_for_selector("#stop-fit", state="hidden")
+    page.wait_for_function("document.querySelector('#check-plot .js-plotly-plot')?.data?.length > 7")
+    assert {"sliders", "measured", "simulation: best draw", "least squares"} <= traces(page).keys()
+    assert fits_the_screen(page)
+
+    folder = take(page, tmp_path)
+    document = json.loads((folder / "result.json").read_text())
+    assert [record["name"] for record in document["curves"]] == [f"soft_gel[{k}]" for k in (1, 3)]
+    assert "--density 1050" in document["command"]
+    assert document["curves"][0]["medium"]["density"] == 1050
+    assert (folder / "least-squares" / "report.html").exists()
+    assert page.locator(".toast-wrap :text('Not done')").count() == 0
+
+
+def test_errors_are_told_and_mended(visit, tmp_path):
+    page = visit(WIDE)
+    bad, huge, short = tmp_path / "bad.mat", tmp_path / "huge.csv", tmp_path / "short.csv"
+    bad.write_bytes(examples()["stiff_gel.mat"].read_bytes()[:3000])
+    huge.write_bytes(b"time_us,radius_um\n" + b"1,2\n" * 400_000)
+    short.write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
+    drop(page, bad)
+    assert "bad.mat" in page.inner_text("#refused .failed-message")
+    page.set_input_files("#upload input[type=file]", str(huge))
+    page.wait_for_selector(".toast-body.error")
+    page.click("#clear")  # nothing is loaded that could be lost
+    page.wait_for_selector("#refused .failed-message", state="detached")
+    drop(page, short)
+    page.click("#infer-now")
+    page.wait_for_selector("#answers .badge.failed")
+    assert "short" in page.inner_text("#answers [role=status]")
+    page.click("#to-check")
+    page.wait_for_selector("#facts .message.failed")
+    page.wait_for_selector("#check-plot .js-plotly-plot")
+    assert not any(name.startswith("simulation") for name in traces(page))
+    page.get_by_role("tab", name="3 Infer").click()
+    page.get_by_role("tab", name="2 Prepare").click()
+    page.wait_for_timeout(500)  # nobody types in the moment in which the steps change
+    page.fill("#rmax-um input", "-5")
+    page.press("#rmax-um input", "Tab")
+    page.wait_for_selector("#rmax-um :text('-5')")
+    assert page.locator(".toast-body :text('-5')").count() == 0
+
+
+@pytest.mark.slow
+def test_the_page_has_one_state(visit, tmp_path):
+    """Steps are open where they can work; changed settings grey the answers; a reload brings all of it back."""
+    page = visit(WIDE)
+    assert closed(page) == [2, 3, 4, 5]
+    assert page.locator("#welcome img").is_visible()
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#found table")
+    assert page.locator("#welcome").count() == 0 or not page.locator("#welcome").is_visible()
+    assert closed(page) == [4, 5]
+    page.click("#to-prepare")
+    page.click("#to-infer")
+    quick(page)
+    page.click("#infer")
+    answered(page, 5)
+    assert closed(page) == []
+    page.wait_for_selector("#cloud .js-plotly-plot")
+    assert "density 998" in page.inner_text("#answers")
+    page.get_by_label("Newtonian fluid").check()
+    page.wait_for_selector("#answers :text('Settings changed')")
+    assert closed(page) == [4, 5]
+    assert page.locator("#answers .stale").count() == 1
+    page.get_by_label("neo-Hookean Kelvin-Voigt").check()
+    page.wait_for_selector("#answers :text('Settings changed')", state="detached")
+    assert closed(page) == []
+
+    head = page.locator("#answers .curves thead th").first
+    names = page.locator("#answers .curves tbody td:first-child")
+    for _ in range(2):
+        head.press("Enter")
+    assert head.get_attribute("aria-sort") == "descending"
+    assert names.all_inner_texts() == [f"soft_gel[{k}]" for k in (5, 4, 3, 2, 1)]
+    names.nth(1).press("Enter")
+    page.wait_for_selector("#facts h3:text('soft_gel[4]')")
+    width = "document.querySelector('#check-plot .main-svg').getBoundingClientRect().width"
+    before = page.evaluate(width)
+    page.get_by_role("tab", name="3 Infer").click()
+    page.click("#infer")
+    page.wait_for_selector("#stop", state="visible")
+    page.wait_for_selector("#stop", state="hidden")
+    page.wait_for_function("document.querySelector('#facts h3')?.textContent === 'soft_gel[1]'")  # of the new answers
+    page.get_by_role("tab", name="4 Check").click()
+    page.wait_for_function(f"Math.abs({width} - {before}) < 2")  # not as wide as a figure that was drawn unseen
+
+    assert "?session=" in page.url
+    page.reload()
+    page.wait_for_selector("#found table")
+    page.get_by_role("tab", name="3 Infer").click()
+    answered(page, 5)
+    assert closed(page) == []
+    page.get_by_role("tab", name="4 Check").click()
+    page.wait_for_selector("#facts h3:text('soft_gel[1]')")
+    again = page.context.new_page()
+    again.goto(page.url.replace("session=", "session=x"))  # nobody's
+    again.wait_for_selector("#upload input[type=file]", state="attached")
+    assert closed(again) == [2, 3, 4, 5]
+    again.close()
+
+
+def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
+    page, (_, visitors) = visit(WIDE), served
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#overview .js-plotly-plot")
+    kept = visitors.forgotten.__closure__[
+        0
+    ].cell_contents.blocks.state_holder.session_data  # gradio's, with every figure of each page
+    (mine,) = [name for name, link in visitors._links.items() if link in page.url]
+    assert mine in kept
+    monkeypatch.setattr(visitors, "limits", VisitorLimits(absent=0.05))
+    page.close()
+    until = time.monotonic() + 20
+    while mine in kept and time.monotonic() < until:
+        time.sleep(0.05)
+    assert mine not in kept
+    assert mine not in visitors._links
+
+
+def test_a_class_with_one_file(visit, tmp_path):
+    """All drop the same file at the same time."""
+    pages, one = [visit(WIDE) for _ in range(3)], _one_shot(tmp_path / "one.csv")
+    for page in pages:
+        page.set_input_files("#upload input[type=file]", str(one))
+    for page in pages:
+        page.bring_to_front()  # a page behind others draws nothing
+        page.wait_for_selector("#found tbody tr")
+        assert page.locator("#found tbody td:first-child").all_inner_texts() == ["one"]
+        assert page.locator("#refused .failed-message").count() == 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("av") is None, reason="the video extra is not installed")
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_a_recording_is_measured_looked_at_and_confirmed(visit, tmp_path, size):
+    page = visit(size)
+    page.set_input_files("#upload input[type=file]", str(examples()["bubble.mp4"]))
+    page.wait_for_selector("#measure")
+    page.click("#measure")
+    for field in ("film-rate", "film-scale"):
+        page.wait_for_selector(f"#{field} :text('missing')")
+    assert page.locator(".toast-body").count() == 0
+    page.fill("#film-rate input", "500000")
+    page.fill("#film-scale input", "4")
+    page.press("#film-scale input", "Enter")
+    page.wait_for_selector("#film-frame img")
+    page.wait_for_selector("#film-plot .js-plotly-plot")
+    page.locator("#film-number input[type=range]").evaluate(
+        "one => { one.value = 40; one.dispatchEvent(new Event('input', {bubbles: true})); }"
+    )
+    page.wait_for_selector("#film-frame :text('Frame 40 of 80')")
+    page.click("#film-toggle")
+    page.wait_for_selector("#film-frame .excluded")
+    page.wait_for_selector("#film-toggle:has-text('Bring')")
+    assert page.input_value("#film-excluded input") == "40"
+    page.fill("#film-excluded input", "40, 99")
+    page.wait_for_selector("#film-excluded :text('1 to 80')")
+    page.fill("#film-excluded input", "40-45")
+    page.wait_for_selector("#film-told :text('70 of 80')")
+    assert fits_the_screen(page)
+    page.fill("#film-scale input", "5")
+    page.click("#confirm")
+    page.wait_for_selector("#film-scale :text('measure again')")
+    page.fill("#film-scale input", "4")
+    page.click("#confirm")
+    page.wait_for_selector("#found tbody tr")
+    page.click("#infer-now")
+    answered(page, 1)
+    (record,) = json.loads((take(page, tmp_path) / "result.json").read_text())["curves"]
+    assert "excluded by hand: frames 40-45" in record["notes"]
+
+
+@pytest.mark.slow
+def test_two_visitors_do_not_see_each_other_and_need_no_mouse(visit, tmp_path):
+    pages, files = (visit(WIDE), visit(PHONE)), [_one_shot(tmp_path / f"{name}.csv") for name in ("mine", "yours")]
+    for page, file in zip(pages, files, strict=True):
+        drop(page, file)
+        page.wait_for_selector("#infer-now:enabled")
+        page.focus("#infer-now")
+        page.keyboard.press("Enter")
+    for page, file in zip(pages, files, strict=True):
+        answered(page, 1)
+        names = page.locator("#answers .curves tbody td:first-child").all_inner_texts()
+        assert names == [file.stem]
+    page = pages[0]
+    page.focus("#to-check")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#facts article")
+    page.locator("#slider-shear_modulus input[type=range]").focus()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector("#trial :text('RMSE')")
+    unnamed = page.evaluate(  # every field has a name
+        "[...document.querySelectorAll('input:not([type=file]), button, select')]"
+        ".filter(one => one.offsetParent && !(one.labels?.length || one.getAttribute('aria-label') || one.title"
+        " || one.innerText.trim())).map(one => one.outerHTML)"
+    )
+    assert unnamed == []
+
+
+def _one_shot(path, scale=1.0):
+    curve = read_curves(examples()["soft_gel.csv"])[0]
+    write_csv(path, replace(curve, radius=scale * curve.radius))
+    return path

@@ -1,0 +1,277 @@
+"""The command line: the main job on the shipped examples, and a clear word for every bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import typer
+from answers import KnownAnalysis
+from conftest import BDT, ROOT
+from scipy.io import savemat
+
+from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
+from cavirheo.io import write_csv
+from cavirheo.physics import laws
+from cavirheo.physics.accuracy import PRECISE
+from cavirheo.physics.bubble import Bubble
+from cavirheo.physics.driving import Trace
+from cavirheo.physics.elastic import Yeoh
+from cavirheo.physics.materials import Viscoelastic
+from cavirheo.physics.viscous import Cross
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.verbs.run import Run
+
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
+
+
+def infer(run, *words: object, status: int = 0) -> tuple[list[dict], list[dict], str]:
+    """Rows of curves and groups, and what was said on stderr."""
+    found, _, err = run("infer", *words, *BDT, "-o", "r", "--replace")
+    assert found == status, err
+    assert "Traceback" not in err
+    document = json.loads(Path("r", "result.json").read_text())
+    return document["curves"], document["groups"], err
+
+
+@pytest.fixture
+def shot(tmp_path) -> Path:
+    """One shot of the example."""
+    write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
+    return tmp_path / "shot.csv"
+
+
+@pytest.mark.needs("matplotlib")
+def test_the_main_job(run, tmp_path):
+    status, out, err = run("infer", EXAMPLE, *BDT, "-o", "result")
+    assert status == 0, err
+    assert "n = 5" in out
+    result = json.loads((tmp_path / "result" / "result.json").read_text())
+    assert result["schema"] == 1
+    assert len(result["curves"]) == 5
+    row = result["curves"][0]
+    assert row["verdict"] == "ok"
+    assert row["shear_modulus_Pa"]["q05"] is None
+    assert row["medium"]["density"] == 998.0
+    assert result["groups"][0]["n"] == result["groups"][0]["n_trusted"] == 5
+    assert (tmp_path / "result" / "report.html").read_text().startswith("<!doctype html>")
+    assert (tmp_path / "result" / "report.html").read_text().count("<svg") == 5 + 3  # the group's shots and answers
+    assert not list((tmp_path / "result").glob("*.png"))
+
+
+def test_options_reach_the_answer(run, shot):
+    def answer(*options: object) -> dict:
+        ((row,), _, _) = infer(run, shot, *options)
+        return row
+
+    plain = answer()
+    dense = answer("--density", 1040)
+    assert dense["medium"]["density"] == 1040
+    assert dense["shear_modulus_Pa"]["median"] > plain["shear_modulus_Pa"]["median"]  # the same clock, a slower liquid
+    other = answer("--medium", "zhu2025", "--stretch", 9, "--window", 1, "--rmax-um", 200)
+    assert other["medium"]["name"] == "zhu2025"
+    assert other["stretch"]["median"] == 9
+    assert other["window"]["collapses"] == 1
+    assert other["max_radius_m"] == pytest.approx(200e-6)
+    assert len(other["notes"]) == len(plain["notes"]) + 1  # that R_max was set
+
+
+def test_single_shot_files_of_a_folder_are_one_group(run, tmp_path):
+    curves = read_curves(EXAMPLE)
+    (tmp_path / "gel").mkdir()
+    for k in (0, 1):
+        write_csv(tmp_path / "gel" / f"shot{k}.csv", curves[k])
+    head, *rows = EXAMPLE.read_text().splitlines()
+    (tmp_path / "two.csv").write_text("\n".join([head, *(row for row in rows if row[0] in "34")]))
+    _, groups, _ = infer(run, *sorted((tmp_path / "gel").glob("*.csv")), "two.csv")
+    assert [(g["name"], g["n"]) for g in groups] == [("gel", 2), ("two", 2)]
+
+
+def few(n: int) -> str:
+    return "time_us,radius_um\n" + "".join(f"{k},{100 + k}\n" for k in range(n))
+
+
+def test_unreadable_files(run, tmp_path):
+    (tmp_path / "empty.csv").write_bytes(b"")
+    (tmp_path / "text.txt").write_bytes(b"Dear lab, the data will follow.\nYours\n")
+    (tmp_path / "binary.csv").write_bytes(bytes(range(256)) * 4)
+    savemat(tmp_path / "other.mat", {"voltage": np.ones(4)})
+    for name in ("empty.csv", "text.txt", "binary.csv", "other.mat", str(tmp_path), "nowhere.csv"):
+        status, _, err = run("infer", name)
+        assert status == 2
+        assert name in err
+        assert "Traceback" not in err
+    assert "voltage" in run("infer", "other.mat")[2]
+
+
+FAILED = {  # and a number or an option that the reason must name
+    "three.csv": (few(3), "3 of 3"),
+    "nan.csv": ("time_us,radius_um\n" + "".join(f"{k},nan\n" for k in range(40)), "0 of 40"),
+    "grows.csv": (few(60), ""),
+    "pixels.csv": (
+        "time_us,radius_px\n" + "".join(f"{k},{140 * np.cos(k / 40):.2f}\n" for k in range(50)),
+        "--rmax-um",
+    ),
+}
+
+
+def test_failed_curves_keep_their_row_and_the_others_their_answer(run, tmp_path, shot):
+    for name, (content, _) in FAILED.items():
+        (tmp_path / name).write_text(content)
+    curves, _, _ = infer(run, *FAILED, shot, status=1)
+    assert [c["verdict"] for c in curves] == ["failed"] * len(FAILED) + ["ok"]
+    for row, (_, named) in zip(curves, FAILED.values(), strict=False):
+        assert named in row["messages"][-1]["text"]
+        assert row["shear_modulus_Pa"]["median"] is None
+    (tmp_path / "empty.csv").write_bytes(b"")
+    curves, _, err = infer(run, "empty.csv", shot, status=2)
+    assert "empty.csv" in err
+    assert [c["verdict"] for c in curves] == ["ok"]
+
+
+def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
+    curve = read_curves(EXAMPLE)[0]
+    nothing = Posterior(("log10_viscosity",), ("Pa s",), np.array([[np.nan]]), Checks("ok"), "newtonian", "bdt")
+    with pytest.raises(typer.Exit) as stop:
+        Run().report([curve], KnownAnalysis(of=lambda _: nothing), tmp_path)
+    assert stop.value.exit_code == 1
+
+
+def test_a_radius_in_micrometres_that_are_pixels_is_warned_of(run, tmp_path):
+    curve = read_curves(EXAMPLE)[0]
+    write_csv(tmp_path / "scaled.csv", curve.with_max_radius(0.4 * curve.max_radius))
+    run("infer", "scaled.csv", *BDT, "-o", "r")
+    (row,) = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
+    assert (row["verdict"], row["messages"][0]["code"]) == ("check_input", "check_input.scale")
+
+
+def test_simulate_writes_what_read_curves_reads(run, tmp_path):
+    words = "simulate --material nhkv --shear-modulus 5000 --viscosity 0.05 --rmax-um 200 --stretch 6 -o out"
+    status, _, err = run(*words.split(), "--duration-us", 50, "--fps", 2e6)
+    assert status == 0, err
+    (curve,) = read_curves(tmp_path / "out" / "simulation.csv")
+    expected = simulate(NeoHookeanKelvinVoigt(5e3, 0.05), max_radius=2e-4, stretch=6, time=np.arange(101) * 0.5e-6)
+    assert np.allclose(curve.radius, expected.radius, rtol=1e-6)
+
+
+def test_simulate_any_sum_of_laws(run, tmp_path):
+    status, _, err = run(
+        "simulate", "--material", laws.EXAMPLE, "--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a"
+    )
+    assert status == 0, err
+    law = Viscoelastic(Yeoh(1e3, 20.0), Cross(0.5, 0.01, 1e-4))
+    there = simulate(law, max_radius=200 * 1e-6, stretch=6, time=np.arange(41) / 1e6)
+    columns = zip(
+        there.time * 1e6, there.radius * 1e6, there.velocity, there.pressure, there.stress, there.strain,
+        there.strain_rate, strict=True,
+    )  # fmt: skip
+    rows = (tmp_path / "a" / "simulation.csv").read_text().splitlines()[1:]
+    assert rows == [",".join(f"{value:.9g}" for value in row) for row in columns]
+
+
+def test_simulate_all_options(run, tmp_path):
+    """Ultrasound on a nucleus in a material with memory: the same as in Python, stress and fields included."""
+    (tmp_path / "p.csv").write_text("time_us,pressure_kPa\n0,0\n1,-2000\n2,0\n3,0\n")
+    words = "--rmax-um 2 --stretch 1 --duration-us 10 --fps 1e7 --motion gilmore --precise"
+    law = "zener(2e3, 0.01, 1e-6)"
+    status, _, err = run("simulate", "--material", law, *words.split(), *["--driving", "p.csv", "--fields", "-o", "a"])
+    assert status == 0, err
+    expected = simulate(
+        laws.parse(law),
+        max_radius=2e-6,
+        stretch=1.0,
+        time=np.arange(101) / 1e7,
+        bubble=Bubble(motion="gilmore"),
+        driving=Trace([0, 1e-6, 2e-6, 3e-6], [0, -2e6, 0, 0]),
+        fields=True,
+        accuracy=PRECISE,
+    )
+    there = np.genfromtxt(tmp_path / "a" / "simulation.csv", delimiter=",", names=True)
+    assert there["radius_um"] == pytest.approx(expected.radius * 1e6, rel=1e-8)
+    assert there["stress_Pa"] == pytest.approx(expected.stress, rel=1e-8)
+    assert there["strain"] == pytest.approx(expected.strain, abs=1e-8)
+    assert there["strain_rate_per_s"] == pytest.approx(expected.strain_rate, rel=1e-8, abs=1e-3)
+    assert there["radius_um"].max() > 4
+    with h5py.File(tmp_path / "a" / "fields.h5") as file:
+        assert np.array_equal(file["temperature_K"], expected.contents.temperature)
+        assert np.array_equal(file["vapour_mass_fraction"], expected.contents.vapour)
+        assert file["position"].shape == (385,)
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        "--polytropic 1.4", "--motion rayleigh-plesset", "--relaxed", "--pulse -500 1 2", "--contents kinetic",
+        "--damage 0.2 2", "--confinement-damping 0.2", "--confinement-inertia 0.1", "--wall-distance-um 500",
+        "--vapour-excess 3000",
+    ],
+)  # fmt: skip
+def test_each_option_matters(run, tmp_path, way):
+    words = "simulate --material neo-hookean(2e3)+ucm(0.05,3e-6) --rmax-um 100 --stretch 5 --duration-us 30 -o {}"
+    for name, more in (("a", ""), ("b", way)):
+        status, _, err = run(*words.format(name).split(), *more.split())
+        assert status == 0, err
+    tables = (tmp_path / name / "simulation.csv" for name in "ab")
+    one, two = (np.genfromtxt(table, delimiter=",", names=True)["radius_um"] for table in tables)
+    assert np.abs(one - two).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("newtonian --shear-modulus 5 --viscosity 1", "shear_modulus"),
+        ("nhkv --viscosity 1", "shear_modulus"),
+        ("gent(2e3,40", "gent(2e3,40"),
+        ("gent --shear-modulus 2e3", "gent(shear_modulus [Pa], limit [-])"),
+        ("gent(2e3,40)+linear(1)", "gent and linear"),
+        ("nhkv(2e3,0.1) --viscosity 0.1 --stiffening 1", "--viscosity, --stiffening"),
+        ("newtonian(1) --fps 1e15", "frames"),
+        ("newtonian(1) --pulse 1 1 1 --driving p.csv", "--pulse"),
+        ("newtonian(1) --driving p.csv", "p.csv"),
+        ("newtonian(1) --polytropic 1 --fields", "--fields"),
+        ("newtonian(1) --polytropic 1 --contents kinetic", "leave out --polytropic"),
+        ("newtonian(1) --motion gilmor", "gilmor"),
+        ("newtonian(1) --accommodation 0.1", "--contents kinetic"),
+        ("newtonian(1) --wall-distance-um 80", "wall_distance"),
+        ("newtonian(1) --damage 0.2 2", "damage"),
+    ],
+)
+def test_simulate_refuses(run, tmp_path, words, named):
+    status, _, err = run(*f"simulate --rmax-um 90 --stretch 5 -o x --material {words}".split())
+    assert (status, err.count("\n")) == (2, 1)
+    assert named in err
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.slow
+def test_generate_and_train_from_the_command_line(run, tmp_path):
+    pytest.importorskip("torch")
+    recipe = (ROOT / "recipes" / "laptop.toml").read_text()
+    small = recipe.replace("epochs = 30", "epochs = 1")
+    assert small != recipe
+    (tmp_path / "small.toml").write_text(small)
+    status, _, err = run("generate", "small.toml", "-n", 40, "-o", "data", "--shard", "1/1")
+    assert status == 0, err
+    assert "40 curves" in err
+    assert run("generate", "small.toml", "-n", 41, "-o", "data")[0] == 2
+    assert run("generate", "small.toml", "-o", "data", "--shard", "one")[0] == 2
+    status, out, err = run("train", "small.toml", "data", "-o", "run", "--threads", 1)
+    assert status == 0, err
+    assert "log10_viscosity: R2" in out
+    status, out, err = run("evaluate", "run/laptop.onnx", "data", "-o", "eval")
+    assert status == 0, err
+    assert "the test part" in out
+    assert (tmp_path / "eval" / "metrics.json").exists()
+    status, out, _ = run("infer", EXAMPLE, "--model", "run/laptop.onnx", "-o", "r")
+    assert status in (0, 1)
+
+
+def test_an_empty_folder_takes_no_other_file_with_it(run, tmp_path):
+    (tmp_path / "empty").mkdir()
+    status, out, err = run("rheometer", "empty", "*.xlsx", EXAMPLE.with_name("soft_gel_strain_sweep.csv"))
+    assert status == 2
+    assert [line.split(":")[1].strip() for line in err.splitlines() if line.startswith("error:")] == ["empty", "*.xlsx"]
+    assert "soft_gel_strain_sweep" in out

@@ -1,0 +1,279 @@
+"""Odd calls of the command line: whatever is given to whichever option, one line says how to mend it, with status 2."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from conftest import BDT, ROOT
+from recordings import write_mraw
+
+from cavirheo.inference.analysis import Analysis
+from cavirheo.physics.bubble import FIELD, REAL, Bubble
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.verbs import app
+
+COMMANDS = typer.main.get_command(app).commands
+GOOD = {  # a call that would compute, without the option that is tried
+    "measure": "film.mraw",
+    "infer": "shot.csv", "fit": "shot.csv", "which-law": "shot.csv", "compare": ". --references refs.csv",
+    "collapse-time": "times.csv", "rheometer": "sweep.csv", "generate": "recipe.toml -o d",
+    "simulate": "-o o --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1", "evaluate": "bdt-viscous d",
+    "train": "recipe.toml d -o r", "app": "", "models": "", "laws": "", "show": "shot.csv",
+    "cluster": "check", "cite": "result.json", "watch": ". --once -o w", "design": "-o e",
+}  # fmt: skip
+FREE = {"--out", "--name", "--host", "--device", "--reference-method"}  # any text is one
+NUMBERS = ["nan", "inf", "-1", "-inf", "1e400", "", "word", "\x1b[31mred", "ü 漢 \u202e", "a\0b", "9" * 5000]
+WORDS = ["word", "nan", "\x1b]0;title\x07", "漢" * 30, "-1"]
+
+
+def odd_values() -> list[tuple[str, str, str]]:
+    """(verb, option, value): three for every option that takes a value, in turn."""
+    found, turn = [], count()
+    for verb, command in COMMANDS.items():
+        context = command.make_context(verb, [], resilient_parsing=True)
+        for option in command.params:
+            if option.param_type_name == "option" and not option.is_flag and option.opts[-1] not in FREE:
+                number = re.search("float|int|NUMBER|FLOAT", option.get_help_record(context)[0])
+                values = NUMBERS if number else WORDS
+                found += [(verb, option.opts[-1], values[next(turn) % len(values)]) for _ in range(3)]
+    return found
+
+
+ODD = """
+nothing
+infer
+infer shot.csv --windo 3
+infer shot.csv --window
+infer nowhere.csv
+infer shot.csv --verify none --exact-law
+infer shot.csv --json=1
+infer shot.csv --bubble real,field
+infer shot.csv --bubble field --accommodation 0.1
+infer shot.csv --confinement-inertia 0.1 --wall-distance-um 900
+infer shot.csv --bubble real --model bdt-viscoelastic
+infer shot.csv --bubble auto --verify none
+infer shot.csv --group shoe
+which-law shot.csv --bubble auto,moon
+which-law shot.csv --laws ,
+design --bubble auto
+fit shot.csv --free t1
+fit shot.csv --window 0
+fit shot.csv --scale-percent 200
+compare .
+compare . --references nowhere.csv
+compare . --references refs.csv --fit foo
+rheometer
+rheometer shot.csv
+rheometer sweep.csv --tolerance 60
+rheometer sweep.csv --beside shot.csv
+collapse-time times.csv --material foo
+collapse-time nowhere.csv
+simulate -o o
+simulate -o o --rmax-um 1 --stretch 1 --pulse 1 2
+laws extra
+models --json
+show
+show recipe.toml
+generate nowhere.toml -o d
+generate recipe.toml -o d --shard 3
+generate recipe.toml -o d -n 0
+train recipe.toml
+evaluate nobody d
+app --port 70000
+--help-me
+measure shot.csv --fps 1e5
+measure film.mraw
+measure film.mraw --frames 3:1
+measure film.mraw --roi 0,0,99,99
+""".strip().splitlines()
+
+
+@pytest.fixture
+def lab(run, tmp_path, monkeypatch):
+    """`run` in a folder with a file of each kind, and where nothing is computed: a test that wants to fails."""
+
+    def computes(*_: object, **__: object) -> None:
+        raise AssertionError("it computes")
+
+    monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
+    for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer", "inference.verify.each"):
+        monkeypatch.setattr(f"cavirheo.{name}", computes)
+    lines = (ROOT / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")
+    write_mraw(tmp_path / "film.mraw", np.zeros((3, 16, 16)), 8)
+    (tmp_path / "refs.csv").write_text("set,method,quantity,mean\nshot.csv,IMR,G_Pa,1000\n")
+    (tmp_path / "recipe.toml").write_text((ROOT / "recipes" / "laptop.toml").read_text())
+    (tmp_path / "times.csv").write_text("rmax_um,stretch,t1_us\n200,6,20\n210,6,21\n")
+    (tmp_path / "sweep.csv").write_text(
+        "strain (%),G' (Pa),G'' (Pa)\n0.1,100,10\n0.3,100,10\n1,100,10\n3,99,10\n10,80,10\n100,20,30\n"
+    )
+    return run
+
+
+def refused(called: tuple[int, str, str]) -> str:
+    status, out, err = called
+    assert (status, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert len(err) < 500
+    assert not re.search(r"[\0-\x08\x0b-\x1f\x7f-\x9f\u202e]", err)
+    return err
+
+
+def test_the_frame_rate_has_one_name():
+    names = {name for command in COMMANDS.values() for option in command.params for name in option.opts}
+    assert "--fps" in names
+    assert not any("rate" in name for name in names)
+
+
+def test_o_is_a_folder_of_every_verb():
+    for verb, command in COMMANDS.items():
+        for option in command.params:
+            assert "-o" not in option.opts or option.metavar == "FOLDER", verb
+
+
+@pytest.mark.parametrize(("verb", "option", "value"), odd_values())
+def test_an_odd_value_is_refused_in_one_line(lab, verb, option, value):
+    nargs = next(o.nargs for o in COMMANDS[verb].params if option in o.opts)
+    refused(lab(verb, *GOOD[verb].split(), option, *[value] * nargs))
+
+
+@pytest.mark.parametrize("call", ODD)
+def test_an_odd_call_is_refused_in_one_line(lab, call):
+    refused(lab(*call.split()))
+
+
+# --- options that every verb reads alike ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("verb", ["", *COMMANDS])
+def test_h_is_help(lab, verb):
+    words = verb.split()
+    assert lab(*words, "-h") == lab(*words, "--help")
+    assert lab(*words, "-h")[0] == 0
+
+
+def test_json_is_the_document_and_nothing_else(lab, monkeypatch):
+    status, out, err = lab("collapse-time", "times.csv", "--json", "--no-pictures", "-o", "r")
+    assert (status, err) == (0, "")
+    assert out == Path("r", "collapse-time.json").read_text(encoding="utf-8")
+    status, out, err = lab("collapse-time", "times.csv", "nowhere.csv", "--json", "--no-pictures", "-o", "s")
+    assert status == 2
+    assert out == Path("s", "collapse-time.json").read_text(encoding="utf-8")
+    assert err.startswith("error: nowhere.csv")
+
+
+def test_quiet_says_errors_alone(lab):
+    assert lab("rheometer", "sweep.csv", "--quiet", "-o", "r") == (0, "", "")
+    assert Path("r", "rheometer.json").exists()
+    status, out, err = lab("rheometer", "sweep.csv", "nowhere.csv", "--quiet", "-o", "s")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+
+
+def test_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
+    monkeypatch.setattr("cavirheo.writing.style.new_figure", lambda _: pytest.fail("it draws"))
+    status, out, _ = run("infer", "shot.csv", *BDT, "--no-pictures", "-o", "r")
+    assert status == 0
+    assert "matplotlib" not in out
+    assert {path.name for path in Path("r").iterdir() if path.name[0] != "."} == {
+        "result.json", "result.csv", "report.html"
+    }  # fmt: skip
+    assert "<img" not in Path("r", "report.html").read_text(encoding="utf-8")
+
+
+def test_a_seed_reaches_the_draws(run, lab_answers):
+    for words in ([], ["--seed", 7]):
+        run("infer", "shot.csv", *BDT, "--verify", "full", "--no-pictures", "--quiet", "--replace", "-o", "r", *words)
+    assert [one.seed for one in lab_answers] == [0, 7]
+
+
+BUBBLES = {  # options, and the bubbles that they ask for
+    "--bubble real": (REAL,),
+    "--bubble field": (FIELD,),
+    "--bubble auto": (FIELD, REAL),
+    "--accommodation 0.1": (replace(REAL, accommodation=0.1),),
+    "--confinement-damping 0": (Bubble("kinetic", confinement_damping=0.0),),
+    "--contents equilibrium": (Bubble(confinement_damping="free"),),
+    "--bubble field --confinement-damping 0.2": (Bubble(confinement_damping=0.2),),
+    "--bubble field --confinement-inertia free": (Bubble(confinement_inertia="free"),),
+    "--wall-distance-um 900": (replace(REAL, wall_distance=9e-4),),
+    "--vapour-excess 2000 --damage strain": (replace(REAL, vapour_excess=2e3, damage="strain"),),
+}
+SEVERAL = {  # of which-law
+    "--bubble real,field": (REAL, FIELD),
+    "--bubble field --damage none,strain": (FIELD, Bubble(damage="strain")),
+    "--bubble real,field --confinement-damping 0": (Bubble("kinetic"), FIELD),
+}
+
+
+@pytest.mark.parametrize(
+    ("verb", "words", "asked"),
+    [
+        *((verb, "", (REAL,)) for verb in ("infer", "fit", "which-law")),
+        *((verb, words, asked) for verb in ("infer", "fit") for words, asked in BUBBLES.items()),
+        *(("which-law", words, asked) for words, asked in SEVERAL.items()),
+    ],
+)
+def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, asked):
+    class AskedError(Exception):
+        pass
+
+    def stop(asked, *_, **__):
+        raise AskedError(asked.bubbles)
+
+    def stop_models(_, bubbles):
+        raise AskedError(bubbles)
+
+    monkeypatch.setattr(Analysis, "answer", stop)
+    monkeypatch.setattr("cavirheo.inference.verify.evidence.models", stop_models)
+    with pytest.raises(AskedError) as told:
+        lab(verb, "shot.csv", *words.split(), "--no-pictures", "-o", "r")
+    assert told.value.args == (asked,)
+
+
+def test_trust_input_and_group_reach_the_answers(run, lab_answers):
+    run("infer", "shot.csv", *BDT, *["--trust-input", "--group", "folder", "--no-pictures", "--json", "-o", "r"])
+    assert lab_answers[-1].trust_input is True
+    (group,) = json.loads(Path("r", "result.json").read_text())["groups"]
+    assert group["name"] == Path.cwd().name
+
+
+def test_folders_patterns_and_stdin_are_files(run, lab_answers, tmp_path, monkeypatch):
+    (tmp_path / "gel").mkdir()
+    shot = (tmp_path / "shot.csv").rename(tmp_path / "gel" / "shot.csv")
+    frames = [line.split(",") for line in shot.read_text().splitlines() if line[:1] == "1"]
+    (tmp_path / "frames.csv").write_text(
+        "frame,radius_um\n" + "".join(f"{k},{row[2]}\n" for k, row in enumerate(frames))
+    )
+    with shot.open(encoding="utf-8") as content:
+        monkeypatch.setattr(sys, "stdin", content)
+        for words in (["gel"], ["g*/*.csv"], ["frames.csv", "--fps", 1e6], ["-"]):
+            status, out, err = run("infer", *words, *BDT, "--no-pictures", "--json", "-o", "r", "--replace")
+            assert (status, err) == (0, ""), words
+            (row,) = json.loads(out)["curves"]
+            assert row["max_radius_m"] == pytest.approx(267e-6, rel=0.01)
+    assert refused(run("infer", "g*/*.mat"))
+    assert refused(run("infer", "frames.csv", "--no-pictures", "-o", "q"))
+
+
+@pytest.fixture
+def lab_answers(lab, monkeypatch) -> list[Analysis]:
+    """Known answers instead of inference; returns what was asked."""
+    calls: list[Analysis] = []
+
+    def answered(analysis, curve, *_, **__):
+        calls.append(analysis)
+        theta = np.log10([[6e3, 0.02]])
+        names, units = ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s")
+        return Posterior(names, units, theta, Checks("ok"), "nhkv", "bdt")
+
+    monkeypatch.setattr(Analysis, "answer", answered)
+    return calls

@@ -1,0 +1,449 @@
+"""What is written: no file of the user's is replaced, no answer is lost, nothing is half-written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from answers import KnownAnalysis, same
+from conftest import ROOT
+from fits import fit
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from cavirheo import read_curves
+from cavirheo.companions import comparison
+from cavirheo.errors import InputError
+from cavirheo.inference.analysis import Analysis
+from cavirheo.io import write_csv
+from cavirheo.parallel import Threads, each, one_blas_thread
+from cavirheo.physics import simulate
+from cavirheo.posterior import Evidence, Posterior
+from cavirheo.reporting import figures, read_json, write_report
+from cavirheo.workflow.analyse import Unfinished
+from cavirheo.workflow.store import Store, keep, read_kept
+from cavirheo.writing.claim import LOCK, Claim, claimed
+from cavirheo.writing.document import LIST, Outputs
+
+EXAMPLES = ROOT / "examples"
+EXAMPLE = EXAMPLES / "soft_gel.csv"
+VERBS = {  # what each writes first, and a call that is complete but for -o
+    "result.csv": ["infer", "shot.csv", "--verify", "none"],
+    "result.json": ["fit", "shot.csv"],
+    "laws.json": ["which-law", "shot.csv"],
+    "comparison.md": ["compare", ".", "--references", "references.csv"],
+    "shots.csv": ["collapse-time", "shot.csv"],
+    "rheometer.csv": ["rheometer", EXAMPLES / "soft_gel_strain_sweep.csv"],
+}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def put(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+@pytest.fixture
+def inputs(tmp_path, monkeypatch):
+    """shot.csv and references.csv; nothing may be computed."""
+
+    def computed(*_: object, **__: object) -> None:
+        raise AssertionError("the outputs were not tried before")
+
+    write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
+    put(tmp_path / "references.csv", "set,files\ngel,shot.csv\n")
+    for module in (simulate, comparison):  # which has the name from there
+        monkeypatch.setattr(module, "load_solver", computed)
+    return tmp_path
+
+
+# -------------------------------------------------------------------------------------------------- files of the user's
+
+
+def refused(run, folder: Path, *words: object, named: Iterable[str] = ()) -> None:
+    """A command ends with status 2, one line that names these, and no file of the folder changed."""
+    before = contents(folder)
+    status, _, err = run(*words)
+    assert (status, err.count("\n")) == (2, 1), err
+    assert all(one in err for one in named), err
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_what_is_not_this_runs_is_not_replaced(run, inputs, name):
+    """A file of the user's, a link, the answers of another run, and a folder that another run holds."""
+    out = inputs / "out"
+    out.mkdir()
+    put(out / name, "measured with care")
+    refused(run, inputs, *VERBS[name], "-o", "out", named=[f"out/{name}"])
+    (out / name).unlink()
+    (out / name).symlink_to(inputs / "nowhere")
+    refused(run, inputs, *VERBS[name], "-o", "out", named=[f"out/{name}"])
+    (out / name).unlink()
+    with claimed(Claim("cavirheo elsewhere", {})):
+        Outputs(out, "r")
+        refused(run, inputs, *VERBS[name], "-o", "out", named=["cavirheo elsewhere"])
+    with claimed(Claim("cavirheo of yesterday", {})):
+        Outputs(out, name).write(name, Path.write_text, "answers")
+    refused(run, inputs, *VERBS[name], "-o", "out", named=["cavirheo of yesterday", "-o", "--replace"])
+
+
+@pytest.mark.parametrize("out", ["/dev/full", "shot.csv/y", "a" * 300, "/proc/x", ""])
+@pytest.mark.parametrize("name", VERBS)
+def test_a_place_that_cannot_be_written_is_refused_at_once(run, inputs, name, out):
+    refused(run, inputs, *VERBS[name], "-o", out)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("which-law --laws nhkv,foo", "foo"),
+        ("which-law --stretch 0.5", "0.5"),
+        ("fit --material foo", "foo"),
+        ("fit --free foo", "foo"),
+        ("fit --scale-percent 90", "scale"),
+        ("fit --window-us -1", "end"),
+        ("infer --model foo", "foo"),
+        ("infer --stretch 0.5 --verify map", "0.5"),
+        ("infer --rmax-um -5", "-5"),
+        ("compare --references nowhere.csv", "nowhere.csv"),
+    ],
+)
+def test_options_are_refused_before_files_are_read(run, inputs, words, named):
+    """The file is not there, the option is what is spoken of, and no folder is left behind."""
+    verb, *options = words.split()
+    refused(run, inputs, verb, "." if verb == "compare" else "missing.csv", *options, "-o", "new/deep", named=[named])
+    assert not (inputs / "new").exists()
+
+
+def test_a_run_knows_its_own_answers_again(run, tmp_path):
+    for name, curve in zip(("a.csv", "b.csv"), read_curves(EXAMPLE), strict=False):
+        write_csv(tmp_path / name, curve)
+    words = ["--model", "bdt-viscoelastic", "--no-pictures", "--quiet"]
+    assert run("infer", "a.csv", *words)[0] == 0
+    before = contents(tmp_path)
+    for other in (["b.csv"], ["a.csv", "--density", 1050], ["a.csv", "b.csv"]):
+        assert run("infer", *other, *words)[0] == 2
+    assert contents(tmp_path) == before
+    assert run("infer", tmp_path / "a.csv", *words, "--json")[0] == 0
+    assert run("infer", "b.csv", *words, "--replace")[0] == 0
+    assert read_json(tmp_path / "cavirheo-result" / "result.json").curves[0].name == "b"
+
+
+def test_an_interrupted_run_leaves_the_earlier_answers(run, tmp_path, monkeypatch):
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    write_csv(tmp_path / "a.csv", read_curves(EXAMPLE)[0])
+    words = ["infer", "a.csv", "--model", "bdt-viscoelastic", "--no-pictures"]
+    assert run(*words)[0] == 0
+    before = contents(tmp_path)
+    monkeypatch.setattr(Analysis, "answer", stopped)
+    for again in (words, [*words, "--seed", 1, "--replace"]):
+        status, _, err = run(*again)
+        assert status == 130
+        assert "earlier answers stay" in err
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["simulation.csv", "fields.h5"])
+def test_simulate_writes_into_a_folder_and_replaces_only_its_own(run, tmp_path, name):
+    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--duration-us", 5]
+    words += ["--fields", "-o", "out"]
+    assert run(*words)[0] == 0
+    assert run(*words)[0] == 0
+    put(tmp_path / "out" / name, "edited")
+    status, _, err = run(*words)
+    assert (status, err.count("\n")) == (2, 1)
+    assert (tmp_path / "out" / name).read_text() == "edited"
+
+
+@pytest.mark.parametrize("other", ["another command", "another file"])
+def test_a_call_from_python_keeps_the_answers_of_another(tmp_path, other):
+    curves = read_curves(EXAMPLE)[:2]
+    one, two = ([(curve, fit(curve, window=1))] for curve in curves)
+    written = write_report(tmp_path, one, "one")
+    assert write_report(tmp_path, one, "one").curves == written.curves
+    given = (one, "two") if other == "another command" else (two, "one")
+    with pytest.raises(InputError) as refused:
+        write_report(tmp_path, *given)
+    assert refused.value.code == "document.other_run"
+    assert read_json(tmp_path / "result.json").curves == written.curves
+    write_report(tmp_path, *given, replace=True)
+    assert LOCK not in [path.name for path in tmp_path.iterdir()]
+
+
+def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
+    Outputs(tmp_path, "a.csv").write("a.csv", Path.write_text, "ours")
+    with pytest.raises(InputError) as refused:
+        Outputs(tmp_path, "a.csv", inputs=[tmp_path / "." / "a.csv"])
+    assert refused.value.code == "document.input"
+    later = Outputs(tmp_path, "a.csv", "b.csv")
+    later.write("b.csv", Path.write_text, "b")
+    assert (tmp_path / "a.csv").exists()
+    later.finish()
+    assert not (tmp_path / "a.csv").exists()
+
+
+@pytest.mark.parametrize("line", ["{", "[]", '{"kind": "r", "name": "../secret", "sha256": "%s"}', "\xff"])
+def test_a_strange_list_does_no_harm(tmp_path, line):
+    put(tmp_path / "secret", "x")
+    (tmp_path / "out").mkdir()
+    put(tmp_path / "out" / LIST, line.replace("%s", hashlib.sha256(b"x").hexdigest()) + '\n{"kind"')
+    outputs = Outputs(tmp_path / "out", "r")
+    outputs.write("r", Path.write_text, "new")
+    outputs.finish()
+    assert (tmp_path / "secret").read_text() == "x"
+    Outputs(tmp_path / "out", "r")
+
+
+# ------------------------------------------------------------------------------------------------ tried before the work
+
+
+# ------------------------------------------------------------------------------------------------- nothing half-written
+
+
+@pytest.mark.needs("matplotlib")
+def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch):
+    curve = read_curves(EXAMPLE)[0]
+    pairs = [(curve, fit(curve, window=1))]
+    write_report(tmp_path, pairs, "first", ("png",))
+    before = contents(tmp_path)
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(figures, "curve_figure", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        write_report(tmp_path, pairs, "second", ("png",), replace=True)
+    after = contents(tmp_path)
+    assert after["report.html"] == before["report.html"]
+    assert "second" in after["result.json"].decode()
+    assert set(after) == set(before)
+
+
+# --------------------------------------------------------------------------------------------------------- kept answers
+
+
+def answered() -> Posterior:
+    found = fit(read_curves(EXAMPLE)[1], window=2)
+    more = {"nothing": None, "infinite": float("inf"), "pair": (1, 2.5), "list": [True, "µ"], 3: {"x": {}}}
+    weights = np.linspace(-3, 0, len(found.theta))
+    return replace(found, provenance=found.provenance | more, evidence=Evidence(1.25), log_weight=weights)
+
+
+def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path):
+    answer = answered()
+    keep(tmp_path / "a.npz", answer)
+    assert same(read_kept(tmp_path / "a.npz", Posterior), answer)
+    content = (tmp_path / "a.npz").read_bytes()
+    for cut in (b"", b"PK", content[: len(content) // 2], bytes(len(content))):
+        (tmp_path / "a.npz").write_bytes(cut)
+        assert read_kept(tmp_path / "a.npz", Posterior) is None
+    assert read_kept(tmp_path / "nothing.npz", Posterior) is None
+
+
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
+    curves, answer, asked, until = read_curves(EXAMPLE), answered(), [], 2
+
+    def of(curve):
+        if len(asked) == until:
+            raise KeyboardInterrupt
+        asked.append(curve.name[-2])
+        return replace(answer, seconds=float(curve.name[-2]))
+
+    def answers(curves, seed=0):
+        run = Unfinished(tmp_path, executor=Threads(1))
+        return run, run.answers(curves, KnownAnalysis(of=of, seed=seed))
+
+    run, found = answers(curves)
+    assert run.interrupted
+    assert found.indices == [0, 1]
+    until = 99
+    run, found = answers(curves[::-1])  # in any order
+    assert not run.interrupted
+    assert [one.seconds for one in found] == [5.0, 4.0, 3.0, 2.0, 1.0]
+    assert asked == ["1", "2", "5", "4", "3"]
+    again = [curve.labelled(name=f"{curve.name} (2)", group="gel", source="elsewhere.csv") for curve in curves]
+    answers(again)
+    assert len(asked) == 5  # the name of a curve is no part of it
+    answers(curves, seed=1)
+    assert len(asked) == 10  # another setting
+    answers([replace(curves[0], radius=curves[0].radius * 1.001)])
+    answers([curves[0].with_exposure(1e-7)])
+    assert asked[10:] == ["1", "1"]  # another curve
+    (tmp_path / "unfinished" / "notes.txt").write_text("mine")
+    before = len(contents(tmp_path))
+    run.remove()
+    assert len(contents(tmp_path)) == before - 5  # what the other runs kept is theirs
+    answers(curves, seed=1)[0].remove()
+    answers([replace(curves[0], radius=curves[0].radius * 1.001), curves[0].with_exposure(1e-7)])[0].remove()
+    assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
+    (tmp_path / "unfinished" / "notes.txt").unlink()
+    run.remove()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_does_not_wait_for_other_threads():
+    gate, begun = threading.Event(), []
+
+    def work(job: int) -> None:
+        begun.append(job)
+        if job == 1:
+            raise InputError("no", "code")
+        gate.wait(20)
+
+    before = time.perf_counter()
+    with pytest.raises(InputError):
+        each(work, range(50), 2)
+    assert time.perf_counter() - before < 10
+    gate.set()
+    assert len(begun) < 10
+
+
+# --------------------------------------------------------------------------------------------------------- as a program
+
+
+def program(*words: object, cwd: Path, **how: object) -> subprocess.Popen:
+    """`cavirheo` in a process of its own, whose signals are those of a terminal."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "cavirheo", *map(str, words)], cwd=cwd, text=True, stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **how,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def many(tmp_path) -> Path:
+    """Copies of one shot, all different."""
+    (curve,) = read_curves(EXAMPLE)[:1]
+    for k in range(40):
+        write_csv(tmp_path / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
+    return tmp_path
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_writes_what_was_answered(many, number):
+    words = ["infer", "--verify", "none", *sorted(path.name for path in many.glob("*.csv")), "-o", "out"]
+    call = program(*words, cwd=many)
+    wait_for(lambda: len(list((many / "out").glob("unfinished/[!.]*.npz"))) >= 2, call)
+    call.send_signal(number)
+    before = time.perf_counter()
+    _, err = call.communicate(timeout=60)
+    assert call.returncode == 130, err
+    assert time.perf_counter() - before < 5  # 1 s where nothing else runs
+    assert "Traceback" not in err
+    written = json.loads((many / "out" / "result.json").read_text())
+    kept = len(list((many / "out").glob("unfinished/[!.]*.npz")))
+    assert 2 <= len(written["curves"]) <= kept + 1 < 40  # one may be interrupted while it is kept
+    assert f"{len(written['curves'])} of 40" in written["notes"][0]
+    assert f"{len(written['curves'])} of 40" in err
+    assert {path.name for path in (many / "out").iterdir()} == {"result.json", "result.csv", LIST, "unfinished"}
+
+
+def wait_for(fine, call: subprocess.Popen, seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not fine():
+        assert call.poll() is None, call.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_a_full_disk_is_one_line(many):
+    """As far as a limit on the size of files tells: the documents fit, report.html with its pictures does not."""
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+
+    files = sorted(path.name for path in many.glob("*.csv"))[:3]
+    call = subprocess.run(
+        [sys.executable, "-m", "cavirheo", "infer", "--model", "bdt-viscoelastic", *files, "-o", "out"],
+        cwd=many, capture_output=True, text=True,
+        check=False, preexec_fn=limited,
+    )  # fmt: skip
+    assert call.returncode == 2, call.stderr
+    said = [line for line in call.stderr.splitlines() if line.strip()]
+    assert [line for line in said if line.startswith("error: ")] == said[-1:]
+    assert "Traceback" not in call.stderr
+    assert len(list((many / "out" / "unfinished").glob("*.npz"))) == 3
+    assert not (many / "out" / "report.html").exists()
+    assert not [path for path in (many / "out").rglob("*") if ".part" in path.name]
+    assert json.loads((many / "out" / "result.json").read_text())["curves"]
+
+
+def test_a_reader_that_goes_is_no_traceback(tmp_path):
+    for words in ("laws", "models"):
+        reading, writing = os.pipe()
+        os.close(reading)
+        call = subprocess.run(
+            [sys.executable, "-m", "cavirheo", words], stdout=writing, stderr=subprocess.PIPE, text=True, check=False
+        )
+        os.close(writing)
+        assert call.stderr == ""
+        with open("/dev/full", "w") as full:
+            call = subprocess.run(
+                [sys.executable, "-m", "cavirheo", words], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+            )
+        assert (call.returncode, call.stderr.count("\n")) == (2, 1)
+
+
+def test_blas_has_one_thread_until_the_last_leaves():
+    """Else the last bits of an answer depend on what else goes on in the process."""
+
+    def blas() -> set[int]:
+        return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+    first, left = threading.Barrier(3), threading.Event()
+
+    def work(stays: bool) -> set[int]:
+        with one_blas_thread:
+            first.wait(10)
+            if stays:
+                left.wait(10)
+            return blas()
+
+    with threadpool_limits(3, "blas"):  # as this thread has it
+        pass
+    usual = blas()
+    with ThreadPoolExecutor(2) as pool:
+        stays, leaves = pool.submit(work, True), pool.submit(work, False)
+        first.wait(10)
+        assert leaves.result() == {1}
+        left.set()
+        assert stays.result() == {1}
+    assert blas() == usual
+
+
+def test_what_several_ask_for_is_worked_out_once_and_a_failure_is_not_kept():
+    store, asked, begun = Store(most=2), [], threading.Event()
+
+    def work():
+        asked.append(1)
+        begun.wait(10)
+        return "answer"
+
+    with ThreadPoolExecutor(4) as pool:
+        waiting = [pool.submit(store.once, "key", work) for _ in range(4)]
+        begun.set()
+        assert [one.result() for one in waiting] == ["answer"] * 4
+    assert len(asked) == 1
+    for key in ("b", "c"):  # two are kept
+        store.once(key, key.upper)
+    store.once("key", work)
+    assert len(asked) == 2
+    with pytest.raises(ZeroDivisionError):
+        store.once("other", lambda: 1 // 0)
+    assert store.once("other", lambda: 3) == 3

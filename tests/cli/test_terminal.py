@@ -1,0 +1,275 @@
+"""What stands in a terminal: tables that lose nothing when they are narrow, text that no file can abuse, `show`."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+from conftest import ROOT, messages
+
+from cavirheo import loading, read_curves
+from cavirheo.companions import collapse_times
+from cavirheo.companions.rheometer import document as rheometer
+from cavirheo.companions.rheometer.sweeps import Sweep
+from cavirheo.inference.model import card, path_of
+from cavirheo.io import write_csv
+from cavirheo.posterior import Checks, Posterior, WindowAnswer
+from cavirheo.reporting import comparison, laws, result, table, write_report
+from cavirheo.reporting.group import PublishedValue
+from cavirheo.training import dataset
+from cavirheo.training.recipe import read_recipe
+from cavirheo.writing import digits, terminal
+from cavirheo.writing.document import Spread, as_json, write_json
+
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
+LONG = "gelatine_of_the_third_batch_at_37_degrees_{:02}"  # 45 letters
+EVIL = "gel\x1b[31m\x1b]0;title\x07\u202e\x9b2J\udcff"
+NAMES = ("log10_shear_modulus", "log10_viscosity", "stretch")
+
+
+def answers(names, method="least_squares", verdict="ok", message=""):
+    """(curve, its answer) with an interval and other windows, of each name."""
+    curve, rng = read_curves(EXAMPLE)[0], np.random.default_rng(0)
+    windows = {
+        key: WindowAnswer({"shear_modulus": 6.4e3, "viscosity": 0.0295}, 2.1, 0.006) for key in ("1", "2", "3", "all")
+    }
+    pairs = []
+    for name in names:
+        theta = np.array([3.8, -1.55, 8.7]) + [0.03, 0.02, 0.4] * rng.standard_normal((200, 3))
+        said = messages(message, code="check_input.test" if verdict == "check_input" else "test")
+        checks = Checks(verdict, said, rmse_over_rmax=0.0064, collapses=4, t_star_end=4.0)
+        posterior = Posterior(NAMES, ("Pa", "Pa s", "1"), theta, checks, "nhkv", method, windows=windows)
+        own = type(curve)(curve.time, curve.radius, meta={"name": name, "group": f"{name}_group", "source": "a.csv"})
+        pairs.append((own, posterior))
+    return pairs
+
+
+def of_laws(names):
+    rows = result(answers(names), "").curves
+    about = {
+        law: laws.WeighedLaw(log_evidence=-1234.5, standard_error=0.31, probability=0.25, answer=row)
+        for row in rows[:1] for law in ("neo-hookean + carreau-yasuda", "quadratic-kelvin-voigt", "newtonian")
+    }  # fmt: skip
+    each = {"shots": 1, "chosen": "newtonian", "contenders": [], "laws": about}
+    return laws.Laws(command="", curves=[{"name": name, **each} for name in names], groups=[])
+
+
+def of_comparison(names):
+    made = result(answers(names, "bdt"), "")
+    values = {"shear_modulus": PublishedValue(mean=6.44e3, std=1.21e3), "viscosity": PublishedValue(mean=0.023)}
+    made.put_beside({group.name: {"IMR": values, "rheometer": values} for group in made.groups})
+    return made
+
+
+def of_rheometer(names):
+    found = {
+        "plateau_storage_Pa": 6.4e3, "plateau_loss_Pa": 120.0, "plateau_from": 0.001, "plateau_to": 0.231,
+        "departs": "softens", "crossover": 1.23, "viscosity_Pa_s": 123.4, "tan_delta": 0.0123,
+        "complex_viscosity_Pa_s": 6432.0,
+    }  # fmt: skip
+    spread = Spread(mean=6.4e3, std=1.2e3)
+    sweeps = [Sweep(kind=kind, name=name, **found) for kind in ("strain", "frequency") for name in names]
+    return rheometer.Rheometry(
+        material=names[0], tolerance=0.05, at_rad_per_s=1.0, shear_modulus_Pa=spread, shear_modulus_from="plateau",
+        viscosity_Pa_s=spread, sweeps=sweeps, command="",
+    )  # fmt: skip
+
+
+def of_collapse_times(names):
+    value = {"value": 6.4e3, "low": 5.1e3, "high": 7.9e3}
+    found = {"shear_modulus_Pa": value, "viscosity_Pa_s": {"value": 0.031, "low": 0.02, "high": 0.04}, "scatter": 0.01}
+    shots = [{"name": "1", "max_radius_m": 1e-4}]
+    groups = [
+        {"name": name, "source": "", "source_sha256": "", "analytic": found, "exact": found, "shots": shots}
+        for name in names
+    ]
+    return collapse_times.CollapseTimes(command="", material="nhkv", medium={}, groups=groups)
+
+
+TABLES = {
+    "infer": (lambda names: result(answers(names, "bdt"), ""), table.print_table),
+    "fit": (lambda names: result(answers(names), ""), table.print_table),
+    "which-law": (of_laws, laws.print_table),
+    "compare": (of_comparison, comparison.print_comparison),
+    "rheometer": (of_rheometer, rheometer.print_rheometry),
+    "collapse-time": (of_collapse_times, collapse_times.print_table),
+}
+
+
+@pytest.mark.parametrize("verb", TABLES)
+def test_no_table_loses_a_column_or_a_name(verb, monkeypatch, capsys):
+    make, show = TABLES[verb]
+    document = make([LONG.format(k) for k in range(20)])
+    monkeypatch.setenv("COLUMNS", "80")
+    show(document)
+    narrow = capsys.readouterr().out
+    monkeypatch.setenv("COLUMNS", "400")
+    show(document)
+    wide = capsys.readouterr().out
+    assert max(map(len, narrow.splitlines())) <= 80
+    assert "…" not in narrow
+    first = "".join(line.split(" ")[0] for line in narrow.splitlines())
+    assert all(LONG.format(k) in first for k in range(20))
+
+    def numbers(text: str) -> set[str]:
+        return set(re.findall(r"(?<![\w.])\d+\.\d+(?![\w.])", text))
+
+    assert numbers(narrow) == numbers(wide) or verb in ("infer", "fit")  # whole; narrow ones leave out an interval of λ
+    assert numbers(narrow) <= numbers(wide)
+
+
+def clean(text: str) -> bool:
+    return not re.search("[\0-\x08\x0b-\x1f\x7f-\x9f\u202e\ud800-\udfff]", text)
+
+
+@pytest.mark.parametrize("verb", TABLES)
+def test_no_control_character_reaches_the_terminal(verb, monkeypatch, capsys):
+    make, show = TABLES[verb]
+    monkeypatch.setenv("NO_COLOR", "1")
+    document = make([EVIL])
+    document.notes.append(EVIL)
+    show(document)
+    terminal.say(f"error: {EVIL}\n{EVIL}")
+    captured = capsys.readouterr()
+    assert "gel" in captured.out
+    assert clean(captured.out)
+    assert clean(captured.err)
+    assert captured.err.count("\n") == 1
+    assert clean(as_json(document))
+
+
+@pytest.mark.needs("matplotlib")
+def test_no_control_character_reaches_a_file(tmp_path, recwarn):
+    pairs = [*answers([EVIL]), *answers([EVIL, "other"], verdict="failed", message=EVIL)]
+    write_report(tmp_path, pairs, EVIL, ("png", "svg"), notes=[EVIL])
+    texts = [
+        path.read_text(encoding="utf-8")
+        for path in tmp_path.iterdir()
+        if path.suffix in (".json", ".csv", ".html", ".svg")
+    ]
+    assert len(texts) == 6  # three documents, three drawings
+    assert all(map(clean, texts))
+    assert not recwarn.list
+    with (tmp_path / "result.csv").open(encoding="utf-8", newline="") as file:
+        assert next(csv.DictReader(file))["name"] == digits.printable(EVIL)
+
+
+def test_what_is_to_be_checked_is_said_once_and_first(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    doubted = answers(["a", "b", "c", "d"], verdict="check_input", message="the radius may be a diameter")
+    table.print_table(result([*doubted, *answers(["e"], message="another remark")], ""))
+    _, _, below = capsys.readouterr().out.partition("RMSE: measured")
+    lines = [line for line in below.splitlines() if "diameter" in line or "another" in line]
+    assert lines == ["check input: a, b and 2 more: the radius may be a diameter", "• e: another remark"]
+
+
+# --- show -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("verb", TABLES)
+def test_show_prints_a_document_as_its_verb_did(verb, run, tmp_path, capsys):
+    make, show = TABLES[verb]
+    document = make(["gel"])
+    document.command, document.date = f"cavirheo {verb} gel.csv", "2025-01-02 10:00 CET"
+    write_json(tmp_path / "any.json", document)
+    if verb != "rheometer":
+        assert loading.load(tmp_path / "any.json") == document
+    show(loading.load(tmp_path / "any.json"))
+    said = capsys.readouterr().out
+    status, out, err = run("show", "any.json")
+    assert (status, err) == (0, "")
+    assert out.endswith(said)
+    for part in (document.command, document.date, document.version):
+        assert part in out.removesuffix(said)
+
+
+@pytest.mark.needs("matplotlib")
+def test_show_a_folder_its_pictures_and_its_report(run, tmp_path):
+    write_report(tmp_path / "r", answers(["gel"]), "cavirheo fit gel.csv", ("png",))
+    status, out, _ = run("show", "r")
+    assert status == 0
+    assert "cavirheo fit gel.csv" in out
+    for name in ("gel.png", "report.html", "result.csv"):
+        status, again, err = run("show", f"r/{name}")
+        assert (status, err.count("\n")) == (0, 1)
+        assert again == out
+
+
+def test_show_a_measurement(run, tmp_path):
+    curve = read_curves(EXAMPLE)[0]
+    write_csv(tmp_path / "shot.csv", curve)
+    write_csv(tmp_path / "pixels.csv", curve.with_max_radius(2.7 * curve.max_radius))
+    status, out, _ = run("show", "shot.csv")
+    assert status == 0
+    for part in ("shot", "267", "131 of 160", "1e+06", "frames without a radius"):
+        assert part in out
+    assert "check input" not in out
+    assert "check input: pixels: " in run("show", "pixels.csv")[1]
+
+
+@pytest.mark.parametrize("name", ["posterior", "bdt-viscoelastic", "bdt-viscous"])
+def test_show_tells_what_the_card_of_a_shipped_network_knows(run, tmp_path, name):
+    about = card(path_of(name))
+    status, out, err = run("show", name)
+    assert (status, err, run("show", path_of(name))[1]) == (0, "", out)
+    for part in (about["onnx"]["sha256"], about["date"], about["network"]["parameters"]):
+        assert str(part) in out
+    assert "NOT the file" not in out
+    (tmp_path / name).mkdir()  # what is there comes before the network of that name
+    status, _, err = run("show", name)
+    assert status == 2
+    assert "no training set" in err
+
+
+def test_show_a_name_that_is_nothing_tells_the_networks(run):
+    status, _, err = run("show", "bdt")
+    assert (status, err.count("\n")) == (2, 1)
+    for name in ("bdt-viscoelastic", "bdt-viscous", "posterior"):
+        assert name in err
+
+
+def test_show_a_card_without_what_is_for_people(run, tmp_path):
+    for name, dropped in (
+        ("posterior", ("network", "loss_by_kind", "coverage", "made_with", "license", "date")),
+        ("bdt-viscous", ("network", "history", "versions", "license", "date")),
+    ):
+        about = {key: value for key, value in card(path_of(name)).items() if key not in dropped}
+        (tmp_path / f"{name}.json").write_text(json.dumps(about), encoding="utf-8")
+        (tmp_path / f"{name}.onnx").write_bytes(b"another file")
+        status, out, err = run("show", f"{name}.onnx")
+        assert (status, err) == (0, "")
+        assert "NOT the file that its card describes" in out
+
+
+def test_show_a_model_and_a_training_set(run, tmp_path):
+    path = path_of("bdt-viscous")
+    status, out, _ = run("show", path)
+    assert (status, run("show", path.with_suffix(".json"))[1]) == (0, out)
+    assert "newtonian" in out
+    recipe = read_recipe(ROOT / "recipes" / "laptop.toml")
+    dataset.generate(recipe.problem, 4, tmp_path / "set", seed=3)
+    status, out, _ = run("show", "set")
+    assert status == 0
+    for part in (
+        "4 of 4 curves, complete",
+        "curves of 100 frames",
+        "seed 3",
+        recipe.problem.material_name,
+        "log10_viscosity",
+    ):
+        assert part in out
+
+
+@pytest.mark.parametrize("name", ["nothing", "recipe.toml", "other.json", "empty", "alone.onnx", "wrong.onnx"])
+def test_show_refuses_in_one_line(run, tmp_path, name):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "recipe.toml").write_text("[build]\n")
+    (tmp_path / "other.json").write_text('{"a": 1}')
+    for onnx in ("alone.onnx", "wrong.onnx"):
+        (tmp_path / onnx).write_bytes(b"onnx")
+    (tmp_path / "wrong.json").write_text('{"kind": "point"}')
+    status, out, err = run("show", name)
+    assert (status, out, err.count("\n")) == (2, "", 1)

@@ -1,0 +1,395 @@
+"""`cavirheo compare`: published values beside ours; nothing is dropped, and every mistake in the CSV file is named."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import ROOT, messages
+
+from cavirheo import load, read_curves
+from cavirheo.companions import comparison
+from cavirheo.companions.comparison import Answering, compare
+from cavirheo.companions.comparison_picture import figure
+from cavirheo.companions.published_values import ReferenceSet, read_references
+from cavirheo.errors import InputError
+from cavirheo.inference import analysis, posterior_model
+from cavirheo.inference.analysis import Analysis
+from cavirheo.io import write_csv
+from cavirheo.physics.bubble import FIELD
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.reporting import result
+from cavirheo.reporting.comparison import Comparison
+from cavirheo.reporting.record import Result
+from cavirheo.writing import style
+from cavirheo.writing.document import Outputs, spread_of, write_json
+
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
+PUBLISHED = ROOT / "examples" / "published_values.csv"
+HEAD = "set,files,density,method,quantity,mean,std"
+REFERENCES = f"""# by hand
+{HEAD}
+gel a,gel_a,1003,IMR,G_kPa,8,1.5
+
+gel a,,,IMR,mu_Pa_s,0.020,0.009
+gel a,,,BDT,G_kPa,6,
+gel a,,,BDT,mu_mPa_s,35,10
+gel a,,,rheometer,G_Pa,2000,
+gone,nowhere/*.mat,,IMR,G_kPa,5,1
+bare.csv,,,,,,
+"""
+ANSWERS = {"shot0": (5e3, 0.01, "ok"), "shot1": (7e3, 0.03, "ok"), "shot2": (9e3, 0.05, "model_does_not_fit")}
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """gel_a: three shots, one that cannot be answered, a file that cannot be read and one that is no measurement."""
+    curves = read_curves(EXAMPLE)
+    (tmp_path / "data" / "gel_a").mkdir(parents=True)
+    for k in range(3):
+        write_csv(tmp_path / "data" / "gel_a" / f"shot{k}.csv", curves[k])
+    (tmp_path / "data" / "gel_a" / "three.csv").write_text("time_us,radius_um\n0,100\n1,90\n2,80\n")
+    (tmp_path / "data" / "gel_a" / "torn.mat").write_bytes(b"")
+    (tmp_path / "data" / "gel_a" / "protocol.docx").write_bytes(b"PK")
+    write_csv(tmp_path / "data" / "bare.csv", curves[3])
+    (tmp_path / "data" / "published.csv").write_text(REFERENCES)
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """Known answers instead of inference, and result.json alone as report; returns the settings it was called with."""
+    calls = []
+
+    def answered(curve, material="nhkv"):
+        if len(curve.time) < 5:
+            return Posterior((), (), np.empty((0, 0)), Checks("failed", messages("3 frames")), material, "bdt")
+        shear, viscosity, verdict = ANSWERS.get(curve.name.rpartition("/")[2], (4e3, 0.02, "ok"))
+        names, theta = ("log10_shear_modulus", "log10_viscosity"), np.log10([[shear, viscosity]])
+        if material == "newtonian":
+            names, theta = names[1:], theta[:, 1:]
+        rmse = 0.01 * (1 + ("shot1", "shot2").index(curve.name) if curve.name in ("shot1", "shot2") else 0.5)
+        return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks(verdict, (), rmse), material, "bdt")
+
+    def answer(asked, curve, *_, **__):
+        calls.append(asked)
+        return answered(curve, "newtonian" if asked.model == "bdt-viscous" else "nhkv")
+
+    def write_report(out, pairs, command, *, published, references, notes, **how):
+        written = result(pairs, command, notes=notes)
+        written.put_beside(published, references)
+        Outputs(out, "result.json").write("result.json", write_json, written)
+        return written
+
+    monkeypatch.setattr(comparison, "write_report", write_report)
+    monkeypatch.setattr(Analysis, "answer", answer)
+
+    def card(path):
+        law = "newtonian" if "viscous" in str(path) else "nhkv"
+        return {"kind": "posterior" if "posterior" in str(path) else "point", "material": law}
+
+    for module in (comparison, posterior_model):
+        monkeypatch.setattr(module, "network_of", lambda name: SimpleNamespace(sha256="", card=card(name)))
+    monkeypatch.setattr(analysis, "path_of", Path)
+    monkeypatch.setattr(analysis, "card", card)
+    return calls
+
+
+@pytest.mark.needs("matplotlib")
+def test_the_command_answers_as_infer_does(run, folder, tmp_path):
+    """With its default network and the field's bubble; the errors are in the group of its result.json."""
+    (folder / "one.csv").write_text(f"{HEAD}\ngel,gel_a/shot1.csv,1003,IMR,G_kPa,6.44,1.64\n")
+    status, out, err = run("compare", "data", "--references", "data/one.csv", "-o", "c")
+    assert status == 0, err
+    assert max(map(len, out.splitlines())) <= 120
+    assert "6.44 ± 1.64" in out
+    words = ("infer", "data/gel_a/shot1.csv", "--density", 1003, "--bubble", "field", "-o", "i")
+    assert run(*words)[0] == 0
+    here, there = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("c", "i"))
+    assert [c["shear_modulus_Pa"] for c in here["curves"]] == [c["shear_modulus_Pa"] for c in there["curves"]]
+    (group,) = here["groups"]
+    mean = group["shear_modulus_Pa"]["mean"]
+    assert mean == there["groups"][0]["shear_modulus_Pa"]["mean"]
+    assert group["published"]["IMR"]["shear_modulus"]["mean"] == 6440.0
+    assert group["errors"]["IMR"]["cavirheo"]["shear_modulus"] == pytest.approx(abs(mean - 6440) / 6440)
+    page = (tmp_path / "c" / "report.html").read_text(encoding="utf-8")
+    assert "% from IMR" in page
+    assert (tmp_path / "c" / "comparison.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.needs("matplotlib")
+def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
+    """The same values and errors as those of the command that answers; a set without a group has its values alone."""
+    compare(folder, folder / "published.csv", tmp_path / "c")
+    before = json.loads((tmp_path / "c" / "result.json").read_text())
+    for group in before["groups"]:
+        group.pop("published", None), group.pop("errors", None)
+    before["groups"] = [group for group in before["groups"] if group["name"] != "gone"]
+    (tmp_path / "answers.json").write_text(json.dumps(before))
+    fake.clear()
+    status, _, err = run("compare", "answers.json", "--references", "data/published.csv", "-o", "d")
+    assert status == 1, err
+    assert not fake
+    one, other = (load(tmp_path / name) for name in ("c", "d"))
+    assert [group.errors for group in one.groups] == [group.errors for group in other.groups]
+    assert [group.name for group in other.groups] == ["gel a", "gone", "bare.csv"]
+    assert [cells.split(",") for cells in (tmp_path / "d" / "comparison.csv").read_text().splitlines()] == [
+        cells.split(",") for cells in (tmp_path / "c" / "comparison.csv").read_text().splitlines()
+    ]
+    status, _, err = run("compare", "answers.json", "--references", "data/published.csv", "--fit", "nhkv", "-o", "g")
+    assert (status, "not answered again" in err) == (2, True)
+    assert "% from IMR" in (tmp_path / "d" / "report.html").read_text(encoding="utf-8")
+    assert (tmp_path / "d" / "comparison.png").exists()
+    (folder / "alone.csv").write_text(f"{HEAD}\nother name,,,IMR,G_kPa,8,\n")
+    shown = compare(tmp_path / "answers.json", folder / "alone.csv", tmp_path / "e")[0]
+    assert ["IMR" in group.published for group in shown.groups] == [True, True]  # the only set is that of all groups
+    (folder / "two.csv").write_text(f"{HEAD}\nthis,,,IMR,G_kPa,8,\nthat,,,IMR,G_kPa,8,\n")
+    with pytest.raises(InputError, match="groups gel a"):
+        compare(tmp_path / "answers.json", folder / "two.csv", tmp_path / "f")
+
+
+def read(out: Path) -> Result:
+    return Result.model_validate_json((out / "result.json").read_text(encoding="utf-8"))
+
+
+def row(result: Result, group: str, name: str = "shear_modulus"):
+    return next(row for row in Comparison(result).rows if (row.group.name, row.name) == (group, name))
+
+
+def test_relative_errors_are_exact(fake, folder, tmp_path):
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
+    found = Comparison(made)
+    assert (found.methods, found.references) == (["IMR", "BDT", "rheometer"], ["IMR", "rheometer"])
+    modulus, viscosity = row(made, "gel a"), row(made, "gel a", "viscosity")
+    for method, values in (("cavirheo, all", [5e3, 7e3, 9e3]), ("cavirheo", [5e3, 7e3])):
+        assert modulus.value(method).model_dump() == pytest.approx(spread_of(values).model_dump())
+    errors = made.groups[0].errors
+    assert {method: of["shear_modulus"] for method, of in errors["IMR"].items()} == pytest.approx(
+        {"BDT": 0.25, "rheometer": 0.75, "cavirheo": 0.25}
+    )
+    assert {method: of["shear_modulus"] for method, of in errors["rheometer"].items()} == pytest.approx(
+        {"IMR": 3.0, "BDT": 2.0, "cavirheo": 2.0}
+    )
+    assert modulus.error("IMR", "cavirheo, all") == pytest.approx(0.125)
+    assert viscosity.value("BDT").mean == 0.035  # given in mPa s
+    assert viscosity.value("BDT").std == 0.010
+    assert errors["IMR"]["BDT"]["viscosity"] == pytest.approx(0.75)
+    assert "viscosity" not in errors["rheometer"]["cavirheo"]
+    only, *_ = compare(folder, folder / "published.csv", tmp_path / "c", reference_methods=["BDT"])
+    assert {method: of["shear_modulus"] for method, of in only.groups[0].errors["BDT"].items()} == pytest.approx(
+        {"IMR": 1 / 3, "rheometer": 2 / 3, "cavirheo": 0.0}, abs=1e-12
+    )
+    assert list(only.groups[0].errors) == ["BDT"]
+
+
+def test_nothing_is_dropped(fake, run, folder, tmp_path):
+    status, out, _ = run("compare", "data", "--references", "data/published.csv", "-o", "c")
+    assert status == 2
+    made = read(tmp_path / "c")
+    gel, gone, bare = made.groups
+    assert (gel.n, gel.n_failed) == (3, 1)
+    assert gel.verdicts == {"ok": 2, "model_does_not_fit": 1, "failed": 1}
+    assert (gone.n, gone.n_failed, gone.shear_modulus_Pa.mean) == (0, 0, None)
+    assert list(gone.errors) == ["IMR"]
+    assert bare.published == {}
+    for word in ("torn.mat", "protocol.docx", "nowhere/*.mat"):
+        assert any(word in note for note in made.notes)
+    for word in ("gone", "torn.mat", "protocol.docx", "3 of 4", "3 frames", "does not fit 1, failed 1"):
+        assert word in " ".join(out.split())
+    (folder / "gel_a" / "torn.mat").unlink()
+    (folder / "less.csv").write_text(f"{HEAD}\ngel_a,,,,,,\n")
+    assert run("compare", "data", "--references", "data/less.csv", "-o", "less")[0] == 1
+    (folder / "gel_a" / "three.csv").unlink()
+    assert run("compare", "data", "--references", "data/less.csv", "-o", "less2")[0] == 0
+
+
+def test_shots_of_one_name_in_two_sets_are_told_apart(fake, folder, tmp_path):
+    """The same recording may be answered under two densities."""
+    (folder / "two.csv").write_text("set,files,density\nlight,bare.csv,990\nheavy,bare.csv,1040\n")
+    made, *_ = compare(folder, folder / "two.csv", tmp_path / "c")
+    assert [curve.name for curve in made.curves] == ["light/bare", "heavy/bare"]
+    assert [call.medium.density for call in fake] == [990, 1040]
+
+
+def number(text: str) -> float | None:
+    return float(text) if text else None
+
+
+def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):
+    text = (folder / "published.csv").read_text().replace("gel a,", "gel | a,")
+    (folder / "published.csv").write_text(text)
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
+    lines = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8").replace("\\|", "¦").splitlines()
+    cells = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+    assert {len(row) for row in cells} == {len(cells[0])}
+    first, *_ = (dict(zip(cells[0], row, strict=True)) for row in cells[2:])
+    expected = {"Set": "gel ¦ a", "IMR": "8.0 ± 1.5", "cavirheo, trusted": "6.0 ± 1.4", "BDT to IMR, %": "25"}
+    assert {name: first[name] for name in expected} == expected
+    with (tmp_path / "c" / "comparison.csv").open(newline="", encoding="utf-8") as file:
+        table_rows = list(csv.DictReader(file))
+    titles = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}
+    for one, line in zip(Comparison(made).rows, table_rows, strict=True):
+        assert (line["set"], line["quantity"]) == (one.group.name, titles[one.name])
+        assert number(line["cavirheo_trusted_mean"]) == one.value("cavirheo").mean
+        assert number(line["cavirheo_all_mean"]) == one.value("cavirheo, all").mean
+        for method, values in one.group.published.items():
+            value = values.get(one.name)
+            known = (value.mean, value.std) if value else (None, None)
+            assert (number(line[f"{method}_mean"]), number(line[f"{method}_std"])) == known
+        for reference, errors in one.group.errors.items():
+            for method, of in errors.items():
+                name = "cavirheo_trusted" if method == "cavirheo" else method
+                assert number(line[f"{name}_error_to_{reference}"]) == of.get(one.name)
+
+
+def test_published_values_can_be_read():
+    sets = {about.name: about for about in read_references(PUBLISHED)}
+    assert (len(sets), sum(not about.recorded for about in sets.values())) == (13, 7)
+    assert sets["PAAm-alginate 0.3 %"].values["IMR"]["shear_modulus"].mean == 6440.0
+    assert not sets["PEG 8000 40 w/v %"].solid
+    assert sets["agarose 2.5 %"].medium.density == 1025
+
+
+@pytest.mark.needs("matplotlib")
+def test_a_liquid_has_no_shear_modulus(fake, folder, tmp_path):
+    (folder / "liquid.csv").write_text(
+        "set,files,model,method,quantity,mean,std\nPEG,gel_a/shot?.csv,bdt-viscous,IMR,mu_Pa_s,0.06,0.01\n"
+        "odd,gel_a/shot0.csv,bdt-viscous,IMR,G_kPa,1,\n"
+    )
+    made, *_ = compare(folder, folder / "liquid.csv", tmp_path / "c")
+    assert [(one.group.name, one.name) for one in Comparison(made).rows] == [
+        ("PEG", "viscosity"), ("odd", "shear_modulus"), ("odd", "viscosity")
+    ]  # fmt: skip
+    assert made.groups[0].errors["IMR"]["cavirheo"]["viscosity"] == pytest.approx(2 / 3)
+    assert row(made, "odd").value("cavirheo").mean is None
+    assert [axes.get_xlabel() for axes in figure(made).axes] == ["G (kPa)", "µ (Pa s)"]
+    peg = made.model_copy(update={"groups": made.groups[:1], "curves": made.curves[:3]})
+    assert [axes.get_xlabel() for axes in figure(peg).axes] == ["µ (Pa s)"]
+
+
+def test_settings_reach_the_inference(fake, folder, tmp_path):
+    (folder / "s.csv").write_text(
+        "set,model,material,window,stretch,rmax_um,medium,density,sound_speed,surface_tension,pressure,temperature\n"
+        "bare.csv,posterior,power-law,2,7.5,210,zhu2025,1040,1500,0,90000,300\n"
+        "gel_a/shot0.csv,,,,,,,,,,,\n"
+    )
+    made, *_ = compare(folder, folder / "s.csv", tmp_path / "c", how=Answering("bdt-viscoelastic"))
+    first, second = fake
+    assert (first.model, first.window, first.stretch) == ("posterior", 2, 7.5)
+    assert (first.material, first.bubbles) == ("power-law", (FIELD,))
+    medium = first.medium
+    assert (medium.density, medium.sound_speed, medium.surface_tension) == (1040, 1500, 0)
+    assert (medium.pressure, medium.temperature) == (90000, 300)
+    assert made.curves[0].max_radius_m == pytest.approx(210e-6)
+    assert (second.model, second.window, second.medium.density) == ("bdt-viscoelastic", None, 998.0)
+    assert "no relative errors" in made.notes[-1]
+
+
+def test_the_file_of_values_is_no_measurement(fake, folder, tmp_path):
+    (folder / "published.csv").write_text(f"{HEAD}\nall,*.csv,,,,,\n")
+    made, unread, _ = compare(folder, folder / "published.csv", tmp_path / "c")
+    assert ([curve.name for curve in made.curves], unread) == (["bare"], 0)
+
+
+BAD = {  # text: (where, code, what is named)
+    "name,mean\na,1": ("", "no_set_column", "'name', 'mean'"),
+    "": ("", "no_set_column", "no rows"),
+    HEAD: ("", "no_set", ""),
+    "set,densty\na,1": ("line 1, column densty", "head", "density"),
+    "set,set\na,b": ("line 1, column set", "head", "2 times"),
+    f"{HEAD}\n,x,,IMR,G_Pa,1,": ("line 2, column set", "set", ""),
+    f"{HEAD}\n# a comment\n\na,,,IMR,G,1,": ("line 4, column quantity", "quantity", "'G'"),
+    f"{HEAD}\na,,,,G_Pa,1,": ("line 2, column method", "method", "''"),
+    f"{HEAD}\na,,,cavirheo,G_Pa,1,": ("line 2, column method", "method", "'cavirheo'"),
+    f"{HEAD}\na,,,IMR,G_Pa,6.4 kPa,": ("line 2, column mean", "mean", "'6.4 kPa'"),
+    f"{HEAD}\na,,,IMR,G_Pa,,1": ("line 2, column mean", "mean", "''"),
+    f"{HEAD}\na,,,IMR,G_Pa,nan,1": ("line 2, column mean", "mean", "'nan'"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,-1": ("line 2, column std", "std", "'-1'"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,2,Bu, 2025": ("", "cells", "row 2 has 9 cells"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,IMR,G_kPa,1,": ("line 3, column quantity", "quantity", "shear_modulus of 'a'"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,imr,mu_Pa_s,1,": ("line 3, column method", "method", "'IMR' as in"),
+    f"{HEAD}\na,,998,IMR,G_Pa,1,\na,,999,,,,": ("line 3, column density", "density", "r.csv, line 2"),
+    f"{HEAD}\na,,heavy,,,,": ("line 2, column density", "density", "'heavy'"),
+    "set,window\na,1.5": ("line 2, column window", "window", "'1.5'"),
+    "set,medium\na,honey": ("line 2, set 'a'", None, "'honey'"),
+    "set,temperature\na,400": ("line 2, set 'a'", None, "400"),
+    "set,model\na,\na,nobody": ("line 3, column model", None, "'nobody'"),
+    "set,stretch\na,0.5": ("line 2, column stretch", None, "0.5"),
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_mistakes_in_the_file_are_named(tmp_path, text):
+    (tmp_path / "r.csv").write_text(text)
+    with pytest.raises(InputError) as caught:
+        compare(tmp_path, tmp_path / "r.csv", tmp_path / "c")
+    where, code, what = BAD[text]
+    assert f"r.csv, {where}" in str(caught.value) if where else True
+    assert code is None or caught.value.code == f"references.{code}"
+    assert what in str(caught.value)
+    assert not (tmp_path / "c").exists()
+
+
+def test_other_dialects_of_the_file(tmp_path):
+    """Semicolons with decimal commas, UTF-16, a name with a comma in quotes, one column alone."""
+    (tmp_path / "a.csv").write_text('set;method;quantity;mean\n"gel, 1";IMR;G_kPa;6,44\n', encoding="utf-16")
+    (about,) = read_references(tmp_path / "a.csv")
+    assert (about.name, about.values["IMR"]["shear_modulus"].mean) == ("gel, 1", 6440.0)
+    (tmp_path / "b.csv").write_text("set\ngel 1 %\ngel 2 %\n")
+    assert [about.name for about in read_references(tmp_path / "b.csv")] == ["gel 1 %", "gel 2 %"]
+
+
+def test_other_mistakes(fake, folder, tmp_path):
+    for arguments, options, code in [
+        ((folder, tmp_path / "none.csv"), {}, "reading.missing"),
+        ((folder / "bare.csv", folder / "published.csv"), {}, "compare.folder"),
+        ((folder, folder / "published.csv"), {"reference_methods": ["imr"]}, "compare.method"),
+    ]:
+        with pytest.raises(InputError) as caught:
+            compare(*arguments, tmp_path / "c", **options)
+        assert caught.value.code == code
+    with pytest.raises(InputError, match=r"bare\.csv"):
+        compare(folder, folder / "published.csv", folder / "bare.csv")
+
+
+def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, tmp_path):
+    """It is no mistake, and no shot of it is missing."""
+    (folder / "two.csv").write_text(
+        f"{HEAD}\nopen,gel_a/shot?.csv,,IMR,G_kPa,8,1.5\nclosed,-,,IMR,G_kPa,30,4\nclosed,,,BDT,G_kPa,39,12\n"
+    )
+    status, out, err = run("compare", "data", "--references", "data/two.csv", "-o", "c")
+    assert status == 0, err
+    made = read(tmp_path / "c")
+    closed = made.groups[1]
+    assert (closed.name, closed.n, closed.n_failed) == ("closed", 0, 0)
+    assert closed.errors == {"IMR": {"BDT": {"shear_modulus": pytest.approx(0.3)}}}
+    (note,) = made.notes
+    assert note.startswith("closed: no open recording")
+    assert note in " ".join(out.split())
+    text = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
+    assert "0 of 0" not in out + text
+    assert f"- {note}\n" in text
+
+
+def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
+    monkeypatch.setattr(style, "available", lambda: False)
+    made, unread, _ = compare(real_data, PUBLISHED, tmp_path / "c")
+    assert [group.n + group.n_failed for group in made.groups if group.verdicts] == [5, 20, 20, 11, 11, 20]
+    assert unread == 0
+
+
+def test_the_law_is_taken_from_what_is_published():
+    sets = {
+        name: ReferenceSet(name, name, values={"IMR": {quantity: None}})
+        for name, quantity in (("gel", "shear_modulus"), ("liquid", "viscosity"))
+    }
+    laws = {name: Answering().analysis(one).material for name, one in sets.items()}
+    assert laws == {"gel": "nhkv", "liquid": "newtonian"}
+    networks = {name: Answering("bdt-viscoelastic").analysis(one).model for name, one in sets.items()}
+    assert networks == {"gel": "bdt-viscoelastic", "liquid": "bdt-viscous"}
+    assert Answering(material="zener").analysis(sets["liquid"]).material == "zener"
+    assert Answering("bdt-viscous", fit="nhkv").analysis(sets["gel"]).material == "newtonian"

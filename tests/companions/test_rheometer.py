@@ -1,0 +1,398 @@
+"""Rheometer sweeps: exact answers of known models, what instruments export, and a word for what cannot be used."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from answers import answer, bubble
+from conftest import ROOT
+from files import write_xlsx
+
+from cavirheo.companions.rheometer import frequency_sweep, read_sweeps, strain_sweep
+from cavirheo.companions.rheometer.read import VOCABULARY
+from cavirheo.companions.rheometer.sweeps import Sweep
+from cavirheo.errors import InputError
+from cavirheo.io.tables import Table
+from cavirheo.reporting import write_report
+from cavirheo.writing import style
+
+EXAMPLES = ROOT / "examples"
+OMEGA = np.logspace(-1, 2, 16)
+STRAIN = np.logspace(-4, 1, 51)
+
+
+@pytest.fixture(scope="module")
+def examples():
+    """The module that makes the examples, for the truth."""
+    spec = importlib.util.spec_from_file_location("make_examples", EXAMPLES / "make_examples.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def sweep(kind: str, x, storage, loss) -> Sweep:
+    x = np.asarray(x)
+    return Sweep(
+        kind=kind, name="gel", x=x, storage=np.broadcast_to(storage, x.shape), loss=np.broadcast_to(loss, x.shape)
+    )
+
+
+def maxwell(omega, G=1e3, tau=1.0):
+    return G * (omega * tau) ** 2 / (1 + (omega * tau) ** 2), G * omega * tau / (1 + (omega * tau) ** 2)
+
+
+def softening(gamma, G=2e3, at=1.0):
+    return G / (1 + (gamma / at) ** 2)
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Without pictures, which take half a second each."""
+    monkeypatch.setattr(style, "available", lambda: False)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_frequency_sweep_of_kelvin_voigt(noise):
+    wrong = 1 + noise * np.random.default_rng(1).standard_normal((2, OMEGA.size))
+    found = frequency_sweep(sweep("frequency", OMEGA, 5e3 * wrong[0], 0.3 * OMEGA * wrong[1]))
+    close = noise or 1e-12
+    assert found.viscosity_Pa_s == pytest.approx(0.3, rel=3 * close)
+    assert found.plateau_storage_Pa == pytest.approx(5e3, rel=close)
+    assert found.plateau_to / found.plateau_from > 100
+    assert found.tan_delta == pytest.approx(0.3 / 5e3, rel=3 * close)
+    assert found.complex_viscosity_Pa_s == pytest.approx(np.hypot(5e3, 0.3), rel=3 * close)
+    assert (found.crossover, found.message) == (None, "")
+
+
+def test_frequency_sweep_of_maxwell():
+    omega = np.logspace(-1, 3, 41)
+    found = frequency_sweep(sweep("frequency", omega, *maxwell(omega)), at=3.3)
+    storage, loss = maxwell(3.3)
+    assert found.crossover == pytest.approx(1.0, rel=1e-3)
+    assert found.crossover_modulus_Pa == pytest.approx(500, rel=1e-3)
+    assert found.viscosity_Pa_s == pytest.approx(loss / 3.3, rel=2e-4)
+    assert found.viscosity_Pa_s * 3.3 / found.tan_delta == pytest.approx(storage, rel=2e-4)
+    assert found.plateau_storage_Pa == pytest.approx(1e3, rel=1e-3)
+    assert found.plateau_from == pytest.approx(np.sqrt(2 / 0.1 - 1), rel=0.15)  # slope 2/(1+(wt)2) = 0.1
+    liquid = frequency_sweep(sweep("frequency", OMEGA, *maxwell(OMEGA, 1e4, 1e-3)))
+    assert (liquid.plateau_storage_Pa, liquid.viscosity_Pa_s) == (None, pytest.approx(10.0, rel=1e-4))
+
+
+@pytest.mark.parametrize(
+    ("omega", "answered"),
+    [([2.0, 5, 20], False), ([0.01, 0.1, 0.5], False), ([0.05, 0.08, 20], False), ([1.0003, 2, 5], True)],
+)
+def test_nothing_is_extrapolated(omega, answered):
+    """But an end of the data that the export has rounded is inside."""
+    found = frequency_sweep(sweep("frequency", omega, 1e3, 10.0), 1.0)
+    assert bool(found.message) == (not answered)
+    assert found.viscosity_Pa_s == (pytest.approx(10.0) if answered else None)
+
+
+SCATTER, STRAY = np.ones(STRAIN.size), np.ones(STRAIN.size)
+SCATTER[:6] = [1.8, 0.5, 1.4, 0.7, 1.25, 0.88]  # at low torque
+STRAY[15] = 1.3
+NOISE = 1 + 0.02 * np.random.default_rng(0).standard_normal(STRAIN.size)
+
+
+@pytest.mark.parametrize(
+    ("factor", "tolerance", "first", "close"),
+    [
+        (1.0, 0.02, 0, 0.02),
+        (1.0, 0.1, 0, 0.02),
+        (SCATTER, 0.05, 6, 0.02),
+        (STRAY, 0.05, 0, 0.02),
+        (NOISE, 0.05, 0, 0.25),
+    ],
+    ids=["narrow", "wide", "scatter", "stray", "noise"],
+)
+def test_strain_sweep_of_a_gel_that_softens(factor, tolerance, first, close):
+    found = strain_sweep(sweep("strain", STRAIN, softening(STRAIN) * factor, 50.0), tolerance)
+    assert found.plateau_storage_Pa == pytest.approx(2e3, rel=0.01)
+    assert found.plateau_to == pytest.approx(np.sqrt(1 / (1 - tolerance) - 1), rel=close)
+    assert found.departs == "softens"
+    assert found.crossover == pytest.approx(np.sqrt(39), rel=0.05)
+    assert first == 0 or found.plateau_from == STRAIN[first]
+
+
+@pytest.mark.parametrize(
+    ("strain", "storage", "departs", "end"),
+    [
+        (STRAIN, 500 * (1 + (STRAIN / 0.3) ** 2), "stiffens", 0.3 * np.sqrt(0.05)),
+        (STRAIN[:20], 1e3, None, STRAIN[19]),  # ends in the linear range
+        (STRAIN, 1e3 * STRAIN**-0.3, None, None),  # has none
+    ],
+)
+def test_how_other_strain_sweeps_end(strain, storage, departs, end):
+    found = strain_sweep(sweep("strain", strain, storage, 5.0))
+    assert found.departs == departs
+    assert found.plateau_to == (end and pytest.approx(end, rel=0.02))
+    assert bool(found.message) == (end is None)
+
+
+TITLES = {  # title: (kind, factor to SI; None where the unit is missing or unknown)
+    "G' (Pa)": ("storage", 1),
+    "Gp": ("storage", 1),
+    "G′ [kPa]": ("storage", 1e3),
+    "storage_modulus_MPa": ("storage", 1e6),
+    "Shear modulus (elastic component)(Pa)": ("storage", 1),
+    "Speichermodul [Pa]": ("storage", 1),
+    "Module de Stockage [Pa]": ("storage", 1),
+    "Storage modulus (psi)": ("storage", None),
+    'G" (Pa)': ("loss", 1),
+    "G'' [mPa]": ("loss", 1e-3),
+    "Loss modulus (dyn/cm2)": ("loss", 0.1),
+    "Angular Frequency": ("omega", 1),
+    "Ang. Frequency [rad·s⁻¹]": ("omega", 1),
+    "ω [1/s]": ("omega", 1),
+    "Frequency(Hz)": ("omega", 2 * np.pi),
+    "Fréquence [Hz]": ("omega", 2 * np.pi),
+    "Frequency [1/s]": ("omega", None),
+    "Oscillation strain (%)": ("strain", 0.01),
+    "Shear Strain [1]": ("strain", 1),
+    "strain_percent": ("strain", 0.01),
+    "Strain": ("strain", None),
+    "Action Name": ("interval", 1),
+    "Strain rate (1/s)": ("", 1),
+    "Complex viscosity (Pa s)": ("", 1),
+}
+
+
+@pytest.mark.parametrize("title", TITLES)
+def test_titles(title):
+    kind, factor = TITLES[title]
+    columns = Table(VOCABULARY, [title], [], [], []).columns
+    alike = {"frequency": "omega", "shear strain": "strain"}
+    assert [alike.get(column.name.kind, column.name.kind) for column in columns] == [kind] * bool(kind)
+    if factor is None:
+        with pytest.raises(InputError):
+            _ = columns[0].factor
+    elif kind:
+        assert columns[0].factor == pytest.approx(factor)
+
+
+FREQUENCY_ROWS = list(zip(OMEGA, 1e3 + OMEGA, 5 * OMEGA, strict=True))
+RHEOCOMPASS = (
+    "Project:\tgel\nTest:\tA\n\nResult:\tFrequency sweep 1\n\nInterval and data points:\t1\t16\n"
+    "Interval data:\tPoint No.\tAngular Frequency\tStorage Modulus\tLoss Modulus\tShear Strain\tStatus\n\t\t\t\t\t\t\n"
+    "\t\t[rad/s]\t[kPa]\t[Pa]\t[1]\t\n"
+    + "".join(f"\t{k}\t{w:.6g}\t{s / 1e3:.6g}\t{v:.6g}\t0.01\tDSO\n" for k, (w, s, v) in enumerate(FREQUENCY_ROWS, 1))
+)
+TRIOS = (
+    "Filename\tgel\nOperator\tme\n[Options]\nVelocity limit\t1.0e-3 rad/s\n[step]\nPeak hold - 1\nStress\tShear rate\n"
+    "Pa\t1/s\n1.0\t2.0\n\n[step]\nFrequency sweep - 2\n"
+    "Storage modulus\tLoss modulus\tTan(delta)\tAngular frequency\tOscillation strain\nPa\tPa\t\trad/s\t%\n"
+    + "".join(f"{s:.6g}\t{v:.6g}\t{v / s:.6g}\t{w:.6g}\t1.0\n" for w, s, v in FREQUENCY_ROWS)
+    + "\n[step]\nPeak hold - 3\nStress\tShear rate\nPa\t1/s\n1.0\t2.0\n"
+)
+RSPACE = (
+    "Action Name;Shear strain(%);Complex shear strain(%);Frequency(Hz);Shear modulus (elastic component)(Pa);"
+    "Shear modulus (viscous component)(Pa)\nPre shear;4,5E+003;;;;\nPre shear;4,6E+003;;;;\n"
+    + "".join(f"Sweep;;1,00;{w / 2 / np.pi:.6g};{s:.6g};{v:.6g}\n".replace(".", ",") for w, s, v in FREQUENCY_ROWS)
+)
+LAYOUTS = {
+    "comma.csv": "omega,G',G''\n" + "".join(f"{w:.6g},{s:.6g},{v:.6g}\n" for w, s, v in FREQUENCY_ROWS),
+    "quotes.csv": 'omega (rad/s),"G\' (Pa)","G"" (Pa)"\n'
+    + "".join(f"{w:.6g},{s:.6g},{v:.6g}\n" for w, s, v in FREQUENCY_ROWS),
+    "savetxt.txt": "# omega Gp Gpp\n" + "".join(f"{w:.6g} {s:.6g} {v:.6g}\n" for w, s, v in FREQUENCY_ROWS),
+    "german.csv": "Kreisfrequenz [rad/s];Speichermodul [Pa];Verlustmodul [Pa]\n"
+    + "".join(f"{w:.6g};{s:.6g};{v:.6g}\n".replace(".", ",") for w, s, v in FREQUENCY_ROWS),
+    "hertz.tsv": "Frequency (Hz)\tG' (MPa)\tG'' (kPa)\n"
+    + "".join(f"{w / 2 / np.pi:.7g}\t{s / 1e6:.6g}\t{v / 1e3:.6g}\n" for w, s, v in FREQUENCY_ROWS),
+    "rheocompass.csv": RHEOCOMPASS.encode("utf-16"),
+    "rheocompass-le.csv": RHEOCOMPASS.encode("utf-16-le"),
+    "trios.txt": TRIOS,
+    "trios.csv": TRIOS.replace("\t", ","),
+    "rspace.csv": RSPACE,
+}
+
+
+def put(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_layouts(tmp_path, name):
+    (found,) = read_sweeps(put(tmp_path / name, LAYOUTS[name]))
+    assert found.kind == "frequency"
+    for values, expected in zip((found.x, found.storage, found.loss), zip(*FREQUENCY_ROWS, strict=True), strict=True):
+        assert values == pytest.approx(expected, rel=1e-5)
+    assert found.held in (None, pytest.approx(0.01))
+    assert any("2 pi" in note for note in found.notes) == (name in ("hertz.tsv", "rspace.csv"))
+    assert any("no unit" in note for note in found.notes) == (name in ("comma.csv", "savetxt.txt"))
+    assert any("in the 0 rows with moduli of 'Pre shear'" in note for note in found.notes) == (name == "rspace.csv")
+
+
+def test_every_sheet_of_a_workbook(tmp_path):
+    frequency = [["Angular frequency", "Storage modulus", "Loss modulus"], ["rad/s", "Pa", "Pa"], *FREQUENCY_ROWS]
+    strain = [["Strain (%)", "G' (Pa)", "G'' (Pa)"], *([100 * g, softening(g), 50] for g in STRAIN)]
+    sheets = {"about": [["Sample", "gel"]], "frequency": frequency, "strain": strain}
+    found = read_sweeps(write_xlsx(tmp_path / "gel.xlsx", sheets))
+    assert [(one.name, one.kind) for one in found] == [("gel[1]", "frequency"), ("gel[2]", "strain")]
+    assert found[1].x == pytest.approx(STRAIN)
+
+
+def test_unusable_rows_are_dropped_and_counted(tmp_path):
+    rows = "0.2,,1\n0.3,nan,2\n\n0.4,-5,2\n0.5,5,0\n0.6,---,3\n"
+    (found,) = read_sweeps(put(tmp_path / "a.csv", LAYOUTS["comma.csv"] + rows))
+    assert len(found.x) == 16
+    assert "3 rows without a number left out" in found.notes
+    assert "2 rows with a modulus or setting that is not positive left out" in found.notes
+
+
+@pytest.mark.parametrize("order", ["one after the other", "row by row", "up and down"])
+def test_repeated_rows_are_repeated_sweeps(tmp_path, order):
+    first, second = ([(w, factor * s, v) for w, s, v in FREQUENCY_ROWS] for factor in (1.0, 1.1))
+    rows = {
+        "one after the other": first + second,
+        "row by row": [row for pair in zip(first, second, strict=True) for row in pair],
+        "up and down": first + second[::-1],
+    }[order]
+    found = read_sweeps(put(tmp_path / "a.csv", "omega,Gp,Gpp\n" + "".join("{},{},{}\n".format(*row) for row in rows)))
+    assert [one.name for one in found] == ["a[1]", "a[2]"]
+    assert found[1].storage == pytest.approx(1.1 * found[0].storage)
+    assert any("read as 2 sweeps" in note for note in found[0].notes)
+
+
+def test_a_setting_measured_twice_is_averaged_and_counted(tmp_path):
+    (found,) = read_sweeps(put(tmp_path / "a.csv", LAYOUTS["comma.csv"] + f"{OMEGA[3]:.6g},3000,7\n"))
+    assert found.storage[3] == pytest.approx((1e3 + OMEGA[3] + 3000) / 2)
+    assert any("1 row" in note and "averaged" in note for note in found.notes)
+
+
+TABLE = "{}\n" + "".join(f"{g:.5g},{softening(g):.6g},50\n" for g in STRAIN)
+BAD = {  # content, code, what is named
+    "empty": ("", "rheometer.empty", ""),
+    "words": ("hello\nworld\n", "rheometer.no_moduli", "G' and G''"),
+    "no loss": ("omega,G'\n1,2\n2,3\n3,4\n", "rheometer.no_moduli", "G'' among 'omega', \"G'\""),
+    "no setting": ("time (s),G',G''\n1,2,3\n2,3,4\n3,4,5\n", "rheometer.no_sweep", "'time (s)'"),
+    "strain without unit": (TABLE.format("strain,G',G''"), "rheometer.no_unit", "'strain'"),
+    "frequency without unit": (TABLE.format("Frequency,G',G''"), "rheometer.no_unit", "'Frequency'"),
+    "frequency per second": (TABLE.format("Frequency (1/s),G',G''"), "rheometer.no_unit", "'Frequency (1/s)"),
+    "unknown unit": (TABLE.format("strain (%),G' (psi),G''"), "rheometer.unknown_unit", "'psi'"),
+    "two columns": (TABLE.format("strain (%),G' (Pa),G'' (Pa),G' (Pa)"), "rheometer.two_columns", "G'"),
+    "no sweep": ("omega,G',G''\n" + "10,1000,50\n" * 9, "rheometer.no_sweep", "9 rows"),
+    "few rows": ("omega,G',G''\n1,2,3\n5,,4\n9,4,5\n", "rheometer.no_sweep", "2 usable rows"),
+    "decimal comma": ("omega,G',G''\n0,1,10,5\n0,2,11,6\n", "tabular.width", "row 2"),
+    "no number": ("omega,G',G''\n1,2,3\n2,3,x4\n3,4,5\n", "tabular.number", "row 3, column \"G''\": 'x4'"),
+    "comma or point": ("omega;G';G''\n0.5;1,234;5\n1.5;2,000;5\n", "tabular.comma", "'1,234'"),
+    "two sweeps": (
+        "omega (rad/s),strain (%),G',G''\n"
+        + "".join(f"10,{g},1000,50\n" for g in (0.1, 1, 10, 100))
+        + "".join(f"{w},1,1000,50\n" for w in (0.1, 1, 10, 100)),
+        "rheometer.two_sweeps",
+        "10 rad/s",
+    ),
+    "old Excel": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "tabular.workbook", ""),
+    "broken Excel": (b"PK\x03\x04" + bytes(600), "tabular.workbook", ""),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_files_that_cannot_be_used(tmp_path, name):
+    content, code, named = BAD[name]
+    with pytest.raises(InputError) as caught:
+        read_sweeps(put(tmp_path / "file.csv", content))
+    assert caught.value.code == code
+    assert str(caught.value).startswith(f"{tmp_path / 'file.csv'}: ")
+    assert named in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["nowhere.csv"], "nowhere.csv"),
+        (["a.csv", "--at", "-1"], "--at"),
+        (["a.csv", "--tolerance", "0"], "--tolerance"),
+        (["a.csv", "--beside", "a.csv"], "a.csv"),
+        (["a.csv", "-o", "a.csv"], "a.csv"),
+    ],
+)
+def test_bad_usage(run, tmp_path, words, named):
+    put(tmp_path / "a.csv", LAYOUTS["comma.csv"])
+    status, _, err = run("rheometer", *words)
+    assert status == 2
+    assert named in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.needs("matplotlib")
+def test_examples_give_back_the_truth(run, tmp_path, examples):
+    """The main job: both sweeps of one gel, documents, pictures."""
+    files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
+    status, out, err = run("rheometer", *files, "-o", "r")
+    assert status == 0, err
+    assert "soft_gel: G = 1.50 kPa" in out
+    found = json.loads((tmp_path / "r" / "rheometer.json").read_text())
+    storage, loss = (float(modulus) for modulus in examples.moduli(1.0))
+    assert found["schema"] == 1
+    assert found["material"] == "soft_gel"
+    assert found["shear_modulus_Pa"]["mean"] == pytest.approx(storage, rel=0.01)
+    assert found["shear_modulus_Pa"]["std"] is None
+    assert found["viscosity_Pa_s"]["mean"] == pytest.approx(loss, rel=0.01)
+    strain, _ = found["sweeps"]
+    assert strain["plateau_storage_Pa"] == pytest.approx(float(examples.moduli(2 * np.pi)[0]), rel=0.01)
+    assert strain["plateau_to"] == pytest.approx(examples.HALF_STRAIN * np.sqrt(1 / 0.95 - 1), rel=0.1)
+    storage, loss = (float(modulus) for modulus in examples.moduli(2 * np.pi))
+    assert strain["crossover"] == pytest.approx(examples.HALF_STRAIN * np.sqrt((storage / loss - 1) / 4), rel=0.02)
+    names = {"rheometer.json", "rheometer.csv", "strain-sweep.png", "frequency-sweep.png", ".cavirheo"}
+    assert {path.name for path in (tmp_path / "r").iterdir()} == names
+    rows = (tmp_path / "r" / "rheometer.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["kind", "strain", "frequency"]
+    assert len(set(rows[0].split(","))) == len(rows[0].split(","))
+
+
+def test_the_shipped_sweeps_are_what_the_function_makes(examples, tmp_path):
+    examples.write_sweeps(tmp_path)
+    for path in tmp_path.iterdir():
+        assert path.read_text() == (EXAMPLES / path.name).read_text()
+
+
+def test_repeats_give_mean_and_deviation_and_what_is_outside_is_status_1(plain, run, tmp_path):
+    for k, factor in enumerate((0.9, 1.0, 1.1), 1):
+        text = "omega,Gp,Gpp\n" + "".join(f"{w},{factor * 1e3},{factor * 5 * w}\n" for w in OMEGA)
+        put(tmp_path / f"gel_{k}.csv", text)
+    put(tmp_path / "bad.csv", "")
+    for words, expected, viscosity in (
+        ((), 0, (5.0, 0.5)),
+        (("--at", 1000), 1, (None, None)),
+        (("bad.csv",), 2, (5.0, 0.5)),
+    ):
+        status, _, _ = run("rheometer", *(f"gel_{k}.csv" for k in (1, 2, 3)), *words, "-o", "r", "--replace")
+        document = json.loads((tmp_path / "r" / "rheometer.json").read_text())
+        assert status == expected
+        assert (document["shear_modulus_Pa"]["mean"], document["shear_modulus_Pa"]["std"]) == pytest.approx((1e3, 100))
+        found = document["viscosity_Pa_s"]
+        assert (found["mean"], found["std"]) == (viscosity if None in viscosity else pytest.approx(viscosity))
+
+
+def test_the_strain_plateau_stands_in_for_a_solid_only(plain, run, tmp_path):
+    for name, loss in (("solid", 50), ("liquid", 5000)):
+        rows = "".join(f"{g},{softening(g)},{loss},10\n" for g in STRAIN)
+        put(tmp_path / f"{name}.csv", f"strain [1],G',G'',omega\n{rows}")
+    assert "G = 2.00 kPa (plateau of the strain sweep at 10.0 rad/s)" in run("rheometer", "solid.csv")[1]
+    assert "G = – (no plateau)" in run("rheometer", "liquid.csv", "--replace")[1]
+
+
+def test_beside_bubbles(run, tmp_path):
+    """The answers of `infer` stand beside the sweep, and their file stays as it is."""
+    curves = [bubble(f"shot[{k}]", "gel", "gel.mat") for k in (1, 2)]
+    write_report(tmp_path, [(one, answer(one, 6e3 + 1e3 * k)) for k, one in enumerate(curves)], "x", ())
+    before = (tmp_path / "result.json").read_bytes()
+    files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
+    status, _, err = run("rheometer", *files, "--beside", "result.json", "-o", "r", "--name", "soft gel")
+    assert status == 0, err
+    assert (tmp_path / "result.json").read_bytes() == before
+    with (tmp_path / "r" / "table.csv").open(newline="", encoding="utf-8") as file:
+        rows = {row["quantity"]: row for row in csv.DictReader(file)}
+    (method,) = (name for name in rows["shear_modulus_Pa"] if name.startswith("rheometer") and name.endswith("_mean"))
+    assert float(rows["shear_modulus_Pa"][method]) == pytest.approx(1500, rel=0.01)
+    assert float(rows["shear_modulus_Pa"]["cavirheo_trusted_mean"]) == pytest.approx(6500)
+    other = rows["viscosity_at_1_rad_per_s"]  # another frequency is another quantity
+    assert rows["viscosity_Pa_s"][method] == other["cavirheo_trusted_mean"] == ""

@@ -1,0 +1,460 @@
+"""The material of many shots: against closed forms and grids, with planted strays, copies and wrong priors."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from answers import CENTRE, FLAT, NAMES, answer, bubble, seen, shots
+from conftest import ROOT
+from scipy.stats import norm
+
+from cavirheo import InputError, RadiusCurve, load, population
+from cavirheo.inference.population.likelihood import likelihood
+from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
+from cavirheo.inference.verify.evidence import ranked
+from cavirheo.io.column import LOG_SIZE, with_column
+from cavirheo.posterior import Checks, Evidence, Posterior
+from cavirheo.reporting import result
+from cavirheo.reporting.group_lines import group_lines
+from cavirheo.writing.document import write_json
+
+
+def on_a_grid(means, width):
+    """(5 %, 50 %, 95 %) of centre and spread of one parameter, and log evidence with spread and without."""
+    c, s = np.linspace(-2.2, -0.6, 801)[:, None, None], np.linspace(0.0, 1.2, 481)[None, :, None]
+
+    def log_p(spread):
+        inside = norm.pdf(means, c, np.hypot(width, spread))
+        outside = norm.pdf(means, c, np.sqrt(width**2 + spread**2 + WIDE**2))
+        return np.sum(np.log((1.0 - STRAY) * inside + STRAY * outside), axis=-1)
+
+    height = log_p(s) + norm.logpdf(s[..., 0], 0.0, SPREAD) + np.log(2.0)
+    step_c, step_s, range_c = 1.6 / 800, 1.2 / 480, 5.0
+    p = np.exp(height - height.max())
+    p[:, 0] *= 0.5  # trapezia
+    found = []
+    for axis, values in ((1, c.ravel()), (0, s.ravel())):
+        share = np.cumsum(p.sum(axis=axis))
+        half = 0.5 * (values[1] - values[0])
+        found.append(np.interp([0.05, 0.5, 0.95], share / share[-1], values + half))
+    log_several = np.log(p.sum() * step_c * step_s / range_c) + height.max()
+    one = log_p(np.zeros((1, 1, 1)))
+    log_one = np.log(np.exp(one - one.max()).sum() * step_c / range_c) + one.max()
+    return *found, log_several, log_one
+
+
+@pytest.mark.parametrize("scatter", [0.02, 0.15])
+def test_one_parameter_is_as_on_a_grid(scatter):
+    width = 0.04
+    means = -1.4 + scatter * np.array([-1.2, -0.8, 0.1, 0.3, 0.6, 1.4, -0.2])
+    found = population([seen([m], width, names=NAMES[1:], seed=k) for k, m in enumerate(means)])
+    centre, spread, several, one = on_a_grid(means, width)
+    size = 7 * np.log(5.0)  # likelihoods over flat priors: each posterior is divided by 1/range
+    for level, (got, expected) in enumerate(zip(np.log10(found.interval("viscosity")), centre, strict=True)):
+        assert abs(got - expected) < 0.05 * (centre[2] - centre[0]), level
+    assert np.allclose(found.scatter("viscosity"), spread, atol=0.06 * spread[2])
+    assert found.gain.log == pytest.approx(several + size, abs=0.1)
+    assert found.gain_of_one.log == pytest.approx(one + size, abs=0.1)
+    assert found.scattered.log == pytest.approx(several - one, abs=0.1)
+
+
+def test_without_scatter_shots_count_by_their_precision():
+    widths = np.array([0.02, 0.05, 0.1, 0.05, 0.03])
+    means = CENTRE + widths[:, None] * np.array([[0.5, -0.3], [-0.6, 0.4], [0.2, 0.1], [0.3, -0.2], [-0.4, 0.1]])
+    found = population([seen(m, w, seed=k) for k, (m, w) in enumerate(zip(means, widths, strict=True))])
+    weight = 1.0 / widths**2
+    assert np.allclose(found.common.mean(axis=0), weight @ means / weight.sum(), atol=0.002)
+    assert np.allclose(found.common.std(axis=0), weight.sum() ** -0.5, rtol=0.08)
+    assert found.scattered.log < 0.0
+    assert "agree within their intervals" in found.line
+
+
+def test_a_stray_is_named_and_moves_little():
+    clean, spoilt = population(shots(8)), population(shots(8, away=[2]), names=list("abcdefgh"))
+    assert (list(spoilt.strays), clean.strays) == (["c"], {})
+    assert "8 of 8 shots count, 1 of them" in spoilt.line
+    for name in ("shear_modulus", "viscosity"):
+        assert abs(np.log10(spoilt.interval(name)[1] / clean.interval(name)[1])) < 0.04
+
+
+def test_a_prior_that_is_not_divided_out_is_seen():
+    """A prior of the shots that pulls each towards 1 kPa: all of them together must not be pulled."""
+    made = {NAMES[0]: (1.0, 7.0, 3.0, 0.2), NAMES[1]: FLAT[NAMES[1]]}
+    width, pull = 0.2, 0.5  # as wide as the prior: posteriors are half way, and narrower by sqrt 2
+    rng, posteriors = np.random.default_rng(2), []
+    for k, at in enumerate(CENTRE + width * rng.standard_normal((12, 2))):
+        mean = np.array([pull * 3.0 + (1.0 - pull) * at[0], at[1]])
+        posteriors.append(seen(mean, [width * np.sqrt(0.5), width], 2000, seed=k, prior=made))
+    low, middle, high = population(posteriors).interval("shear_modulus")
+    forgotten = population([replace(one, prior={}) for one in posteriors]).interval("shear_modulus")
+    assert low < 10.0 ** CENTRE[0] < high
+    assert forgotten[2] < low
+    assert middle / forgotten[1] > 2.0
+
+
+def test_scatter_of_shots_is_found_with_its_correlation():
+    rng = np.random.default_rng(0)
+    z = rng.standard_normal(40)
+    means = CENTRE + 0.15 * np.column_stack([z, 0.9 * z + np.sqrt(0.19) * rng.standard_normal(40)])
+    found = population([seen(m, 0.03, 300, seed=k) for k, m in enumerate(means)])
+    assert found.scatter("shear_modulus")[1] == pytest.approx(np.std(means[:, 0]), rel=0.1)
+    low, _, high = found.correlations()["shear_modulus, viscosity"]
+    assert low < np.corrcoef(means.T)[0, 1] < high
+    assert low > 0.6
+    assert found.scattered.log > 10.0
+
+
+def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_are():
+    rng = np.random.default_rng(1)
+    theta = np.concatenate([rng.normal(0.0, 0.1, (400, 2)), rng.normal([1.0, 0.5], 0.05, (200, 2))])
+    weight = rng.exponential(size=600)
+    found = likelihood(theta, np.log(weight), np.zeros(600))
+    assert len(found.share) == 2
+    assert np.allclose(np.sort(found.mean[:, 0]), [0.0, 1.0], atol=0.03)
+    mean, covariance = np.average(theta, axis=0, weights=weight), np.cov(theta.T, aweights=weight, bias=True)
+    off = found.mean - found.share @ found.mean
+    whole = np.einsum("k,kij->ij", found.share, found.covariance) + (off.T * found.share) @ off
+    assert np.allclose(found.share @ found.mean, mean, atol=1e-3)
+    assert np.allclose(whole, covariance, rtol=0.01)
+    assert len(likelihood(theta[:400], np.zeros(400), np.zeros(400)).share) == 1
+
+
+def test_few_draws_are_said_and_widened():
+    few = [seen(CENTRE, 0.05, 20, seed=k) if k == 1 else one for k, one in enumerate(shots(4))]
+    assert any("shot 2 (20)" in doubt for doubt in population(few).doubts)
+    assert likelihood(few[1].theta, np.zeros(20), np.zeros(20)).covariance[0, 0, 0] > 1.1 * 0.05**2
+    assert likelihood(few[1].theta[:4], np.zeros(4), np.zeros(4)) is None
+
+
+def test_what_does_not_count_is_counted():
+    good = shots(4)
+    point = seen(CENTRE, 0.05, 600)
+    others = [
+        replace(point, theta=point.theta[:1]),
+        replace(point, theta=point.theta[:0], checks=Checks("failed")),
+        replace(point, checks=Checks("model_does_not_fit")),
+        seen(CENTRE[1:], 0.05, names=NAMES[1:]),
+        good[0],
+    ]
+    found = population([*good, *others])
+    assert found.shots == ("shot 1", "shot 2", "shot 3", "shot 4")
+    reasons = ("no_interval", "failed", "model_does_not_fit", "other_model", "copy")
+    assert found.left_out == dict.fromkeys(reasons, 1)
+    assert "4 of 9 shots count" in found.line
+    assert len(population(good + others[2:3], only_trusted=False).shots) == 5
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_fewer_than_three_shots_are_no_population(count):
+    found = population(shots(count))
+    assert found.centre.size == 0
+    assert str(count) in found.doubts[0]
+    assert "no material" in repr(found)
+    assert found.to_dict()["centre"] == {}
+    with pytest.raises(InputError, match="no draws"):
+        found.interval("shear_modulus")
+
+
+def test_two_materials_are_told_apart_and_one_is_not():
+    soft, same = population(shots(10, seed=1)), population(shots(10, seed=5), seed=1)
+    stiff = population(shots(10, seed=3, centre=CENTRE + np.array([0.3, 0.0])), seed=2)
+    apart = stiff.against(soft)
+    low, middle, high = apart["shear_modulus"].ratio
+    assert low < 2.0 < high
+    assert apart["shear_modulus"].probability_higher > 0.99
+    assert apart["shear_modulus"].probability_differs > 0.99
+    assert soft.against(stiff)["shear_modulus"].ratio[1] == pytest.approx(1.0 / middle)
+    assert same.against(soft)["shear_modulus"].probability_differs < 0.5
+    low, _, high = same.against(soft)["viscosity"].ratio
+    assert low < 1.0 < high
+
+
+def test_a_column_has_a_slope():
+    column = np.linspace(1.0, 3.0, 12)
+    made = [
+        seen(one.theta.mean(axis=0) + np.array([0.3 * (x - 2.0), 0.0]), 0.05, seed=k)
+        for k, (one, x) in enumerate(zip(shots(12), column, strict=True))
+    ]
+    found = population(made, along=column)
+    low, _, high = found.trend("shear_modulus")
+    assert low < 0.3 < high
+    assert low > 0.1
+    low, _, high = found.trend("viscosity")
+    assert low < 0.0 < high
+    assert found.scatter("shear_modulus")[1] < 0.1
+    assert population(made).scatter("shear_modulus")[1] > 0.13
+    with pytest.raises(InputError, match="without a column"):
+        population(made).trend("viscosity")
+
+
+def one_sided(n, viscosity, error, *, seed=0, spread=0.05, tilt=0.0) -> tuple[list[Posterior], np.ndarray]:
+    """Shots of 6.3 kPa with `spread` decades whose mu is measured with a normal `error` (n,) in Pa s: one that is not
+    far above the error is only bounded. log10 of G is traded for mu by `tilt` decades per Pa s. With the measured mu
+    (n,), Pa s."""
+    rng, logs = np.random.default_rng(seed), np.linspace(-4.0, 1.0, 5001)
+    answers, measured = [], []
+    for deviation in np.broadcast_to(error, n):
+        modulus = CENTRE[0] + spread * rng.standard_normal() + 0.05 * rng.standard_normal()
+        measured.append(viscosity + deviation * rng.standard_normal())
+        share = np.cumsum(np.exp(-0.5 * ((10.0**logs - measured[-1]) / deviation) ** 2))
+        mu = np.interp(rng.uniform(size=1000), share / share[-1], logs)
+        theta = np.column_stack([modulus + tilt * (viscosity - 10.0**mu) + 0.05 * rng.standard_normal(1000), mu])
+        one = replace(seen(CENTRE, 0.05), theta=theta)
+        answers.append(replace(one, checks=Checks("undetermined" if one.bound("viscosity") else "ok")))
+    return answers, np.array(measured)
+
+
+def bounds(answers) -> list[str | None]:
+    return [one.bound("viscosity") for one in answers]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_shots_that_only_bound_a_parameter_tell_the_others_as_well(seed):
+    """Gels whose mu is too small for their recordings: G as of gels whose mu is known, and of mu a bound."""
+    bounded, _ = one_sided(12, 1e-5, 0.01, seed=seed, tilt=3.0)
+    known, _ = one_sided(12, 0.03, 0.002, seed=seed, tilt=3.0)
+    assert bounds(bounded).count("upper") >= 10
+    assert bounds(known) == [None] * 12
+    found, clear = population(bounded), population(known)
+    assert len(found.shots) == 12
+    low, _, high = np.log10(found.interval("shear_modulus"))
+    assert low < CENTRE[0] < high
+    ends = np.log10(clear.interval("shear_modulus"))
+    assert high - low < 1.1 * (ends[2] - ends[0])
+    assert clear.bound("viscosity") is None
+    assert found.bound("viscosity") == found.quantity("viscosity").bound == "upper"
+    assert found.interval("viscosity")[2] < np.median([one.interval("viscosity")[1] for one in bounded])
+    assert "µ below" in found.line
+    assert "in µ" not in found.line  # nor is its scatter known
+    assert found.determined == ["shear_modulus"]
+    assert list(found.against(clear)) == ["shear_modulus"]
+
+
+@pytest.mark.parametrize(
+    ("viscosity", "error"), [(1e-5, 0.01), (1e-3, 0.005), (0.012, 0.01), (0.01, [0.002, 0.02] * 6)]
+)
+def test_bounds_multiply_as_on_a_grid(viscosity, error):
+    """One mu for all shots: the product of their likelihoods, which are known in closed form."""
+    logs, ends = np.linspace(-4.0, 1.0, 5001), []
+    for seed in (0, 1, 3):
+        answers, measured = one_sided(12, viscosity, error, seed=seed, spread=0.0)
+        off = (10.0 ** logs[:, None] - measured) / np.broadcast_to(error, 12)
+        share = np.cumsum(np.exp(-0.5 * np.sum(off**2, axis=1)))
+        exact = np.interp([0.5, 0.95], share / share[-1], logs)
+        ends.append(np.log10(population(answers).if_common("viscosity"))[1:] - exact)
+    assert np.all(np.abs(ends) < [0.25, 0.12])
+
+
+def test_a_value_that_a_single_shot_gives_is_not_that_of_the_material():
+    """Of ten shots nine only bound mu: so does the material, and it is no value with an interval."""
+    answers, _ = one_sided(10, 0.01, [0.0005] + [0.02] * 9, seed=2)
+    assert bounds(answers)[0] is None
+    assert bounds(answers).count("upper") >= 8
+    found = population(answers)
+    assert found.bound("viscosity") == "upper"
+    assert "µ below" in found.line
+    assert population(one_sided(5, 0.01, [0.001] * 2 + [0.02] * 3, seed=1)[0]).bound("shear_modulus") is None
+
+
+def test_a_shot_that_says_nothing_of_a_parameter_changes_nothing():
+    known = shots(5)
+    rng = np.random.default_rng(3)
+    silent = []
+    for k in range(4):
+        theta = np.column_stack([CENTRE[0] + 0.05 * rng.standard_normal(800), rng.uniform(-4.0, 1.0, 800)])
+        silent.append(replace(seen(CENTRE, 0.05, seed=k), theta=theta, checks=Checks("undetermined")))
+    assert {one.bound("viscosity") for one in silent} == {"undetermined"}
+    found, alone = population(known + silent), population(known)
+    assert len(found.shots) == 9
+    assert np.allclose(np.log10(found.interval("viscosity")), np.log10(alone.interval("viscosity")), atol=0.02)
+
+
+def test_a_bound_from_below_mirrors_one_from_above():
+    rng = np.random.default_rng(5)
+    log_p = np.zeros(1000)
+    theta = np.column_stack([0.05 * rng.standard_normal(1000), rng.uniform(-4.0, -2.5, 1000)])
+    ends = np.array([[-5.0, -4.0], [5.0, 1.0]])
+    above = likelihood(theta, log_p, log_p, (None, "upper"), ends)
+    below = likelihood(-theta, log_p, log_p, (None, "lower"), -ends[::-1])
+    assert np.allclose(above.mean, -below.mean, atol=1e-3)
+    assert np.allclose(above.share, below.share, rtol=1e-3)
+    assert above.mean[0, 1] == pytest.approx(-2.5, abs=0.03)
+    assert above.share[0] == pytest.approx(1.0 / 1.5, rel=0.03)  # of the draws, on each decade below the bound
+
+
+def test_the_seed_decides_all():
+    answers = shots(5)
+    one, again, other = (population(answers, seed=seed) for seed in (3, 3, 4))
+    assert np.array_equal(one.centre, again.centre)
+    assert not np.array_equal(one.centre, other.centre)
+    assert np.allclose(one.interval("viscosity"), other.interval("viscosity"), rtol=0.06)
+
+
+@pytest.mark.parametrize(
+    ("answers", "how", "code"),
+    [
+        ([], {}, "population.none"),
+        (shots(3), {"names": ["a"]}, "population.names"),
+        (shots(3), {"along": [1.0, 2.0]}, "population.along"),
+        (shots(3), {"along": [1.0, 1.0, 1.0]}, "population.along"),
+    ],
+)
+def test_what_cannot_be_is_refused(answers, how, code):
+    with pytest.raises(InputError) as told:
+        population(answers, **how)
+    assert told.value.code == code
+
+
+@pytest.fixture(scope="module")
+def reported():
+    """Two gels of six shots with intervals."""
+    pairs = []
+    for name, centre, seed in (("soft", CENTRE, 1), ("stiff", CENTRE + np.array([0.4, 0.0]), 2)):
+        for k, one in enumerate(shots(6, seed=seed, centre=centre)):
+            curve = bubble(f"{name}[{k + 1}]", name, f"{name}.mat", top=2.2e-4 + 2e-5 * k)
+            made = answer(curve)
+            pairs.append((curve, replace(one, checks=made.checks, stretch=8.0, evidence=Evidence(10.0, 0.1))))
+    return pairs, result(pairs, "cavirheo infer")
+
+
+def test_a_group_says_its_material(reported):
+    pairs, document = reported
+    soft = document.groups[0].population
+    found = population([one for _, one in pairs[:6]], names=[curve.name for curve, _ in pairs[:6]])
+    assert soft.line == found.line
+    assert soft.shear_modulus_Pa.q05 == pytest.approx(found.interval("shear_modulus")[0])
+    assert soft.spreads_decades["viscosity"].median == pytest.approx(found.scatter("viscosity")[1])
+    common = soft.common["shear_modulus"]
+    assert (common.q05, common.median, common.q95) == pytest.approx(found.if_common("shear_modulus"))
+    assert common.q95 / common.q05 < soft.shear_modulus_Pa.q95 / soft.shear_modulus_Pa.q05
+    assert soft.log_evidence == pytest.approx(60.0 + found.gain.log)
+    (apart,) = document.differences
+    assert (apart.first, apart.second) == ("stiff", "soft")
+    assert apart.parameters["shear_modulus"].probability_higher > 0.99
+    answers = group_lines(
+        [(curve, one.checks, row) for (curve, one), row in zip(pairs[:6], document.curves[:6], strict=True)],
+        document.groups[0],
+        document.modulus_unit,
+    ).answers[0]
+    assert np.allclose(np.log10(soft.contour(0.5)).mean(axis=0), CENTRE[::-1], atol=0.1)
+    assert len(answers.contour) > 100
+
+
+def test_points_and_single_shots_have_no_material():
+    one, two = bubble(), bubble("shot[2]")
+    assert result([(one, answer(one, draws=300))], "x").groups[0].population is None
+    assert result([(one, answer(one)), (two, answer(two))], "x").groups[0].population is None
+
+
+TABLE = "shot,concentration\n" + "".join(f"shot {i},{0.5 * (i // 3)}\n" for i in range(12))
+
+
+def declared(path, text=TABLE, names=12, group="gel"):
+    """Curves of one group, with what a table says of them."""
+    curves = [bubble(f"shot {i}") for i in range(names)]
+    curves = [one.with_group(group.format(i), "in") for i, one in enumerate(curves)]
+    path.write_text(text)
+    return with_column(curves, path)
+
+
+def test_a_declared_column_gives_the_group_its_slope(tmp_path):
+    """Truth: G rises by 0.3 decades per unit, the viscosity stays."""
+    curves = declared(tmp_path / "c.csv")
+    values = np.array([one.column["concentration"] for one in curves])
+    assert values.tolist() == [0.5 * (i // 3) for i in range(12)]
+    rng = np.random.default_rng(3)
+    truths = CENTRE + np.outer(values - values.mean(), [0.3, 0.0]) + 0.03 * rng.standard_normal((12, 2))
+    answers = [seen(truth, 0.04, seed=i) for i, truth in enumerate(truths)]
+    made = result(list(zip(curves, answers, strict=True)), "x")
+    found = made.groups[0].population
+    slope = found.slopes_decades
+    assert slope["shear_modulus"].q05 < 0.3 < slope["shear_modulus"].q95 < slope["shear_modulus"].q05 + 0.15
+    assert slope["viscosity"].q05 < 0.0 < slope["viscosity"].q95
+    assert (found.column, found.column_at) == ("concentration", pytest.approx(values.mean()))
+    assert np.log10(found.shear_modulus_Pa.median) == pytest.approx(CENTRE[0], abs=0.04)
+    assert found.spreads_decades["shear_modulus"].median < 0.06  # what the slope explains is no scatter
+    without = result([(bubble(f"shot {i}"), one) for i, one in enumerate(answers)], "x").groups[0].population
+    assert without.spreads_decades["shear_modulus"].median > 0.1
+    write_json(tmp_path / "result.json", made)
+    assert load(tmp_path / "result.json").curves[4].column == {"concentration": 0.5}
+
+
+def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
+    """Truth: the viscosity rises as the square root of R_max."""
+    monkeypatch.chdir(tmp_path)
+    sizes = np.geomspace(1e-4, 4e-4, 12)
+    curves = [bubble(f"shot {i}", top=size).with_group("gel", "in") for i, size in enumerate(sizes)]
+    found = with_column(curves, "R_max")
+    logs = np.array([one.column[LOG_SIZE] for one in found])
+    assert logs == pytest.approx(np.log10([1e6 * one.max_radius for one in curves]))
+    rng = np.random.default_rng(6)
+    truths = CENTRE + np.outer(logs - logs.mean(), [0.0, 0.5]) + 0.02 * rng.standard_normal((12, 2))
+    answers = [seen(truth, 0.03, seed=i) for i, truth in enumerate(truths)]
+    about = result(list(zip(found, answers, strict=True)), "x").groups[0].population
+    direct = population(answers, along=logs)
+    assert about.slopes_decades["viscosity"].median == pytest.approx(direct.trend("viscosity")[1], abs=0.01)
+    assert about.slopes_decades["viscosity"].q05 < 0.5 < about.slopes_decades["viscosity"].q95
+    assert (about.column, about.column_at) == (LOG_SIZE, pytest.approx(logs.mean()))
+    nothing = RadiusCurve([], [], meta={"name": "shot 12"}, unusable="no frame was read")
+    assert [bool(one.column) for one in with_column([*curves[:3], nothing], "R_max")] == [True] * 3 + [False]
+    with pytest.raises(InputError) as error:
+        with_column([one.with_group(one.name, "in") for one in curves], "R_max")
+    assert error.value.code == "column.constant"
+    (tmp_path / "R_max").write_text(TABLE)
+    with pytest.raises(InputError) as error:
+        with_column(curves, Path("R_max"))
+    assert error.value.code == "column.size"
+    assert with_column(curves, tmp_path / "R_max")[4].column == {"concentration": 0.5}  # by its path, a table as ever
+
+
+def test_which_law_gives_each_law_its_slope(tmp_path):
+    curves, rng = declared(tmp_path / "c.csv"), np.random.default_rng(4)
+    rising = np.array([[0.3 * one.column["concentration"], 0.0] for one in curves])
+    truths = CENTRE + rising + 0.03 * rng.standard_normal((12, 2))
+    answers = [replace(seen(one, 0.04, seed=i), evidence=Evidence(0.0, 0.1)) for i, one in enumerate(truths)]
+    _, (group,) = ranked(curves, {"nhkv": answers})
+    slope = group.populations["nhkv"].trend("shear_modulus")
+    assert slope[0] < 0.3 < slope[2]
+    assert group.column == "concentration"
+    same = [replace(one, meta={**one.meta, "column": {}}) for one in curves]
+    assert ranked(same, {"nhkv": answers})[1][0].populations["nhkv"].slope is None
+
+
+@pytest.mark.parametrize(
+    ("code", "text", "more", "told"),
+    [
+        ("unknown", TABLE + "shoe,3\n", {}, "shoe"),
+        ("missing", TABLE.replace("shot 7,1.0\n", ""), {}, "shot 7"),
+        ("constant", "shot,c\ngel,1\n", {}, "--group folder"),
+        ("constant", TABLE, {"group": "gel {}"}, "--group folder"),
+        ("number", TABLE.replace("shot 7,1.0", "shot 7,much"), {}, "row 9"),
+        ("twice", TABLE + "shot 7,3\n", {}, "shot 7"),
+        ("head", "shot,c,d\nshot 1,1,2\n", {}, "concentration_percent"),
+        ("head", "shot 1,1\nshot 2,2\n", {}, "concentration_percent"),
+        ("empty", "shot,c\n", {}, "no line"),
+    ],
+)
+def test_a_column_that_is_not_theirs_is_refused(tmp_path, code, text, more, told):
+    with pytest.raises(InputError, match=told) as error:
+        declared(tmp_path / "c.csv", text, **more)
+    assert error.value.code == f"column.{code}"
+
+
+def test_a_line_names_a_shot_before_its_file_and_its_group(tmp_path):
+    found = declared(tmp_path / "c.csv", "shot,c\ngel,1\nshot 2,5\n")
+    assert [one.column["c"] for one in found] == [1, 1, 5, *[1] * 9]
+
+
+def test_infer_takes_a_column_and_refuses_it_before_it_computes(run, tmp_path):
+    (tmp_path / "gel.csv").write_text((ROOT / "examples" / "soft_gel.csv").read_text())
+    names = "".join(f"gel[{k}];{k}\n" for k in range(1, 6))
+    (tmp_path / "age.csv").write_text("shot;age (h)\n" + names)
+    status, _, err = run("infer", "gel.csv", "--column", "age.csv", "--no-pictures", "-o", "r")
+    assert status == 0, err
+    (group,) = load(tmp_path / "r" / "result.json").groups
+    assert set(group.population.slopes_decades) == {"shear_modulus", "viscosity"}
+    (tmp_path / "age.csv").write_text("shot,age\nnobody,1\n")
+    for verb in ("infer", "fit", "which-law"):
+        status, out, err = run(verb, "gel.csv", "--column", "age.csv", "-o", "s")
+        assert (status, out, "nobody" in err) == (2, "", True)

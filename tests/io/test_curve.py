@@ -1,0 +1,278 @@
+"""RadiusCurve on shots whose maximum, collapses and plateau are known."""
+
+import pickle
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.physics.media import WATER
+
+R_MAX = 250e-6
+T_C = WATER.time_scale(R_MAX)
+
+
+@cache
+def shot(reynolds=100.0, cauchy=20.0, stretch=8.0):
+    """(R*(t*), t* of the first collapse) of a gas bubble in a Kelvin-Voigt gel, at rest at R* = 1, t* = 0."""
+
+    def rates(t, state):
+        r, u = state
+        q = 1.0 / (stretch * r)
+        stress = -(5.0 - 4.0 * q - q**4) / (2.0 * cauchy) - 4.0 * u / (reynolds * r)
+        return [u, ((r**-4.2 / stretch**3 - 1.0 + stress) / r - 1.5 * u * u / r)]
+
+    options = {"rtol": 1e-9, "atol": 1e-11, "dense_output": True}
+    later, earlier = (solve_ivp(rates, (0.0, end), [1.0, 0.0], **options).sol for end in (8.0, -0.7))
+    fine = np.linspace(0.0, 3.0, 60001)
+    first = fine[np.argmax(np.diff(later(fine)[0]) > 1e-12)]
+    return (lambda t: np.where(t < 0, earlier(np.minimum(t, 0.0))[0], later(np.maximum(t, 0.0))[0])), float(first)
+
+
+def measured(start=-0.7, end=6.0, step=0.04, noise=0.0, seed=0, **material):
+    """A recording from `start` to `end` (in t_c after R_max) every `step`; noise as a fraction of R_max."""
+    random = np.random.default_rng(seed)
+    t = np.arange(start + step * random.uniform(), end, step) if start < 0 else np.arange(start, end, step)
+    r = shot(**material)[0](t) + noise * random.standard_normal(len(t))
+    return RadiusCurve(t * T_C, np.where(r > 0, r, np.nan) * R_MAX)
+
+
+@pytest.mark.parametrize("step", [0.04, 0.1])
+@pytest.mark.parametrize("start", [-0.7, 0.0])
+@pytest.mark.parametrize("material", [{"reynolds": 1000.0, "cauchy": 1000.0}, {}, {"reynolds": 20.0, "stretch": 5.0}])
+def test_maximum_and_first_collapse_at_half_a_percent_noise(step, start, material):
+    """The figures of the docstring of landmarks.py."""
+    curves = [measured(start, step=step, noise=0.005, seed=seed, **material) for seed in range(40)]
+    radius_error = np.array([c.max_radius for c in curves]) / R_MAX - 1.0
+    time_error = np.array([c.time_of_max for c in curves]) / T_C
+    collapse_error = np.array([c.collapse_times()[0] for c in curves]) / T_C - shot(**material)[1]
+    assert np.std(radius_error) < 0.0035
+    assert abs(np.mean(radius_error)) < 0.0015
+    assert np.sqrt(np.mean(time_error**2)) < 0.009
+    assert np.sqrt(np.mean(collapse_error**2)) < 0.2 * step
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.95, 1.05, 1.6])
+@pytest.mark.parametrize("frame", [0, 3])
+def test_one_bad_frame_near_the_maximum_does_not_decide(factor, frame):
+    for start in (-0.7, 0.0):
+        curve = measured(start, noise=0.002)
+        radius = curve.radius.copy()
+        radius[np.argmin(np.abs(curve.time)) + frame] *= factor
+        assert RadiusCurve(curve.time, radius).max_radius == pytest.approx(R_MAX, rel=0.005)
+
+
+def test_maximum_is_the_one_before_the_violent_collapse_even_when_a_late_drift_passes_it():
+    curve = measured(end=8.0)
+    t = curve.time / T_C
+    drifting = RadiusCurve(curve.time, curve.radius + np.where(t > 3.0, (t - 3.0) * 0.3 * R_MAX, 0.0))
+    assert np.nanmax(drifting.radius) > 1.3 * R_MAX
+    assert drifting.max_radius == pytest.approx(R_MAX, rel=1e-3)
+    assert drifting.stretch_from_tail() is None
+
+
+def test_recording_that_starts_between_frames_after_the_maximum_uses_the_stated_time():
+    t = 0.02 + np.arange(0.0, 5.0, 0.04)
+    curve = RadiusCurve(t * T_C, shot()[0](t) * R_MAX, stated_time_of_max=0.0)
+    assert curve.time_of_max == 0.0
+    assert curve.max_radius == pytest.approx(R_MAX, rel=3e-4)
+
+
+def test_the_last_of_the_growth_is_enough_to_find_the_maximum_in_noise():
+    """The first radius is 0.97 R_max: taken as the maximum, it would be 0.25 t_c too early."""
+    curves = [measured(start=-0.25, noise=0.008, seed=seed) for seed in range(40)]
+    error = np.array([curve.time_of_max for curve in curves]) / T_C
+    assert np.sqrt(np.mean(error**2)) < 0.06
+
+
+@pytest.mark.parametrize(
+    ("radius", "code", "says"),
+    [
+        ([1.0, 0.9, 0.5], "few_frames", "3 of 3"),
+        ([np.nan] * 20, "few_frames", "0 of 20"),
+        (np.linspace(0.2, 1.0, 30), "grows", "1.00"),
+        (1.0 - 0.05 * np.linspace(-1.0, 1.0, 30) ** 2, "never_falls", "0.9"),
+        (np.ones(30), "never_falls", "1.00"),
+        ([], "few_frames", "0 of 0"),
+    ],
+)
+def test_a_maximum_that_cannot_be_determined_is_refused_with_the_reason(radius, code, says):
+    curve = RadiusCurve(np.arange(len(radius)) * 1e-6, np.array(radius) * R_MAX, meta={"name": "shot 7"})
+    for use in (lambda: curve.max_radius, lambda: curve.resampled(1e-6), curve.collapse_times, curve.strain_rate):
+        with pytest.raises(InputError, match=f"shot 7.*{says}") as error:
+            use()
+        assert error.value.code == f"curve.{code}"
+    assert "shot 7" in repr(curve)
+    assert "no R_max" in repr(curve)
+
+
+def test_collapses_are_found_in_order_and_not_in_noise():
+    truth = measured().collapse_times()
+    assert len(truth) >= 4
+    noisy = measured(noise=0.01).collapse_times()
+    assert np.allclose(noisy[:2], truth[:2], atol=0.04 * T_C)
+    assert np.all(np.diff(noisy) > 0)
+
+
+@pytest.mark.parametrize("digit", [2e-6, 5e-6, 2e-5])
+def test_the_noise_of_rounded_radii_is_at_least_that_of_the_rounding(digit):
+    curve = measured(start=0.0, noise=1e-4)
+    rounded = RadiusCurve(curve.time, np.maximum(np.round(curve.radius / digit), 1.0) * digit)
+    missed = float(np.std(rounded.radius - curve.radius))
+    assert 0.8 * missed < rounded.noise < 2.5 * missed
+    assert curve.noise < 4e-4 * R_MAX
+
+
+def test_another_bubble_after_the_first_ends_it():
+    first, second = measured(start=0.0, end=4.0), measured(start=-0.7, end=4.0)
+    begins = first.time[-1] + 0.04 * T_C
+    after = begins + second.time - second.time[0]
+    both = RadiusCurve(np.append(first.time, after), np.append(first.radius, 0.9 * second.radius))
+    assert both.max_radius == pytest.approx(R_MAX, rel=1e-3)
+    assert both.drifts_from == pytest.approx(begins, abs=0.6 * T_C)
+    assert both.drifts_from < begins + 0.2 * T_C
+
+
+def test_a_spiking_frame_is_told_and_makes_no_collapse():
+    curve = measured()
+    radius = curve.radius.copy()
+    frames = [int(np.argmin(np.abs(curve.time - t * T_C))) for t in (0.05, 0.6, 2.0)]
+    radius[frames] += 0.5 * R_MAX
+    spiking = RadiusCurve(curve.time, radius)
+    assert spiking.spikes() == frames
+    assert np.allclose(spiking.collapse_times(), curve.collapse_times(), atol=0.002 * T_C)
+
+
+def test_a_creeping_bubble_has_no_collapse_and_no_strain_rate_but_can_be_resampled():
+    curve = measured(start=0.0, reynolds=1.0, stretch=5.0, noise=0.003)
+    assert len(curve.collapse_times()) == 0
+    assert curve.resampled(1e-6, 100)[-1] < 0.5 * R_MAX
+    for use in (curve.strain_rate, lambda: curve.window(collapses=1)):
+        with pytest.raises(InputError) as error:
+            use()
+        assert error.value.code == "curve.collapses"
+
+
+def test_strain_rate_is_the_mean_of_two_u_over_r():
+    gentle = {"reynolds": 20.0, "stretch": 4.0}
+    curve = measured(step=0.002, **gentle)
+    t = np.linspace(0.0, shot(**gentle)[1], 20001)
+    r = shot(**gentle)[0](t)
+    mean = np.trapezoid(np.abs(2.0 * np.gradient(r, t) / r), t) / t[-1]
+    assert curve.strain_rate() * T_C == pytest.approx(mean, rel=0.01)
+
+
+def test_resampled_passes_through_the_frames_and_starts_at_the_maximum():
+    curve = measured(step=0.05)
+    fine = curve.resampled(0.5e-6, 100)
+    t = 0.5e-6 * np.arange(100)
+    away = np.abs(t - curve.collapse_times()[:, None]).min(axis=0) > 3e-6
+    assert fine[0] == curve.max_radius
+    assert np.max(np.abs(fine - R_MAX * shot()[0]((t + curve.time_of_max) / T_C))[away]) < 0.003 * R_MAX
+    assert np.all(fine <= curve.max_radius * (1 + 1e-12))
+
+
+def test_resampled_skips_missing_frames_and_refuses_to_extrapolate():
+    curve = measured(end=3.0)
+    last = curve.time[-1] - curve.time_of_max
+    with pytest.raises(InputError, match=rf"{last * 1e6:.4g} us .*99 us") as error:
+        curve.resampled(1e-6, 100)
+    assert error.value.code == "curve.short"
+    short = curve.resampled(1e-6, 100, allow_short=True)
+    assert np.array_equal(np.isnan(short), np.arange(100) * 1e-6 > last)
+    gap = curve.radius.copy()
+    gap[40:43] = np.nan
+    assert np.all(np.isfinite(RadiusCurve(curve.time, gap).resampled(1e-6, 60)))
+
+
+def test_window_ends_at_the_rebound_after_the_collapses_and_keeps_the_maximum():
+    curve = measured()
+    one, two = curve.window(1), curve.window(2)
+    collapses = curve.collapse_times()
+    assert collapses[0] < one.time[-1] < collapses[1] < two.time[-1] < collapses[2]
+    assert abs(np.gradient(curve.radius, curve.time)[curve.time == one.time[-1]][0]) < 0.1 * R_MAX / T_C
+    assert (one.max_radius, one.time_of_max) == (curve.max_radius, curve.time_of_max)
+    assert one.time[0] >= curve.time_of_max
+    assert len(one.collapse_times()) == 1
+    assert curve.window(end=2.0 * T_C).time[-1] <= curve.time_of_max + 2.0 * T_C
+    assert curve.window(2, end=1e-5).time[-1] <= curve.time_of_max + 1e-5
+    with pytest.raises(InputError, match=rf"9 .*{len(collapses)}") as error:
+        curve.window(9)
+    assert error.value.code == "curve.collapses"
+
+
+def test_max_radius_given_by_the_user_scales_the_radii_and_says_so():
+    curve = measured(noise=0.005)
+    pixels = RadiusCurve(curve.time, curve.radius / 2.76, curve.radius / 276, unscaled="the radius is in pixels")
+    with pytest.raises(InputError, match=r"in pixels.*--rmax-um") as error:
+        _ = pixels.max_radius
+    assert error.value.code == "curve.unscaled"
+    scaled = pixels.with_max_radius(R_MAX)
+    assert scaled.max_radius == R_MAX
+    assert np.allclose(scaled.radius, curve.radius * R_MAX / curve.max_radius, equal_nan=True)
+    assert np.allclose(scaled.radius_std, scaled.radius / 100, equal_nan=True)
+    assert scaled.time_of_max == pytest.approx(curve.time_of_max, abs=1e-12)
+    assert "R_max set to 250 um" in scaled.notes[-1]
+    with pytest.raises(InputError, match=r"-1\.0") as error:
+        curve.with_max_radius(-1.0)
+    assert error.value.code == "curve.max_radius"
+
+
+def test_normalised_has_growth_before_zero_and_only_measured_frames():
+    curve = measured()
+    radius = curve.radius.copy()
+    radius[5] = np.nan
+    t, r = RadiusCurve(curve.time, radius).normalised(WATER)
+    assert len(t) == len(radius) - 1
+    assert t[0] < 0
+    assert np.median(np.abs(r - shot()[0](t))) < 2e-4
+
+
+def test_stretch_from_the_plateau_only_where_there_is_one():
+    stretch = 6.0
+    # at rest the gas pressure balances: R_0 is the plateau of this model up to its gas content
+    long = measured(end=8.0, reynolds=15.0, stretch=stretch)
+    value, deviation = long.stretch_from_tail()
+    level = shot(reynolds=15.0, stretch=stretch)[0](np.array([7.9]))[0]
+    assert value == pytest.approx(1.0 / level, rel=0.03)
+    assert 0.0 < deviation < 0.06 * value
+    assert measured(end=2.5, reynolds=15.0, stretch=stretch).stretch_from_tail() is None  # too short
+    assert measured(end=8.0, reynolds=1000.0, cauchy=1000.0).stretch_from_tail() is None  # still oscillating
+
+
+@pytest.mark.parametrize("factor", [0.4, 1.0, 2.5])
+def test_rayleigh_ratio_is_the_time_of_the_first_collapse_over_that_of_an_empty_bubble(factor):
+    curve = measured()
+    scaled = RadiusCurve(curve.time, curve.radius * factor)
+    assert scaled.rayleigh_ratio() == pytest.approx(shot()[1] / 0.9147 / factor, rel=5e-3)
+    assert scaled.rayleigh_ratio(4.0 * 998.0) == pytest.approx(0.5 * scaled.rayleigh_ratio())
+    assert measured(start=0.0, reynolds=1.0, stretch=5.0, noise=0.003).rayleigh_ratio() is None  # no collapse
+    assert replace(curve, unscaled="in pixels").rayleigh_ratio() is None
+
+
+@pytest.mark.parametrize(
+    ("time", "radius", "code", "says"),
+    [
+        ([0.0, 1.0, 1.0], [1.0, 1.0, 1.0], "time", "sample 2"),
+        ([0.0, np.nan, 1.0], [1.0, 1.0, 1.0], "time", "sample 1"),
+        ([0.0, 1.0], [1.0, 1.0, 1.0], "shape", r"\(2,\), \(3,\)"),
+        ([0.0, 1.0], [1.0, -1.0], "radius", "NaN"),
+        ([0.0, 1.0], [1.0, np.inf], "radius", "NaN"),
+    ],
+)
+def test_arrays_that_make_no_curve_are_refused(time, radius, code, says):
+    with pytest.raises(InputError, match=says) as error:
+        RadiusCurve(np.array(time), np.array(radius))
+    assert error.value.code == f"curve.{code}"
+
+
+def test_a_curve_is_immutable_and_travels_between_processes():
+    curve = measured()
+    with pytest.raises(ValueError, match="read-only"):
+        curve.radius[0] = 1.0
+    copy = pickle.loads(pickle.dumps(curve.window(1)))
+    assert copy.max_radius == curve.max_radius

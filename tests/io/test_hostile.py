@@ -1,0 +1,77 @@
+"""Files made to exhaust or to deceive a reader: each is refused with the reason before it takes time or memory."""
+
+import os
+import socket
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from bombs import FILES
+from scipy.io import savemat
+
+from cavirheo.companions.collapse_times import read_table
+from cavirheo.companions.published_values import read_references
+from cavirheo.companions.rheometer.read import read_sweeps
+from cavirheo.errors import InputError
+from cavirheo.io import limits, read_curves, workbook
+from cavirheo.io.trace import read_trace
+
+
+@pytest.mark.parametrize("make", FILES, ids=lambda make: make.__name__)
+def test_refused_with_the_reason(tmp_path, monkeypatch, make):
+    monkeypatch.setattr(limits, "INFLATED", 20_000_000)
+    monkeypatch.setattr(workbook, "MEMORY", 300_000_000)
+    ending, code = FILES[make]
+    path = tmp_path / f"file.{ending}"
+    make(path)
+    with pytest.raises(InputError) as error:
+        read_curves(path)
+    assert error.value.code == code, error.value
+
+
+ROOMS = [read_curves, read_sweeps, read_table, read_references, read_trace]
+
+
+@pytest.mark.parametrize("read", ROOMS, ids=lambda read: read.__name__)
+def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, monkeypatch, read):
+    """None of these may be waited for."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe.csv")
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind("socket.csv")
+    Path("loop.csv").symlink_to("loop.csv")
+    Path("file.csv").touch()
+    refused = {
+        "pipe.csv": "special", "socket.csv": "special", "/dev/zero": "special", "loop.csv": "unreadable",
+        "n" * 300: "unreadable", ".": "folder", "file.csv/inside.csv": "missing", "a\0.csv": "missing",
+    }  # fmt: skip
+    for name, code in refused.items():
+        with pytest.raises(InputError) as error:
+            read(Path(name))
+        assert error.value.code == f"reading.{code}", name
+        assert str(error.value).isprintable()
+
+
+def test_a_large_recording_is_within_the_limits(tmp_path):
+    """The limits are far above what cameras record: 100 000 frames of one shot are read."""
+    path = tmp_path / "long.h5"
+    t = np.arange(100_000) * 1e-9
+    with h5py.File(path, "w") as file:
+        file["time"], file["radius"] = t, 1e-4 * (0.2 + np.abs(np.cos(t / 9e-6)))
+    (curve,) = read_curves(path)
+    assert len(curve.time) == 100_000 < limits.SAMPLES / 10
+
+
+@pytest.mark.parametrize("radius", [1e308, np.nan])
+def test_numbers_beyond_all_bounds_print_nothing(tmp_path, radius, recwarn):
+    """A warning of numpy would be a line that nobody asked for."""
+    path = tmp_path / "axes.txt"
+    np.savetxt(path, np.c_[np.arange(50.0), np.full(50, radius), np.full(50, -radius)])
+    with pytest.raises(InputError):
+        read_curves(path)
+    savemat(
+        path.with_suffix(".mat"), {"shift_normRnew": np.full((2, 50), 1e308), "Rmax": [1e308] * 2, "t": np.arange(50)}
+    )
+    read_curves(path.with_suffix(".mat"))
+    assert not recwarn.list

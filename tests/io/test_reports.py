@@ -1,0 +1,673 @@
+"""What is written of answers: documents, tables, pages and pictures say what was found, whatever is in a file."""
+
+import csv
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from answers import COMMAND, NAMES, Page, answer, bubble, empty, printed, unanswered, with_verdict
+from scipy.stats import binom, theilslopes
+
+from cavirheo import InputError, Posterior, RadiusCurve, infer, infer_many, load, population
+from cavirheo.inference.analysis import Analysis
+from cavirheo.inference.input_checks import warned
+from cavirheo.inference.network_answer import Networked
+from cavirheo.io.column import read_column
+from cavirheo.messages import Message, of_error
+from cavirheo.physics.bubble import REAL, Bubble
+from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, WindowAnswer
+from cavirheo.reporting import figures, group, html, result, svg, table, write_report
+from cavirheo.reporting.answer import curve_record
+from cavirheo.reporting.curve_lines import answer_lines, preview_lines
+from cavirheo.reporting.group_lines import group_lines
+from cavirheo.reporting.input_remarks import next_step
+from cavirheo.reporting.record import Answered
+from cavirheo.writing import digits, document, style
+from cavirheo.writing.document import Quantity, Spread, write_json
+
+KILOPASCAL = (1e-3, "kPa")
+KINETIC = Bubble("kinetic")
+
+
+@pytest.fixture
+def pairs():
+    one, two = bubble(), bubble("shot[2]", top=3.1e-4)
+    return [(one, answer(one)), (two, answer(two, 8100.0, 0.035)), (empty(), unanswered())]
+
+
+def several(count, **how):
+    """So many shots of one group, of growing size, with `how` of `answer`."""
+    curves = [bubble(f"s{k}", top=(2.6 + 0.1 * k) * 1e-4) for k in range(count)]
+    return [(curve, answer(curve, 6e3 + 50 * k, **how)) for k, curve in enumerate(curves)]
+
+
+def strictly(path: Path) -> dict:
+    """JSON without NaN or Infinity, which Python would otherwise read."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} in the JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def page_of(folder: Path) -> Page:
+    return Page((folder / "report.html").read_text(encoding="utf-8"))
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+# --- result.json and result.csv --------------------------------------------------------------------------------------
+
+
+def test_json_keeps_the_contract_and_comes_back_equal(pairs, tmp_path):
+    made = result(pairs, COMMAND, date="2025-01-02", notes=["a note"])
+    write_json(tmp_path / "result.json", made)
+    assert load(tmp_path / "result.json") == made
+    found = strictly(tmp_path / "result.json")
+    assert (found["schema"], found["command"], bool(found["version"])) == (1, COMMAND, True)
+    row, failed = found["curves"][0], found["curves"][2]
+    wanted = {
+        "name", "source", "max_radius_m", "stretch", "material", "bubble", "method", "shear_modulus_Pa",
+        "viscosity_Pa_s", "other_parameters", "rmse_over_rmax", "window", "verdict", "messages", "seconds",
+        "provenance", "diagnostics",
+    }  # fmt: skip
+    assert wanted <= row.keys()
+    assert row["name"] == "shot[1]"
+    assert row["max_radius_m"] == pytest.approx(2.6e-4, rel=0.02)
+    no_interval = {"q05": None, "q95": None, "bound": None}
+    assert row["shear_modulus_Pa"] == {"median": pytest.approx(6100.0), **no_interval}
+    assert row["viscosity_Pa_s"] == {"median": pytest.approx(0.021), **no_interval}
+    assert row["stretch"] == {"median": 9.1, **no_interval}
+    assert row["window"] == {"collapses": 2, "t_star_end": 2.6}
+    assert (failed["verdict"], failed["messages"][0]["text"]) == ("failed", "cell 3 of 5 is empty")
+    assert failed["max_radius_m"] is failed["rmse_over_rmax"] is failed["viscosity_Pa_s"]["median"] is None
+    table.write_csv(tmp_path / "result.csv", made)
+    first, _, last = rows_of(tmp_path / "result.csv")
+    assert float(first["shear_modulus_Pa"]) == pytest.approx(6100.0)
+    assert (first["shear_modulus_Pa_q05"], first["collapses"], last["shear_modulus_Pa"]) == ("", "2", "")
+
+
+@pytest.mark.parametrize("text", [None, "not json", "{}", '{"schema": 2, "command": "", "curves": [], "groups": []}'])
+def test_what_is_not_a_result_is_refused(text, tmp_path):
+    path = tmp_path / "r.json"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        load(path)
+    assert str(path) in str(refused.value)
+
+
+def test_what_no_json_can_hold_becomes_null_or_plain(tmp_path):
+    curve, none = bubble(), float("nan")
+    odd = {"array": np.arange(3), "nan": none, "x": [np.float64("inf"), np.int64(2)], "p": Path("a"), 1: ()}
+    about = Diagnostics(correlations={"shear_modulus, viscosity": none}, predictive={"p_value": none})
+    made = replace(answer(curve), provenance=odd, diagnostics=about)
+    made = replace(made, checks=replace(made.checks, mae_over_rmax=none))
+    write_report(tmp_path, [(curve, made)], COMMAND, ())
+    row = strictly(tmp_path / "result.json")["curves"][0]
+    assert row["provenance"] == {"array": [0, 1, 2], "nan": None, "x": [None, 2], "p": "a", "1": []}
+    assert row["mae_over_rmax"] is None
+
+
+def test_intervals_are_those_of_the_draws(tmp_path):
+    curve = bubble()
+    more = np.random.default_rng(1).normal([8.0, 1e-7], [0.1, 1e-8], (500, 2))
+    made = replace(answer(curve, draws=500), log_weight=np.linspace(-3.0, 0.0, 500))
+    wider = {"names": (*NAMES, "stretch", "time_origin"), "units": ("Pa", "Pa s", "1", "s")}
+    wider = replace(made, **wider, theta=np.hstack([made.theta, more]))
+    plain, row = result([(curve, made), (curve, wider)], COMMAND).curves
+    assert (plain.shear_modulus_Pa.q05, plain.shear_modulus_Pa.q95) == made.interval("shear_modulus")
+    assert plain.stretch.q05 is None  # not among the draws: no width is made up
+    assert row.stretch.q05 < 8.0 < row.stretch.q95
+    assert row.other_parameters["time_origin"].median == pytest.approx(1e-7, rel=0.05)
+
+
+def test_what_an_answer_rests_on_is_read_from_its_fields_and_not_from_its_provenance(tmp_path):
+    about = Diagnostics(stretch_source="given", free={"time_origin": 1.5e-7}, frames=60, at_bound=("stretch",))
+    windows = {"1": WindowAnswer({"shear_modulus": 6440.0, "viscosity": 0.0295}, 1.0, 0.01, ("viscosity",))}
+    other = {"stretch": 99.0, "frames": 7, "windows": {"2": {"shear_modulus": 1.0}}, "free": {"time_origin": 9.0}}
+    made = replace(
+        answer(bubble()), diagnostics=about, windows=windows, provenance=other, evidence=Evidence(-12.5, 0.1)
+    )
+    write_report(tmp_path, [(bubble(), made)], COMMAND, ())
+    row = strictly(tmp_path / "result.json")["curves"][0]
+    assert (row["stretch"]["median"], row["evidence"]) == (9.1, {"log": -12.5, "error": 0.1})
+    assert row["windows"]["1"]["best"] == {"shear_modulus": 6440.0, "viscosity": 0.0295}
+    assert row["diagnostics"]["free"] == {"time_origin": 1.5e-7}
+
+
+@pytest.mark.parametrize("theta", [np.empty((0, 2)), np.array([[3.8, np.nan]]), np.array([[np.inf, -2.0]])])
+def test_an_answer_that_is_none_does_not_pass(theta):
+    made = result([(bubble(), replace(answer(bubble()), theta=theta))], COMMAND)
+    assert (made.curves[0].verdict, made.groups[0].n_failed) == ("failed", 1)
+    assert made.curves[0].viscosity_Pa_s.median is None
+
+
+def test_parameters_and_models_of_any_law_are_in_json_and_csv(tmp_path):
+    """A liquid has no modulus; a law that thins has its viscosity at 1e5 1/s; what is given has no interval."""
+    curve, rng = bubble(), np.random.default_rng(1)
+    scatter = 0.01 * rng.standard_normal((300, 2))
+    names = ("log10_reference_viscosity", "log10_exponent")
+    theta = np.log10([98.0 * 1e5**-0.57, 0.43]) + scatter
+    thins = replace(answer(curve), names=names, units=("1", "1"), theta=theta, material="power-law")
+    given = replace(answer(curve), bubble=Bubble("kinetic", 0.5), best={"accommodation": 0.5})
+    write_report(tmp_path, [(curve, answer(curve, material="newtonian")), (curve, thins), (curve, given)], COMMAND, ())
+    liquid, power, kinetic = load(tmp_path / "result.json").curves
+    assert liquid.shear_modulus_Pa == power.viscosity_Pa_s == Quantity()
+    assert liquid.viscosity_Pa_s.median == pytest.approx(0.021)
+    assert power.viscosity.q05 < 98.0 * 1e5**-0.57 < power.viscosity.q95
+    assert kinetic.other_parameters == {"accommodation": Quantity(median=0.5)}
+    assert (kinetic.bubble.contents, power.bubble.contents) == ("kinetic", "equilibrium")
+    rows = rows_of(tmp_path / "result.csv")
+    assert [row["bubble"] for row in rows] == ["field", "field", "kinetic"]
+    assert float(rows[1]["exponent_q05"]) < 0.43 < float(rows[1]["exponent_q95"])
+
+
+def test_other_models_stand_beside_an_answer(tmp_path):
+    thins = {"reference_viscosity": 98.0 * 1e5**-0.57, "exponent": 0.43}
+    others = (
+        beside(),
+        beside(log=-30.0, material="qkv"),
+        beside(0.02, -16.0, Bubble(), G=20e3),
+        OtherAnswer("power-law", Bubble(), thins, {}, None, None),
+    )
+    made = replace(answer(bubble(), draws=300), evidence=Evidence(-15.0), others=others)
+    written = write_report(tmp_path, [(bubble(), made)], COMMAND, ())
+    assert load(tmp_path / "result.json") == written
+    row = strictly(tmp_path / "result.json")["curves"][0]
+    kinetic = row["other_models"][0]
+    assert (kinetic["material"], kinetic["bubble"]["contents"], kinetic["log_evidence"]) == ("nhkv", "kinetic", -3.0)
+    expected = {"median": 0.003, "q05": 0.0024, "q95": 0.0036}
+    assert {name: kinetic["viscosity_Pa_s"][name] for name in expected} == pytest.approx(expected)
+    cells = {tuple(one[:1]) + tuple(one[-1:]) for one in table.model_rows(written.curves[0], 1e-3)}
+    assert {("nhkv, field", "0"), ("nhkv, kinetic", "+12.0"), ("qkv, kinetic", "-15.0")} <= cells
+    assert table.model_rows(written.curves[0], 1e-3)[-1][2] == "0.138"  # at 1e5 1/s, of a law without one viscosity
+
+
+def beside(mu=0.003, log=-3.0, bubble=KINETIC, material="nhkv", G=5000.0) -> OtherAnswer:
+    best = {"shear_modulus": G, "viscosity": mu, "stretch": 8.0, "accommodation": 0.07}
+    intervals = {name: (0.8 * value, value, 1.2 * value) for name, value in best.items() if name != "accommodation"}
+    return OtherAnswer(material, bubble, best, intervals, Evidence(log), 0.004)
+
+
+# --- groups ----------------------------------------------------------------------------------------------------------
+
+
+def test_group_takes_mean_and_sample_deviation(pairs):
+    (one,) = result(pairs, COMMAND).groups
+    assert (one.n, one.n_trusted, one.n_failed, one.verdicts) == (2, 2, 1, {"ok": 2, "failed": 1})
+    assert one.shear_modulus_Pa.mean == pytest.approx(7100.0)
+    assert one.shear_modulus_Pa.std == pytest.approx(2000.0 / np.sqrt(2.0))  # n - 1, not n
+    assert one.viscosity_Pa_s.median == pytest.approx(0.028)
+    (single,) = result(pairs[:1], COMMAND).groups
+    assert (single.shear_modulus_Pa.mean, single.shear_modulus_Pa.std) == (pytest.approx(6100.0), None)
+    liquid = result([(bubble(), answer(bubble(), material="newtonian"))], COMMAND)
+    assert liquid.groups[0].shear_modulus_Pa == Spread()
+
+
+def test_files_of_one_name_are_two_groups():
+    curves = [bubble(source="a/shots.mat"), bubble(source="b/shots.mat"), bubble(group="other", source="b/other.mat")]
+    groups = result([(curve, answer(curve)) for curve in curves], COMMAND).groups
+    assert [one.name for one in groups] == ["a/shots.mat", "b/shots.mat", "other"]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "count"), [("model_does_not_fit", 3), ("unverified", 3), ("other_model_preferred", 5)]
+)
+def test_only_what_is_trusted_counts_in_headline_means_and_pictures(verdict, count, tmp_path):
+    curves = [bubble(f"s{k}", top=(2.6 + 0.1 * k) * 1e-4) for k in range(5)]
+    answers = [answer(c, 6e3 + 100 * k, draws=400, verdict=verdict if k < 2 else "ok") for k, c in enumerate(curves)]
+    other = OtherAnswer("nhkv", REAL, {"viscosity": 0.03}, {}, Evidence(20.0), 0.01)
+    answers = [replace(one, evidence=Evidence(0.0, 0.1), others=(other,)) for one in answers]
+    made = list(zip(curves, answers, strict=True))
+    written = write_report(tmp_path, made, COMMAND, (), draw=False)
+    (one,) = written.groups
+    assert one.n_trusted == one.population.n == one.shear_modulus_Pa.n == count
+    assert one.shear_modulus_Pa.mean == pytest.approx(
+        np.mean([row.shear_modulus_Pa.median for row in written.curves[5 - count :]])
+    )
+    said = [one.headline, " ".join(printed(written, 120).split()), " ".join("".join(page_of(tmp_path).text).split())]
+    assert all(f"{count} of 5 shots count" in text for text in said)
+    assert bool(one.preferred) == (verdict == "other_model_preferred")
+    assert (~lines_of_group(made, written).trusted).sum() == 5 - count
+    assert len(population(answers, only_trusted=False).shots) == 5
+
+
+def test_bounds_count_where_they_tell_something(tmp_path):
+    """Of five shots that count three determine mu: one count for the table, the group and the material."""
+    rng, pairs = np.random.default_rng(1), several(5, draws=800)
+    for k in (3, 4):
+        curve, made = pairs[k]
+        theta = np.column_stack([made.theta[:, 0] + 0.01 * k, rng.uniform(-4.0, -2.0, 800)])
+        pairs[k] = curve, with_verdict(replace(made, theta=theta), "undetermined")
+    write_report(tmp_path, pairs, COMMAND, draw=False)
+    found = load(tmp_path / "result.json")
+    (one,), rows = found.groups, found.curves
+    assert [row.viscosity_Pa_s.bound for row in rows] == [None] * 3 + ["upper"] * 2
+    assert rows[3].viscosity_Pa_s.q95 == pytest.approx(0.93 * 10**-2.0, rel=0.2)
+    assert one.n_trusted == one.population.n == one.shear_modulus_Pa.n == 5
+    assert one.viscosity_Pa_s.n == 3
+    assert one.viscosity_Pa_s.mean == pytest.approx(np.mean([row.viscosity_Pa_s.median for row in rows[:3]]))
+    assert "below 0.00" in printed(found, 140)
+    assert [row["viscosity_Pa_s_bound"] for row in rows_of(tmp_path / "result.csv")] == [""] * 3 + ["upper"] * 2
+    stuck = replace(pairs[2][1], diagnostics=Diagnostics(at_bound=("viscosity",)), theta=pairs[2][1].theta[:1])
+    (one,) = result([*pairs[:2], (pairs[2][0], with_verdict(stuck, "undetermined"))], COMMAND).groups
+    assert (one.n_trusted, one.shear_modulus_Pa.n, one.viscosity_Pa_s.n) == (3, 3, 2)
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "material", "diagnostics", "proposed"),
+    [
+        (["model_does_not_fit"] * 4, "nhkv", {}, True),
+        (["model_does_not_fit"] * 4, "auto", {}, False),
+        (["model_does_not_fit"] + ["ok"] * 3, "nhkv", {}, False),
+        (["model_does_not_fit"] * 4, "nhkv", {"frames_left_out": 2}, False),
+        (["model_does_not_fit"] * 4, "nhkv", {"at_bound": ("radius_scale",)}, False),
+    ],
+)
+def test_another_law_is_proposed_where_it_may_help(verdicts, material, diagnostics, proposed):
+    pairs = several(4)
+    for k, verdict in enumerate(verdicts):
+        made = with_verdict(replace(pairs[k][1], diagnostics=Diagnostics(**diagnostics)), verdict)
+        pairs[k] = pairs[k][0], made
+    made = result(pairs, f"cavirheo infer a.mat --material {material} -o out")
+    assert ("--material auto" in next_step(made, Analysis(material=material), Path("out"))) == proposed
+
+
+# --- constants that change with the size -----------------------------------------------------------------------------
+
+RADII = np.linspace(1.2e-4, 3.2e-4, 7)
+
+
+def growing(power=0.0, *, count=7, verdict="ok", others=()):
+    rng, pairs = np.random.default_rng(4), []
+    for k, top in enumerate(np.linspace(1.2e-4, 3.2e-4, count)):
+        curve = bubble(f"shot[{k}]", top=top)
+        mu = 0.02 * (curve.max_radius / 2e-4) ** power * np.exp(0.05 * rng.standard_normal())
+        made = answer(curve, 5e3 * np.exp(0.05 * rng.standard_normal()), mu, draws=200, verdict=verdict)
+        pairs.append((curve, replace(made, others=tuple(others))))
+    return pairs
+
+
+def test_a_viscosity_that_grows_with_the_bubble_is_said():
+    pairs = growing(2.4)
+    made = result(pairs, COMMAND)
+    found = made.groups[0].slopes["viscosity"]
+    assert (found.n, found.n_trusted, found.sign, made.groups[0].slopes["shear_modulus"].sign) == (7, 7, 1, 0)
+    assert 1.8 < found.q05 < 2.4 < found.q95 < 3.0
+    assert f"µ rises as R_max^{found.words}" in " ".join(printed(made, 80).split())
+    x, y = lines_of_group(pairs, made).answers[1].slope.T
+    assert np.polyfit(np.log(x), np.log(y), 1)[0] == pytest.approx(found.median)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "n", "trusted"),
+    [
+        (growing(2.4, verdict="model_does_not_fit"), 7, 0),  # for there it is looked for
+        (growing(2.4, verdict="check_input"), None, None),
+        (growing(2.4, count=4), None, None),
+    ],
+)
+def test_of_which_shots_a_slope_is(pairs, n, trusted):
+    (about,) = result(pairs, COMMAND).groups
+    slope = about.slopes.get("viscosity")
+    assert (slope and slope.n, slope and slope.n_trusted) == (n, trusted)
+
+
+def test_a_slope_is_that_of_theil_and_sen_with_ties_too():
+    rng = np.random.default_rng(7)
+    for count, places in ((5, 9), (12, 9), (30, 1), (30, 0)):
+        x, y = np.round(rng.normal(size=(2, count)), places)
+        median, _, low, high = theilslopes(y, x, 0.9)
+        assert group.theil_sen(x, y) == (median, low, high)
+    assert group.slope(RADII, [0.02] * 7) is None  # a joint fit
+    assert group.slope([2e-4] * 7, np.linspace(1.0, 2.0, 7)) is None
+    assert group.slope([*RADII, None], [None, 0.1, 0.2, 0.3, 0.1, None, None, 0.2]) is None
+    radius = 1e-4 * np.exp(rng.normal(0.0, 0.3, 5000))
+    found = group.slope(radius, 0.05 * (radius / 1e-4) ** 0.7 * np.exp(rng.normal(0.0, 0.1, 5000)), trusted=5000)
+    assert found.n == found.n_trusted == 1000  # of very many: no table of all pairs
+    assert found.q05 < 0.7 < found.q95
+
+
+@pytest.mark.parametrize("count", [5, 20])
+def test_the_interval_of_a_slope_holds_what_it_says(count):
+    """Zero is inside in about 90 % of groups without a trend, be the scatter even, heavy-tailed or one-sided."""
+    rng, inside, groups = np.random.default_rng(2), 0, 360
+    for k in range(groups):
+        scatter = 0.2 * rng.standard_normal(count)
+        if k % 3 == 1:
+            scatter = 0.1 * rng.standard_t(2, count)
+        if k % 3 == 2:  # one in ten in a false mode
+            scatter -= 2.0 * (rng.random(count) < 0.1)
+        found = group.slope(rng.uniform(1.2e-4, 3.3e-4, count), 0.02 * np.exp(scatter))
+        inside += found.sign == 0
+    assert binom.ppf(1e-4, groups, 0.90) <= inside <= binom.ppf(1 - 1e-4, groups, 0.95)
+
+
+def test_other_models_have_means_and_slopes_where_all_shots_have_them():
+    pairs = growing(2.4, others=(beside(), beside(0.5, -40.0), beside(material="qkv")))
+    pairs[0] = pairs[0][0], replace(pairs[0][1], others=pairs[0][1].others[:2])  # without the law qkv
+    other, law = result(pairs, COMMAND).groups[0].other_models
+    assert (other.material, other.bubble, other.n, law.material, law.n) == ("nhkv", "kinetic", 7, "qkv", 6)
+    assert other.viscosity_Pa_s.mean == pytest.approx(0.003)  # of the mode with the larger evidence
+    assert law.slopes == {}
+
+
+@pytest.mark.parametrize(("each", "preferred"), [(1.0, False), (6.0, True)])
+def test_evidence_that_no_shot_shows_alone_is_that_of_all_together(each, preferred):
+    """Seven shots with e^6 each for another bubble: none is rejected by itself."""
+    pairs = [(c, replace(a, evidence=Evidence(0.0, 0.1), others=(beside(log=each),))) for c, a in growing(2.4)]
+    (about,) = result(pairs, COMMAND).groups
+    assert not about.preferred
+    assert bool(about.preferred_together) == preferred
+    assert about.badges[0][0] == ("other_model_preferred" if preferred else "ok")
+
+
+# --- numbers and the table -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        (digits.significant(6.4412), "6.44"),
+        (digits.significant(9.996), "10.0"),
+        (digits.significant(2e-6), "2.00e-06"),
+        (digits.quantity(Quantity(median=6100.0, q05=5400.0, q95=6900.0), 1e-3), "6.1 [5.4, 6.9]"),
+        (digits.quantity(Quantity(median=9.91, q05=9.60, q95=10.19)), "9.91 [9.60, 10.19]"),
+        (digits.quantity(Quantity(median=0.02, q05=0.0005, q95=0.3)), "0.020 [0.00050, 0.300]"),
+        (digits.quantity(Quantity(median=6440.0), 1e-3), "6.44"),
+        (digits.quantity(Quantity()), digits.MISSING),
+        (digits.spread(Spread(mean=6440.0, std=1640.0), 1e-3), "6.4 ± 1.6"),
+        (digits.spread(Spread(mean=0.02, std=0.009)), "0.0200 ± 0.0090"),
+        (digits.spread(Spread(mean=0.02, std=0.0)), "0.0200 ± 0"),
+    ],
+)
+def test_numbers_show_the_digits_that_their_error_leaves(text, shown):
+    assert text == shown
+
+
+@pytest.mark.parametrize("width", [80, 140])
+def test_table_fits_its_terminal_and_cuts_nothing(width):
+    long = "Rt_nondim_exp_PAAm_Alginate_0p3perc_v2"
+    curves = [bubble(f"{long}[{k}]", long) for k in (1, 2)]
+    pairs = [(c, answer(c, draws=400, verdict=v)) for c, v in zip(curves, ("ok", "unverified"), strict=True)]
+    pairs += [(empty(f"[red]{long}[/red]", long), unanswered("too short: " + "words " * 30))]
+    lines = printed(result(pairs, COMMAND), width).splitlines()
+    assert max(map(len, lines)) <= width
+    whole = "".join("".join(lines).split())
+    assert all(f"{long}[{k}]" in whole or long in whole for k in (1, 2))
+    assert whole.count("words") == 30
+    assert "[red]" in whole  # markup is text
+
+
+def test_table_chooses_one_unit():
+    curve = bubble()
+    soft, mixed = ([(curve, answer(curve, G)) for G in values] for values in ((310.0, 95.0), (310.0, 5e3)))
+    assert result(soft, COMMAND).modulus_unit == (1.0, "Pa")
+    assert result(mixed, COMMAND).modulus_unit == (1e-3, "kPa")
+
+
+def test_no_cell_of_a_table_is_a_formula(tmp_path):
+    names = ["=1+1", "+a", "-a", "@a", "＝1", "'=1", "'a", "-1.5", "a"]
+    document.write_rows(tmp_path / "a.csv", ["shot", "=n"], [{"shot": name, "=n": -1.5} for name in names])
+    with (tmp_path / "a.csv").open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    assert not any(cell.startswith(tuple("=+@＝")) for cell in (*head, *(row[0] for row in rows)))
+    assert [row[0] for row in rows if row[0].startswith("-")] == ["-1.5"]
+    assert {row[1] for row in rows} == {"-1.5"}
+    assert list(read_column(tmp_path / "a.csv")[1]) == names
+
+
+# --- messages --------------------------------------------------------------------------------------------------------
+
+
+def test_messages_have_codes_and_sentences_and_an_input_warning_decides_the_verdict(tmp_path):
+    misfit = Message("misfit.rms", {"rms": 0.04, "limit": 0.03})
+    late = Message("check_input.late_start", {"frames": 3.2})
+    checks = warned(Checks("ok", (misfit,)), [late], trust_input=False)
+    assert (checks.verdict, checks.messages, checks.warnings) == ("check_input", (late, misfit), (late,))
+    assert warned(Checks("ok", (misfit,)), [late], trust_input=True).verdict == "ok"
+    made = with_verdict(answer(bubble()), "check_input", late, misfit)
+    write_report(tmp_path, [(bubble(), made)] * 3, COMMAND, ())
+    row = strictly(tmp_path / "result.json")["curves"][0]
+    assert row["messages"] == [{"code": one.code, "text": one.text} for one in (late, misfit)]
+    assert [one.code for one in load(tmp_path / "result.json").curves[0].messages] == [late.code, misfit.code]
+    assert printed(load(tmp_path / "result.json"), 200).count(late.text) == 1  # said once of all
+
+
+def test_why_a_curve_has_no_answer_is_the_code_of_the_error_and_the_log_has_its_traceback(caplog):
+    curve = bubble()
+    with caplog.at_level("DEBUG", "cavirheo"):
+        failed = infer(RadiusCurve(curve.time, np.full(len(curve.time), np.nan)))
+    assert [one.code for one in failed.checks.messages] == ["curve.few_frames"]
+    assert any(one.exc_info and one.exc_info[0] is InputError for one in caplog.records)
+    error = InputError("no file", "reading.missing", "a.csv")
+    assert (str(error.within("folder")), of_error(error).text) == ("folder: a.csv: no file", "no file")
+
+
+def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
+    """Also what no error of ours is: a row without an answer that names it, and its traceback in the log."""
+    good, bad = bubble(), replace(bubble(), meta={"name": "bad"})
+
+    def broken(self, curve):
+        if curve.name == "bad":
+            raise RuntimeError("the network could not be run")
+        return one(self, curve)
+
+    one = Networked.infer
+    monkeypatch.setattr(Networked, "infer", broken)
+    answers = infer_many([bad, good], verify="none")
+    assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
+    assert "RuntimeError: the network could not be run" in answers[0].checks.message
+    assert any(one.exc_info and one.exc_info[0] is RuntimeError for one in caplog.records)
+
+
+# --- pictures --------------------------------------------------------------------------------------------------------
+
+
+def lines_of(curve, posterior):
+    return answer_lines(curve, posterior.checks, curve_record(curve, posterior))
+
+
+def lines_of_group(pairs, made):
+    about, members = made.members()[0]
+    shots = [(pairs[i][0], pairs[i][1].checks, made.curves[i]) for i in members if made.curves[i].answered]
+    return group_lines(shots, about, KILOPASCAL)
+
+
+def test_lines_are_the_measurement_the_simulation_and_the_residual(pairs):
+    curve, posterior = pairs[0]
+    found = lines_of(curve, posterior)
+    at = np.searchsorted(1e6 * (curve.time - curve.time_of_max), found.time - 1e-9)
+    assert found.compared.sum() == 60
+    assert found.radius == pytest.approx(1e6 * curve.radius[at])
+    assert found.simulated_radius == pytest.approx(1e6 * posterior.checks.reconstruction_radius)
+    assert found.simulated_time[0] == pytest.approx(1e6 * (posterior.checks.reconstruction_time[0] - curve.time_of_max))
+    assert found.residual == pytest.approx(100.0 * posterior.checks.residual_over_rmax)
+    made = lines_of_group(pairs, result(pairs, COMMAND))
+    assert [shot.name for shot in made.shots] == ["shot[1]", "shot[2]"]
+    (mean,) = made.answers[0].marks
+    assert (mean.x[1], mean.y[1]) == (pytest.approx(7.1), pytest.approx(0.028))
+
+
+def test_a_preview_shows_what_is_compared_and_what_stands_out():
+    curve = bubble()
+    radius = curve.radius.copy()
+    radius[39] = 0.8 * curve.max_radius
+    curve = replace(curve, radius=radius)
+    found = preview_lines(curve, curve.window(1))
+    assert 0 < found.compared.sum() < len(found.compared)
+    assert found.outliers[:, 1] == pytest.approx([1e6 * radius[39]])
+    assert len(found.missing) == 3
+
+
+@pytest.mark.parametrize(
+    ("curve", "made"),
+    [
+        (bubble(), answer(bubble(), draws=400)),
+        (bubble(), unanswered("too short")),
+        (empty(), unanswered()),
+        (replace(bubble(), unscaled="in pixels", time_unscaled=True), unanswered("no scale")),
+    ],
+    ids=["answered", "failed", "empty", "unscaled"],
+)
+def test_every_curve_has_a_picture(curve, made):
+    for brief in (False, True):
+        drawn = ET.fromstring(svg.curve_svg(lines_of(curve, made), brief=brief))
+        layers = {part.get("class") for part in drawn.iter("path")}
+        assert ("measured" in layers) == bool(len(curve.time))
+        assert ("simulated" in layers) == (made.checks.verdict != "failed")
+
+
+@pytest.mark.needs("matplotlib")
+def test_figures_show_what_the_picture_shows(pairs, tmp_path):
+    lines = lines_of(*pairs[0])
+    drawn = figures.curve_figure(lines, figures.PAPER, figures.heading(curve_record(*pairs[0]), KILOPASCAL))
+    found = {line.get_label(): line.get_xydata() for line in drawn.axes[0].lines}
+    assert found["measured"] == pytest.approx(np.column_stack([lines.time, lines.radius])[lines.compared])
+    assert found["simulation: answer"][:, 1] == pytest.approx(lines.simulated_radius)
+    write_report(tmp_path, pairs, COMMAND, ("png", "svg", "pdf"))
+    stems = ("shot_1", "shot_2", "shot_3", "group-shots")
+    assert all((tmp_path / f"{stem}.{kind}").stat().st_size for stem in stems for kind in ("png", "svg", "pdf"))
+    assert ">shot[1]<" in (tmp_path / "shot_1.svg").read_text(encoding="utf-8")  # text stays text
+
+
+@pytest.mark.needs("matplotlib")
+def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path):
+    (curve, posterior), *others = pairs
+    broken = replace(posterior, checks=replace(posterior.checks, reconstruction_radius=np.ones(3)))  # of other length
+    written = write_report(tmp_path, [(curve, broken), *others], COMMAND, ("png",))
+    assert {path.stem for path in tmp_path.glob("*.png")} == {"shot_2", "shot_3", "group-shots"}
+    assert [note.split()[:3] for note in written.notes] == [[what, "of", "shot[1]"] for what in ("picture", "figure")]
+    assert all("ValueError" in note for note in written.notes)
+    assert load(tmp_path / "result.json") == written
+
+
+# --- report.html -----------------------------------------------------------------------------------------------------
+
+
+def test_report_is_one_sound_file_that_asks_for_nothing(pairs, tmp_path):
+    write_report(tmp_path, pairs, COMMAND)
+    page, text = page_of(tmp_path), (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert len(page.ids) == len(set(page.ids))
+    assert not page.tags & {"script", "link", "iframe", "object", "img"}
+    targets = [value for key, value in page.attributes if key in ("src", "href", "xlink:href")]
+    assert all(target.startswith(("#", "data:")) for target in targets)
+    assert {target[1:] for target in targets if target.startswith("#")} <= set(page.ids)
+    assert "url(http" not in text
+    assert "@import" not in text
+    shown = " ".join(" ".join(page.text).split())
+    assert all(part in shown for part in (COMMAND, "7.1 ± 1.4", "6.10", "0.0210", "cell 3 of 5 is empty"))
+    html.write(tmp_path / "report.html", result([], COMMAND))
+    page_of(tmp_path)  # a run without curves is a page, too
+
+
+def test_report_escapes_everything_from_outside(tmp_path):
+    evil = '"><script>alert(1)</script><img src=x onerror=y>&{0}'
+    curve = bubble(evil, group=evil, source=evil, notes=(evil,))
+    made = answer(curve, verdict="model_does_not_fit", message=evil, material=evil)
+    theta, names = np.array([[-2.0, 1.0]]), (*NAMES[1:], evil)
+    made = replace(made, provenance={evil: evil}, names=names, units=("Pa s", "1"), theta=theta)
+    write_report(tmp_path, [(curve, made), (empty(evil, evil, evil), unanswered(evil))], evil, date=evil)
+    page = page_of(tmp_path)
+    assert page.tags.isdisjoint({"script", "img"})
+    assert evil in "".join(page.text)
+    assert not [key for key, _ in page.attributes if key.startswith("on")]
+
+
+def test_files_have_safe_names_apart_and_the_same_bytes_each_time(tmp_path):
+    names = ["../../etc/x[1]", "..", "a b", "A b", "report", "漢" * 82, "漢" * 82 + "b", "=" + "x" * 240]
+    pairs = [(curve := bubble(name), answer(curve)) for name in names]
+    for folder in "ab":
+        write_report(tmp_path / folder, pairs, COMMAND, ("png",), date="2025-01-02")
+    one, two = ({path.name: path.read_bytes() for path in (tmp_path / k).iterdir()} for k in "ab")
+    assert one == two
+    assert {"etc_x_1.png", "curve.png", "a_b.png", "A_b-2.png", "report-2.png", "group-shots.png"} <= one.keys()
+    assert len([name for name in one if name.endswith(".png")]) == len(names) + 1  # the group's
+    assert [row.name for row in load(tmp_path / "a" / "result.json").curves] == names
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("place", "kinds", "code"), [("", ("gif",), "reporting.figures"), ("file", (), "document.folder")]
+)
+def test_write_report_refuses_what_it_cannot_do(pairs, tmp_path, place, kinds, code):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError) as refused:
+        write_report(tmp_path / place, pairs, COMMAND, kinds)
+    assert refused.value.code == code
+
+
+def test_without_matplotlib_the_report_is_complete_and_the_notes_say_what_is_left_out(pairs, tmp_path, monkeypatch):
+    monkeypatch.setattr(style, "available", lambda: False)
+    assert write_report(tmp_path, pairs, COMMAND).notes == []
+    assert "<svg" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    (note,) = write_report(tmp_path, pairs, COMMAND, ("png",)).notes
+    assert 'pip install "cavirheo[plot]"' in note
+    assert {path.name for path in tmp_path.iterdir()} == {"result.json", "result.csv", "report.html", ".cavirheo"}
+
+
+WRITE = "from answers import answer, bubble; from cavirheo.reporting import write_report; c = bubble(); write_report("
+
+
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        ("import cavirheo.reporting", ("matplotlib", "rich", "scipy", "numba")),
+        ("import cavirheo.verbs", ("numpy", "pydantic")),
+        (f"{WRITE}'out', [(c, answer(c))], 'x')", ("matplotlib",)),
+    ],
+)
+def test_importing_and_writing_are_cheap(code, heavy, tmp_path):
+    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r}); {code}"
+    code += f"; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("pyarrow", [True, False])
+def test_of_very_many_curves_each_has_row_message_and_picture_and_a_parquet_table_is_written(
+    tmp_path, monkeypatch, pyarrow
+):
+    monkeypatch.setattr("cavirheo.reporting.MANY", 3)
+    monkeypatch.setattr(html, "DETAILED", 3)
+    if not pyarrow:
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
+    curves = [bubble(f"shot[{k}]") for k in range(6)]
+    pairs = [(curve, answer(curve, draws=20, message=f"said of {curve.name}")) for curve in curves]
+    written = write_report(tmp_path, pairs, COMMAND)
+    page = page_of(tmp_path)
+    assert page.attributes.count(("class", "measured")) == 6
+    assert all(f"said of shot[{k}]" in page.text for k in range(6))
+    assert any("cavirheo[cluster]" in note for note in written.notes) == (not pyarrow)
+    if pyarrow:
+        found, rows = pytest.importorskip("pyarrow.parquet").read_table(tmp_path / "result.parquet"), 6
+        assert found.num_rows == rows
+        assert found.column_names == list(rows_of(tmp_path / "result.csv")[0])
+        write_report(tmp_path, pairs[:3], COMMAND, replace=True)  # no more than three: none of it is left
+    assert not (tmp_path / "result.parquet").exists()
+
+
+def test_answers_are_read_one_group_after_the_other(tmp_path):
+    """No more than those of a group are in memory at once, and the documents are the same."""
+    curves = [bubble(f"shot[{k}]", group=f"g{k // 2}", source=f"g{k // 2}.csv") for k in range(6)]
+    held: list[Posterior] = [answer(curve, draws=40) for curve in curves]
+    read: list[int] = []
+
+    class Lazy(list):
+        def __getitem__(self, k):
+            read.append(k)
+            return super().__getitem__(k)
+
+    lazy = write_report(tmp_path / "a", Answered(curves, Lazy(held)), COMMAND, (), date="d", draw=False)
+    assert read == list(range(6))
+    whole = list(zip(curves, held, strict=True))
+    assert lazy == write_report(tmp_path / "b", whole, COMMAND, (), date="d", draw=False)

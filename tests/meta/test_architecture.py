@@ -1,0 +1,165 @@
+"""The plan of the house (docs/architecture.md) holds: imports run one way, a name means one thing, rooms stay short."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import cavirheo
+
+SOURCE = Path(cavirheo.__file__).parent
+ROOMS = (  # from the ground up: a room imports those below it, and only those that it may
+    ("arrays", ""),
+    ("errors", ""),
+    ("files", "errors"),
+    ("parallel", "errors"),
+    ("parameters", "errors"),
+    ("landmarks", "errors"),
+    ("writing", "errors files parameters"),
+    ("messages", "errors writing parameters"),
+    ("physics", "errors parallel parameters landmarks writing"),
+    ("prior", "errors parameters"),
+    ("posterior", "errors writing messages parameters physics"),
+    ("curve", "errors messages parameters landmarks writing"),
+    ("video", "errors files messages parameters curve landmarks writing"),
+    ("reading", "errors files messages parameters curve landmarks video writing"),
+    ("problem", "errors parameters prior physics"),
+    (
+        "inference",
+        "errors files parallel messages parameters prior posterior curve landmarks physics problem writing",
+    ),
+    (
+        "training",
+        "errors files parallel parameters prior posterior curve reading physics problem inference writing",
+    ),
+    ("workflow", "errors files messages parallel physics posterior curve inference writing"),
+    ("reporting", "errors messages physics parallel parameters posterior curve reading inference workflow writing"),
+    ("watch", "errors parallel physics posterior curve reading inference workflow reporting writing"),
+    (
+        "companions",
+        "errors parallel parameters landmarks posterior curve reading physics inference reporting writing workflow",
+    ),
+    (
+        "app",
+        "errors parallel parameters posterior curve video reading physics problem inference reporting writing "
+        "workflow companions",
+    ),
+    ("loading", "errors files reporting training companions video writing"),
+)
+MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}
+FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room
+
+
+def modules() -> dict[str, Path]:
+    return {str(path.relative_to(SOURCE)): path for path in sorted(SOURCE.rglob("*.py"))}
+
+
+def room_of(module: str) -> str:
+    return module.split("/")[0].removesuffix(".py")
+
+
+def trees() -> dict[str, ast.Module]:
+    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in modules().items()}
+
+
+def imported(tree: ast.Module) -> set[str]:
+    """Rooms that a module names in any import, at the top or inside a function."""
+    found = set()
+    for node in ast.walk(tree):
+        names = []
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module]
+            if node.module == "cavirheo":
+                names = [f"cavirheo.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        found |= {name.split(".")[1] for name in names if name.startswith("cavirheo.")}
+    return found
+
+
+def test_the_plan_itself_runs_upwards():
+    order = [room for room, _ in ROOMS]
+    for room, below in MAY_USE.items():
+        assert below - {"arrays"} <= set(order[: order.index(room)]), room
+
+
+def test_imports_run_one_way():
+    wrong = {}
+    for name, tree in trees().items():
+        room = room_of(name)
+        if room not in FREE and (other := imported(tree) - MAY_USE[room] - {room}):
+            wrong[name] = other
+    assert wrong == {}
+
+
+def named_modules(tree: ast.Module, room: str, names: set[str]) -> set[str]:
+    """Modules of a room that a module of it names in any import, of types alone too."""
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"cavirheo.{room}"):
+            _, _, module = (node.module or "").partition(f"cavirheo.{room}.")
+            found |= {module} if module else {alias.name for alias in node.names}
+    return found & names
+
+
+def test_no_module_of_the_physics_needs_itself():
+    within = {name.removeprefix("physics/")[:-3]: tree for name, tree in trees().items() if room_of(name) == "physics"}
+    needs = {name: named_modules(tree, "physics", {*within}) for name, tree in within.items()}
+    assert needs["materials"] >= {"law", "elastic"}
+    while free := [name for name, others in needs.items() if not others & {*needs}]:
+        needs = {name: others for name, others in needs.items() if name not in free}
+    assert needs == {}
+
+
+def reads_of_provenance(tree: ast.Module) -> list[int]:
+    """Lines on which an entry of a `provenance` is looked up; writing the whole of it down is allowed."""
+
+    def is_provenance(node: ast.expr) -> bool:
+        return isinstance(node, ast.Attribute) and node.attr == "provenance"
+
+    lines = []
+    for node in ast.walk(tree):
+        looked_up = isinstance(node, ast.Subscript) and is_provenance(node.value)
+        asked = isinstance(node, ast.Attribute) and node.attr in ("get", "pop") and is_provenance(node.value)
+        tested = isinstance(node, ast.Compare) and any(map(is_provenance, node.comparators))
+        lines += [node.lineno] if looked_up or asked or tested else []
+    return lines
+
+
+def test_nothing_reads_provenance():
+    assert {name: lines for name, tree in trees().items() if (lines := reads_of_provenance(tree))} == {}
+    assert reads_of_provenance(ast.parse('answer.provenance["best"]')) == [1]
+    assert reads_of_provenance(ast.parse('answer.provenance.get("best")')) == [1]
+
+
+def test_only_training_names_torch():
+    assert [
+        name for name, tree in trees().items() if room_of(name) != "training" and "import torch" in ast.unparse(tree)
+    ] == []
+
+
+@pytest.mark.parametrize(
+    "missing", [("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue", "pyarrow")]
+)
+def test_inference_needs_no_extra(missing):
+    code = (
+        f"import sys; sys.modules.update(dict.fromkeys({missing!r})); "
+        "import cavirheo.inference.bdt, cavirheo.inference.verify, cavirheo.verbs, cavirheo.reporting; "
+        "from cavirheo import infer, read_curves"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_verbs_are_one_file_each():
+    verbs = Counter(room for room in (name.removeprefix("verbs/") for name in modules() if name.startswith("verbs/")))
+    shared = {"__init__.py", "command.py", "completion.py", "options.py", "run.py", "versions.py"}
+    from cavirheo.verbs import app
+
+    known = {command.name or command.callback.__name__ for command in app.registered_commands}
+    assert {name.replace("-", "_") + ".py" for name in known} == set(verbs) - shared

@@ -1,0 +1,136 @@
+"""What a user holds can be pickled, copied and handed to other libraries, and is then the same."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from answers import same, shots
+from conftest import ROOT, messages
+
+import cavirheo
+from cavirheo import InputError, Medium, SolverError
+from cavirheo.physics import elastic, viscous
+from cavirheo.physics.driving import Pulse, Trace
+from cavirheo.physics.laws import LAWS
+from cavirheo.physics.materials import Material, Viscoelastic
+from cavirheo.posterior import Bubble, Checks, Evidence, Posterior, WindowAnswer
+from cavirheo.reporting import result
+from cavirheo.reporting.table import write_csv
+
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
+WAYS = {
+    "pickle": lambda one: pickle.loads(pickle.dumps(one)),
+    "oldest pickle": lambda one: pickle.loads(pickle.dumps(one, protocol=2)),
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+}
+
+
+def law_of(name: str) -> Material:
+    """The law with a value of 2 for each parameter without one, which every law allows."""
+    needed = [one for one in inspect.signature(LAWS[name]).parameters.values() if one.default is one.empty]
+    return LAWS[name](**{one.name: (2.0,) if "tuple" in str(one.annotation) else 2.0 for one in needed})
+
+
+@pytest.fixture(scope="module")
+def held() -> dict[str, Any]:
+    """An object of every public kind."""
+    curve, time = cavirheo.read_curves(EXAMPLE)[0], np.linspace(0.0, 5e-5, 20)
+    answers = shots(4)
+    curves = [curve, *(curve.with_notes(str(k)) for k in range(3))]
+    nothing = Posterior(
+        ("log10_viscosity",), ("Pa s",), np.empty((0, 1)), Checks("failed", messages("why")), "newtonian", "fit"
+    )
+    seen = {name: Medium(temperature=300.0) if name == "medium" else law_of(name) for name in ("medium", *LAWS)}
+    return seen | {
+        "curve": curve, "answer": answers[0], "failed answer": nothing,
+        "population": cavirheo.population(answers), "empty population": cavirheo.population(answers[:1]),
+        "simulation": cavirheo.simulate(
+            Viscoelastic(elastic.NeoHookean(8e3), viscous.Newtonian(0.05)), max_radius=2e-4, stretch=6.0, time=time
+        ),
+        "pulse": Pulse(1e5, 1e6, 1e-6), "trace": Trace(time, 1e5 * time), "bubble": Bubble("kinetic"),
+        "rig": cavirheo.Rig(frames=64),
+        "evidence": Evidence(-3.0, 0.1), "window": WindowAnswer({"viscosity": 0.1}, 3.0, 0.01),
+        "document": result(list(zip(curves, answers, strict=True)), "cavirheo infer"),
+        "input error": InputError("no file", "reading.missing"), "solver error": SolverError("too many steps"),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_copies_are_the_same(held, way):
+    assert [name for name, one in held.items() if not same(one, WAYS[way](one))] == []
+    assert not same(held["curve"], held["curve"].with_notes("another"))  # `same` sees a difference
+    assert not same(held["evidence"], Evidence(-3.0, 0.2))
+
+
+def test_every_exported_class_is_tried(held):
+    tried = {type(one) for one in held.values()}
+    kinds = {one for one in (getattr(cavirheo, name) for name in cavirheo.__all__) if inspect.isclass(one)}
+    assert kinds <= tried
+    assert {*LAWS.values()} <= tried
+
+
+def test_a_copy_of_a_curve_that_was_looked_at_works(held):
+    curve = held["curve"]
+    assert curve.max_radius > 0  # what was found is kept with the curve
+    for way in WAYS.values():
+        assert way(curve).max_radius == curve.max_radius
+        assert way(curve).with_max_radius(1e-4).max_radius == 1e-4
+
+
+COLUMNS = {
+    "curve": ["time_s", "radius_m", "radius_std_m"],
+    "simulation": [
+        "time_us", "radius_um", "velocity_m_per_s", "pressure_Pa", "stress_Pa", "strain", "strain_rate_per_s",
+    ],
+    "answer": ["shear_modulus_Pa", "viscosity_Pa_s", "weight"],
+    "population": [
+        "shear_modulus_Pa", "shear_modulus_spread_decades", "viscosity_Pa_s", "viscosity_spread_decades",
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", COLUMNS)
+def test_columns_of_a_dataframe(held, name):
+    pytest.importorskip("pandas")
+    frame = held[name].to_dataframe()
+    assert list(frame.columns) == COLUMNS[name]
+    assert same(held[name].to_dataframe().to_numpy(), frame.to_numpy())
+    if name == "curve":
+        np.testing.assert_array_equal(frame["radius_m"], held[name].radius)
+    if name == "population":
+        low, middle, high = held[name].interval("viscosity")
+        assert frame["viscosity_Pa_s"].quantile([0.05, 0.5, 0.95]).tolist() == pytest.approx([low, middle, high])
+        assert frame["viscosity_spread_decades"].median() == pytest.approx(held[name].scatter("viscosity")[1])
+
+
+def test_a_document_is_a_table_like_its_csv(held, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    write_csv(tmp_path / "result.csv", held["document"])
+    frame = held["document"].to_dataframe()
+    read = pandas.read_csv(tmp_path / "result.csv")
+    assert list(frame.columns) == list(read.columns)
+    assert frame["viscosity_Pa_s"].tolist() == pytest.approx(read["viscosity_Pa_s"].tolist(), rel=1e-5)
+
+
+def test_a_population_is_drawn_and_exported(held, tmp_path):
+    pytest.importorskip("corner")
+    figure = held["population"].plot()
+    labels = [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()]
+    assert labels == ["shear_modulus (Pa)", "viscosity (Pa s)"]
+    figure.savefig(tmp_path / "a.png")
+    pytest.importorskip("arviz")
+    data = held["population"].to_arviz()["posterior"]
+    assert data["viscosity"].attrs["units"] == "Pa s"
+
+
+@pytest.mark.parametrize("method", ["to_dataframe", "to_arviz", "plot"])
+def test_a_population_without_draws_says_so(held, method):
+    with pytest.raises(InputError) as refused:
+        getattr(held["empty population"], method)()
+    assert refused.value.code == "population.no_draws"

@@ -1,0 +1,146 @@
+"""What programs and papers rest on, frozen: public names, the schema of every document, and a dozen answers.
+
+An answer may move by a tenth of its interval, one without an interval by 1 %.
+
+    python tests/meta/test_golden.py --write    makes the files in golden/ anew
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import re
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import cavirheo
+from cavirheo import Bubble, Medium, read_curves
+from cavirheo.loading import KINDS
+
+HERE = Path(__file__).resolve().parent / "golden"
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def names() -> dict[str, Any]:
+    """Every public name: its signature; of a class its members and fields, too."""
+    found: dict[str, Any] = {}
+    for name in cavirheo.__all__:
+        thing = getattr(cavirheo, name)
+        entry: dict[str, Any] = {"signature": _signature(thing)}
+        if inspect.isclass(thing):
+            members = {key: value for key, value in sorted(vars(thing).items()) if not key.startswith("_")}
+            entry["members"] = {key: _signature(getattr(thing, key)) for key in members}
+        if dataclasses.is_dataclass(thing):
+            entry["fields"] = {field.name: str(field.type) for field in dataclasses.fields(thing)}
+        found[name] = entry
+    return found
+
+
+def _signature(thing: Any) -> str:
+    try:
+        return re.sub(r" at 0x[0-9a-f]+", "", str(inspect.signature(thing)))
+    except (TypeError, ValueError):
+        return type(thing).__name__
+
+
+def schema() -> dict[str, Any]:
+    """Of every document: the fields of each of its records, with their types."""
+    found = {}
+    for about in KINDS.values():
+        whole = getattr(import_module(f"cavirheo.{about.module}"), about.name).model_json_schema(by_alias=True)
+        records = {about.name: whole, **whole.get("$defs", {})}
+        found[about.name] = {
+            record: {field: _kind(one) for field, one in sorted(content.get("properties", {}).items())}
+            for record, content in sorted(records.items())
+        }
+    return found
+
+
+def _kind(about: dict[str, Any]) -> str:
+    """'number or null', 'array of Slope'."""
+    if "anyOf" in about:
+        return " or ".join(_kind(one) for one in about["anyOf"])
+    if "$ref" in about:
+        return str(about["$ref"]).rpartition("/")[2]
+    inside = about.get("items") or about.get("additionalProperties")
+    kind = str(about.get("type", about.get("const", "any")))
+    return f"{kind} of {_kind(inside)}" if isinstance(inside, dict) and inside else kind
+
+
+def _curves(name: str) -> list[Any]:
+    return read_curves((HERE if name == "liquid.csv" else ROOT / "examples") / name)
+
+
+def _infer(name: str, number: int = 0, **how: Any) -> Callable[[], Any]:
+    return lambda: cavirheo.infer(_curves(name)[number], **how)
+
+
+def _fit(name: str, number: int = 0, **how: Any) -> Callable[[], Any]:
+    return lambda: cavirheo.fit(_curves(name)[number], **how)
+
+
+ANSWERS: dict[str, Callable[[], Any]] = {
+    "infer soft gel": _infer("soft_gel.csv", 1),
+    "infer soft gel, field's bubble": _infer("soft_gel.csv", 1, bubble="field"),
+    "fit liquid": _fit("liquid.csv", material="newtonian", window=2, bubble="field", others=False),
+    "infer soft gel, other constants": _infer("soft_gel.csv", 0, medium=Medium(1050.0, 1550.0), stretch=8.5, window=2),
+    "infer soft gel, at the maximum": _infer("soft_gel.csv", 3, verify="map", bubble=Bubble("kinetic")),
+    "infer soft gel, network alone": _infer("soft_gel.csv", 4, verify="none"),
+    "infer stiff gel": _infer("stiff_gel.mat", 0),
+    "infer stiff gel, paper's network": _infer("stiff_gel.mat", 1, model="bdt-viscoelastic"),
+    "infer liquid": _infer("liquid.csv", material="newtonian"),
+    "infer liquid, power law": _infer("liquid.csv", material="power-law"),
+    "fit soft gel": _fit("soft_gel.csv", 1, bubble="field", others=False),
+    "fit stiff gel, memory": _fit("stiff_gel.mat", 0, material="zener", window=1, bubble="field", others=False),
+}
+
+
+def answer(name: str) -> dict[str, Any]:
+    """Verdict, material, and each parameter as [5 %, 50 %, 95 %], or its value alone."""
+    found = ANSWERS[name]()
+    values: dict[str, Any] = {"verdict": found.checks.verdict, "material": found.material}
+    for parameter in found.parameters:
+        middle, ends = found.median(parameter), found.interval(parameter)
+        shown = [middle] if ends is None else [ends[0], middle, ends[1]]
+        values[parameter] = [float(f"{value:.6g}") for value in shown]
+    return values
+
+
+def kept(name: str) -> Any:
+    return json.loads((HERE / f"{name}.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("make", [names, schema])
+def test_what_programs_rest_on_is_as_it_was(make):
+    assert make() == kept(make.__name__)
+
+
+@pytest.mark.parametrize("name", ANSWERS)
+def test_an_answer_is_as_it_was(name):
+    old, new = kept("answers")[name], answer(name)
+    assert {key: value for key, value in new.items() if isinstance(value, str)} == {
+        key: value for key, value in old.items() if isinstance(value, str)
+    }
+    assert new.keys() == old.keys()
+    for parameter, values in old.items():
+        if not isinstance(values, str):
+            room = 0.1 * (values[-1] - values[0]) if len(values) == 3 else 0.01 * abs(values[0])
+            assert new[parameter] == pytest.approx(values, abs=room), parameter
+
+
+def main() -> None:
+    made = {"names": names(), "schema": schema(), "answers": {name: answer(name) for name in ANSWERS}}
+    for name, content in made.items():
+        text = json.dumps(content, ensure_ascii=False, indent=1)
+        text = re.sub(r"\[\s+([^][{}]*?)\s+\]", lambda found: f"[{' '.join(found[1].split())}]", text)  # a line each
+        (HERE / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__" and "--write" in sys.argv:
+    main()

@@ -1,0 +1,242 @@
+"""The face of the package in Python: names, documentation, and one sentence for each wrong call."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import cavirheo
+from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, RadiusCurve
+from cavirheo.inference.budget import Budget
+from cavirheo.inference.verify import Verification, VerificationOptions, verify
+from cavirheo.inference.verify.evidence import rank_laws
+from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.bubble import Bubble
+from cavirheo.physics.driving import Pulse
+from cavirheo.physics.media import MEDIA, medium
+from cavirheo.physics.simulate import SimulationOptions
+from cavirheo.posterior import Checks
+from cavirheo.problem import TrainingProblem
+from cavirheo.training.recipe import Recipe
+from cavirheo.video.measurement import MeasureOptions, measure
+
+GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
+TIME = np.arange(100) * 1e-6
+RADIUS = 50e-6 + 150e-6 * np.abs(np.cos(TIME / 15e-6)) * np.exp(-TIME / 60e-6)
+CURVE = RadiusCurve(TIME, RADIUS)
+BUBBLE = {"max_radius": 2e-4, "stretch": 6.0, "time": TIME[:3]}
+ANSWER = Posterior(
+    ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s"), np.array([[3.9, -1.3], [4.0, -1.2], [4.1, -1.1]]),
+    Checks("ok"), "nhkv", "laplace", best={"shear_modulus": 1e4, "viscosity": 0.06, "stretch": 7.0}, stretch=7.0,
+)  # fmt: skip
+NAMES_AND_UNITS = "shear_modulus, viscosity"
+
+
+def simulate(material=GEL, **changes):
+    return cavirheo.simulate(material, **(BUBBLE | changes))
+
+
+def many(materials, **changes):
+    return cavirheo.simulate_many(materials, **(BUBBLE | changes))
+
+
+WRONG = [  # a call, and what its error must name: the value given, or the mend
+    (lambda: cavirheo.infer("shot.csv"), "read_curves"),
+    (lambda: cavirheo.infer([CURVE]), "infer_many"),
+    (lambda: cavirheo.infer(RADIUS), "RadiusCurve"),
+    (lambda: cavirheo.infer_many(CURVE), "infer_many"),
+    (lambda: cavirheo.infer(CURVE, model="gel"), "bdt-viscoelastic"),
+    (lambda: cavirheo.infer(CURVE, medium="honey"), "honey"),
+    (lambda: cavirheo.infer(CURVE, medium=1000.0), "Medium"),
+    (lambda: cavirheo.infer(CURVE, stretch="7"), "'7'"),
+    (lambda: cavirheo.infer(CURVE, stretch=0.5), "0.5"),
+    (lambda: cavirheo.infer(CURVE, window=0), "0"),
+    (lambda: cavirheo.infer(CURVE, window=1.5), "1.5"),
+    (lambda: cavirheo.infer(CURVE, verify="all"), "none, map or full"),
+    (lambda: cavirheo.infer(CURVE, verify="full", seed=-1), "-1"),
+    (lambda: cavirheo.infer_many([CURVE], workers=0), "0"),
+    (lambda: cavirheo.fit([CURVE]), "fit_many"),
+    (lambda: cavirheo.fit(CURVE, GEL), "nhkv"),
+    (lambda: cavirheo.fit(CURVE, end="10"), "'10'"),
+    (lambda: cavirheo.fit(CURVE, stretch="seven"), "plateau"),
+    (lambda: cavirheo.fit(CURVE, free="clock"), "t0, scale, rmax"),
+    (lambda: cavirheo.fit(CURVE, free=[1, "t0"]), "t0, scale, rmax"),
+    (lambda: cavirheo.fit(CURVE, t0_bound="1"), "'1'"),
+    (lambda: cavirheo.fit(CURVE, seed=1.5), "1.5"),
+    (lambda: verify(CURVE, "nhkv"), "nhkv"),
+    (lambda: verify(CURVE, ANSWER, budget=Budget(draws="many")), "'many'"),
+    (lambda: verify(CURVE, ANSWER, ranges=[1, 2]), "[1, 2]"),
+    (lambda: rank_laws([CURVE], "nhkv"), "nhkv"),
+    (lambda: simulate("nhkv"), "NeoHookeanKelvinVoigt"),
+    (lambda: simulate(max_radius=250), "0.00025 m"),
+    (lambda: simulate(max_radius="250 um"), "'250 um'"),
+    (lambda: simulate(stretch="6"), "'6'"),
+    (lambda: dataclasses.replace(simulate(), radius=np.full(3, 200.0)), "0.0002 m"),
+    (lambda: simulate(time=[[0.0, 1e-6]]), "(1, 2)"),
+    (lambda: simulate(time=[1e-6, 0.0]), "ascend"),
+    (lambda: simulate(medium="honey"), "honey"),
+    (lambda: simulate(driving=1e5), "Pulse"),
+    (lambda: simulate(bubble="field"), "'field'"),
+    (lambda: simulate(accuracy=1e-5), "1e-05"),
+    (lambda: Bubble(motion="gilmor"), "gilmor"),
+    (lambda: Accuracy(relative_error="fine"), "'fine'"),
+    (lambda: many(GEL), "[NeoHookeanKelvinVoigt"),
+    (lambda: many([GEL, GEL], max_radius=[1e-4] * 3), "(3,)"),
+    (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
+    (lambda: NeoHookeanKelvinVoigt(-8e3, 0.05), "-8000"),
+    (lambda: Pulse("1 MPa", 1e6, 0.0), "'1 MPa'"),
+    (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
+    (lambda: RadiusCurve(TIME * 1e6, RADIUS), "us"),
+    (lambda: RadiusCurve(TIME, [["a"]]), "[['a']]"),
+    (lambda: RadiusCurve(TIME, RADIUS[:50]), "(50,)"),
+    (lambda: RadiusCurve(TIME, RADIUS, meta="shot 1"), "'shot 1'"),
+    (lambda: CURVE.with_max_radius(250), "0.00025 m"),
+    (lambda: ANSWER.median("G"), NAMES_AND_UNITS),
+    (lambda: ANSWER.interval("viscosity", 95), "0.95"),
+    (lambda: ANSWER.interval("viscosity", 1.0), "1.0"),
+    (lambda: cavirheo.read_curves(["a.csv", "b.csv"]), "a.csv"),
+    (lambda: cavirheo.read_curves("nowhere.csv"), "nowhere.csv"),
+    (lambda: cavirheo.load(7), "7"),
+]
+
+
+@pytest.mark.parametrize(("call", "named"), WRONG)
+def test_a_wrong_call_is_told_what_was_given_or_how_to_mend_it(call, named):
+    with pytest.raises(InputError) as error:
+        call()
+    assert named in str(error.value)
+    assert "\n" not in str(error.value)
+    assert error.value.code != "input"
+
+
+CONSTANTS = [  # as a user may give them, and the value that was meant
+    ("temperature", 25, "298.15 K"),
+    ("density", 1.05, "1050 kg/m3"),
+    ("sound_speed", 1.5, "1500 m/s"),
+    ("surface_tension", 72, "0.072 N/m"),
+    ("pressure", 1, "100000 Pa"),
+    ("pressure", 101.3, "101300 Pa"),
+    ("pressure", 1013, "101300 Pa"),
+    ("gas_constant", 0.287, "287 J/(kg K)"),
+    ("vapour_constant", 0.462, "462 J/(kg K)"),
+    ("diffusivity", 0.242, "2.42e-05 m2/s"),
+    ("diffusivity", 24.2, "2.42e-05 m2/s"),
+    ("conductivity_slope", 0.053, "5.3e-05 W/(m K2)"),
+    ("conductivity_intercept", 11.7, "0.0117 W/(m K)"),
+    ("adiabatic_index", 140, "1 to 1.7"),
+    ("vapour_reference_temperature", 52, "1000 to 20000 K"),
+]
+
+
+@pytest.mark.parametrize(("name", "given", "meant"), CONSTANTS)
+def test_a_constant_in_another_unit_is_refused_and_can_be_insisted_on(name, given, meant):
+    for make in (lambda **constants: Medium(**constants), lambda **constants: medium("water", **constants)):
+        with pytest.raises(InputError, match="unusual=True") as error:
+            make(**{name: given})
+        assert error.value.code == f"physics.unusual_{name}"
+        assert meant in str(error.value)
+    if name not in ("temperature", "pressure", "vapour_reference_temperature"):  # the liquid would boil
+        insisted = medium("water", unusual=True, **{name: given})
+        assert getattr(insisted, name) == given
+        assert "unusual" not in dataclasses.asdict(insisted)
+
+
+def test_a_problem_of_an_unusual_medium_is_read_back():
+    problem = TrainingProblem.from_dict({
+        "material": "nhkv", "medium": {"density": 13534.0, "surface_tension": 0.485, "name": "mercury"},
+        "prior": {"log10_shear_modulus": [3, 5], "log10_viscosity": [-3, 0], "stretch": [3, 9]},
+        "camera": {}, "reference_max_radius": 2e-4,
+    })  # fmt: skip
+    assert TrainingProblem.from_dict(problem.to_dict()).id == problem.id
+
+
+def test_a_recipe_may_insist():
+    table = {"density": 13534.0, "unusual": True}
+    parts = {"prior": {"log10_viscosity": (-3, 0), "stretch": (3, 9)}, "data": {"n": 1}, "export": {"name": "mercury"}}
+    recipe = Recipe.model_validate(parts | {"problem": {"material": "newtonian", "medium": table}})
+    assert recipe.problem.medium.density == 13534.0
+    with pytest.raises(InputError):
+        _ = Recipe.model_validate(parts | {"problem": {"material": "newtonian", "medium": {"density": 1.05}}}).problem
+
+
+def test_a_medium_may_be_named():
+    ours = [simulate(medium=kind).radius for kind in ("bu2026", MEDIA["bu2026"])]
+    np.testing.assert_array_equal(*ours)
+    assert simulate().radius[-1] != ours[0][-1]
+
+
+def test_lists_do_for_arrays():
+    curve = RadiusCurve(TIME.tolist(), RADIUS.tolist())
+    assert curve.max_radius == CURVE.max_radius
+    assert simulate(time=TIME[:3].tolist()).radius.tolist() == simulate().radius.tolist()
+
+
+def test_curves_without_a_scale_are_not_asked_for_one():
+    assert RadiusCurve(TIME, 1e6 * RADIUS, unscaled="pixels").with_max_radius(2e-4).max_radius == 2e-4
+    stars = RadiusCurve(TIME / 2e-5 * 0.1, RADIUS / 2e-4, unscaled="no R_max", time_unscaled=True)
+    assert np.median(np.diff(stars.with_max_radius(2e-4).time)) == pytest.approx(1e-6)
+
+
+def test_a_file_in_other_units_than_it_says_leaves_its_other_curves(tmp_path):
+    slow, fast = (1e6 * TIME * factor for factor in (1e6, 1.0))
+    shots = [(k, row) for k, clock in ((1, slow), (2, fast)) for row in np.column_stack([clock, 1e6 * RADIUS])]
+    rows = [f"{k},{t:.9g},{r:.9g}" for k, (t, r) in shots]
+    (tmp_path / "two.csv").write_text("\n".join(["shot,time_us,radius_um", *rows]))
+    wrong, right = cavirheo.read_curves(tmp_path / "two.csv")
+    assert "us" in wrong.unusable
+    assert right.max_radius == pytest.approx(2e-4, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def curve():
+    return cavirheo.read_curves(ROOT / "examples" / "soft_gel.csv")[0]
+
+
+@pytest.mark.parametrize("free", ["t0, scale", ["t0", "scale"]])
+def test_what_is_free_may_be_written_as_on_the_command_line(curve, free):
+    answer = cavirheo.fit(curve, bubble="field", window=1, free=free, seed=np.int64(3))
+    assert set(answer.diagnostics.free) == {"time_origin", "radius_scale"}
+
+
+def test_dir_shows_the_public_names_alone():
+    code = "import cavirheo.inference, cavirheo; print(*dir(cavirheo))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    shown = [name for name in done.stdout.split() if not name.startswith("__")]
+    assert shown == cavirheo.__all__
+    assert "__version__" in done.stdout.split()
+
+
+def test_the_version_is_that_of_the_installation():
+    from importlib.metadata import version
+
+    assert cavirheo.__version__ == version("cavirheo")
+
+
+# --- options that are told to type checkers apart from the function that takes them -----------------------------------
+
+
+@pytest.mark.parametrize(
+    ("told", "function", "also"),
+    [
+        (SimulationOptions, cavirheo.simulate, {"material", "max_radius", "stretch", "time", "throw"}),
+        (MeasureOptions, measure, {"path"}),
+        (VerificationOptions, Verification, {"workers"}),
+    ],
+)
+def test_options_are_told_to_type_checkers_as_the_function_has_them(told, function, also):
+    options = {name: one.annotation for name, one in inspect.signature(function).parameters.items()}
+    assert {*options} == {*told.__annotations__} | also
+    changed = {name for name, one in told.__annotations__.items() if options[name] != one.__forward_arg__}
+    assert changed <= {"medium"}  # a verification takes its name, too
+
+
+@pytest.mark.parametrize(("function", "given"), [(cavirheo.fit, [CURVE]), (many, [[GEL]]), (verify, [CURVE, ANSWER])])
+def test_a_misspelt_option_is_refused(function, given):
+    with pytest.raises(TypeError, match="unexpected keyword argument"):
+        function(*given, stretsh=6.0)

@@ -1,0 +1,174 @@
+"""What is released: one version, a report for bugs, the manual page, shell completion, the conda recipe."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+
+import jinja2
+import pytest
+from conftest import ROOT
+
+import cavirheo
+from cavirheo.inference.model import card, shipped
+from cavirheo.physics.media import MEDIA
+from cavirheo.reporting.sources import BDT, IMR
+from cavirheo.verbs import versions
+
+ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+PROJECT = ABOUT["project"]
+in_repository = pytest.mark.repository
+
+
+@in_repository
+def test_the_version_is_written_once():
+    folders = ("src", "docs", "packaging", "recipes", "benchmarks", "examples", ".")
+    files = [path for folder in folders for path in (ROOT / folder).glob("*" if folder == "." else "**/*")]
+    kinds = (".py", ".md", ".toml", ".yaml", ".yml", ".cff", ".txt", ".html", "")
+    written = rf"\bversion\b\W{{1,9}}{re.escape(PROJECT['version'])}\b"
+    found = {path.name for path in files if path.is_file() and path.suffix in kinds and path.name != "CHANGELOG.md"
+             and re.search(written, path.read_text("utf-8", errors="replace"))}  # fmt: skip
+    assert found == {"pyproject.toml", "CITATION.cff"}  # of the latter, the next test
+    assert cavirheo.__version__ == PROJECT["version"]
+
+
+@in_repository
+def test_the_citation_is_of_this_version_and_its_authors():
+    yaml = pytest.importorskip("yaml")
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert citation["version"] == PROJECT["version"]
+    assert citation["license"] == PROJECT["license"]
+    assert citation["authors"] == PROJECT["authors"]
+    assert {*citation["keywords"]} <= {*PROJECT["keywords"]}
+    sources = {source.title: source for source in (IMR, BDT)}
+    for reference in citation["references"]:
+        source = sources.pop(reference["title"])
+        assert [one["family-names"] for one in reference["authors"]] == re.findall(r"([A-Z]\w+),", source.authors)
+        assert str(reference["year"]) == source.year
+        assert source.doi == reference.get("doi", "")
+        assert reference.get("journal") or reference["url"].endswith(source.where.removeprefix("arXiv:"))
+    assert not sources
+
+
+@in_repository
+def test_the_classifiers_are_the_pythons_that_are_tried():
+    known = [one.rpartition(" ")[2] for one in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", one)]
+    (tried,) = re.findall(r"tests/wheel\.py ([\d. ]+)$", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    assert known == tried.split()
+    assert PROJECT["requires-python"] == f">={known[0]}"
+
+
+def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    status, out, err = run("--version", "--verbose")
+    assert (status, err) == (0, "")
+    assert out.startswith(f"cavirheo  {cavirheo.__version__} in ")
+    assert sys.version.split()[0] in out
+    for wanted in PROJECT["dependencies"]:
+        assert f" {wanted.partition('>')[0]} " in out
+    assert {extra for extra in PROJECT["optional-dependencies"] if f"\n[{extra}]" in out} == {*versions.wanted()} - {""}
+    for name, path in shipped().items():
+        assert f"{name}, sha256 {card(path)['onnx']['sha256']}\n" in out
+    assert re.search(r"\nsolver +(compiled, kept in /|not compiled yet)", out)
+    assert "NUMBA_NUM_THREADS=1" in out
+
+
+def test_a_bug_report_tells_what_is_not_as_it_was(monkeypatch, tmp_path):
+    monkeypatch.setattr(versions, "requires", lambda _: ["numpy>=2", 'nonesuch>=1; extra == "plot"'])
+    path = tmp_path / "posterior.onnx"
+    for suffix in (".onnx", ".json"):
+        shutil.copy(shipped()["posterior"].with_suffix(suffix), tmp_path)
+    path.write_bytes(path.read_bytes() + b"x")
+    monkeypatch.setattr("cavirheo.inference.model.shipped", lambda: {"posterior": path})
+    said = versions.report()
+    assert "[plot]    no nonesuch" in said
+    assert "NOT the file that its card describes" in said
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("in", {"infer"}),
+        ("infer --um", {"--um-per-px"}),
+        ("infer --material n", {"neo-hookean", "newtonian", "nhkv"}),
+        ("fit --material fung+ne", {"fung+neo-hookean", "fung+newtonian"}),
+        ("fit --material ogd", set()),  # cannot be fitted
+        ("which-law --laws nhkv,n", {"nhkv,neo-hookean", "nhkv,newtonian"}),
+        ("which-law --bubble real,", {"real,field"}),
+        ("infer --model ", {*shipped()}),
+        ("fit --medium ", {*MEDIA}),
+    ],
+)
+def test_shells_complete(typed, offered):
+    """What bash offers after these words."""
+    words = f"cavirheo {typed}"
+    about = {"_CAVIRHEO_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(len(words.split(" ")) - 1)}
+    done = subprocess.run([sys.executable, "-m", "cavirheo"], env=os.environ | about, capture_output=True, text=True)
+    assert {*done.stdout.split()} == offered
+
+
+def test_help_and_completion_import_no_compiler_and_no_network():
+    code = "import sys; sys.argv = ['cavirheo', 'infer', '--help']; from cavirheo.verbs import app, completion\n"
+    code += "app(standalone_mode=False); completion.law_names(''); completion.medium_names('')\n"
+    code += "completion.model_names('')\n"
+    code += "print(sorted({'numba', 'onnxruntime', 'scipy.optimize', 'matplotlib', 'torch'} & {*sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.fixture(scope="module")
+def manual(tmp_path_factory) -> str:
+    page = tmp_path_factory.mktemp("man") / "cavirheo.1"
+    subprocess.run([sys.executable, ROOT / "packaging" / "manual.py", page], check=True)
+    return page.read_text("ascii")
+
+
+@in_repository
+@pytest.mark.skipif(shutil.which("groff") is None, reason="no groff on this machine")
+def test_the_manual_page_is_set_without_a_warning(manual):
+    words = ["groff", "-man", "-Tutf8", "-ww", "-P-cbou", "-rLL=100n"]
+    done = subprocess.run(words, input=manual, capture_output=True, encoding="utf-8", check=True)
+    assert done.stderr == ""
+    assert "--um-per-px" in done.stdout
+    assert "cavirheo - material properties of soft matter" in " ".join(done.stdout.split())
+
+
+@in_repository
+def test_the_examples_of_the_app_are_files_and_those_of_the_repository():
+    shipped_examples = [*(ROOT / "src/cavirheo/app/examples").glob("*.*")]
+    ours = [path for path in shipped_examples if (ROOT / "examples" / path.name).exists()]
+    assert {path.name for path in ours} == {"bubble.mp4", "soft_gel.csv", "stiff_gel.mat"}
+    assert not any(path.is_symlink() for path in shipped_examples)
+    assert all(path.read_bytes() == (ROOT / "examples" / path.name).read_bytes() for path in ours)
+
+
+@in_repository
+def test_the_conda_recipe_needs_what_the_package_needs():
+    template = jinja2.Environment(undefined=jinja2.StrictUndefined).from_string(
+        (ROOT / "packaging" / "conda" / "meta.yaml").read_text("utf-8")
+    )
+
+    def load_file_data(path: str, from_recipe_dir: bool) -> dict:
+        assert from_recipe_dir
+        return tomllib.loads((ROOT / "packaging" / "conda" / path).read_text("utf-8"))
+
+    recipe = template.render(load_file_data=load_file_data, PYTHON="python")
+    needs = recipe.split("  run:\n")[1].split("\n\n")[0]
+    listed = [line.strip().removeprefix("- ") for line in needs.splitlines()]
+    assert listed == [f"python {PROJECT['requires-python']}", *PROJECT["dependencies"]]
+    assert f'version: "{PROJECT["version"]}"' in recipe
+    assert f"cavirheo = {PROJECT['scripts']['cavirheo']}" in recipe
+    yaml = pytest.importorskip("yaml")
+    assert yaml.safe_load(recipe)["requirements"]["run"] == listed
+
+
+def test_measuring_without_the_extra_says_what_to_install(run, monkeypatch):
+    monkeypatch.setattr("cavirheo.video.frames.find_spec", lambda _: None)
+    status, _, err = run("measure", "nowhere.mp4")
+    assert status == 2
+    assert err.count("\n") == 1
+    assert 'pip install "cavirheo[video]"' in err

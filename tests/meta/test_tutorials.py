@@ -1,0 +1,120 @@
+"""The tutorials run on what comes with the package, in seconds, and say what their pages and notebooks show."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import resource
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+RUNNER = ROOT / "docs" / "site" / "tutorial.py"
+SCRIPTS = {path.stem: path for path in sorted(ROOT.glob("examples/tutorials/*.py"))}
+SHOWN = {  # tutorial: what its outputs say
+    "gel": r"(?s)250.*\[9\.\d+, 10\.\d+\].*stiff_gel: G = (29|30|31)\.?\d* kPa.*mean & & 3\d\.\d \$.*@",
+    "liquid": r"(?s)liquid\[1\].* 0\.0[56]\d+ .*3 curves.*undetermined.*upper limit of G",
+    "own_law": r"logarithmic \+ newtonian: RMSE 0\.3\d% of R_max",
+    "cluster": r"(?s)2 .*soft_gel\[1\]: the same(?!.*not the same)",
+    "app": r"soft_gel\[1\]: G [56]\d\d\d Pa \[",
+}
+NEEDS = {"gel": ("matplotlib", "av"), "liquid": ("matplotlib",), "own_law": ("matplotlib",)}
+NEEDS |= {"cluster": ("distributed",), "app": ("gradio",)}
+LONGEST = {"cluster": 60.0}  # s of processor time, of all processes: a busy machine needs twice that of an idle one
+USUAL = 30.0  # s; a cluster's are on two cores, and each of its processes loads the solver
+
+
+def ran(script: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    command = [sys.executable, str(RUNNER), str(script), str(folder)]
+    return subprocess.run(command, env=surroundings, capture_output=True, text=True, timeout=600)
+
+
+def outputs(notebook: Path) -> str:
+    """What all cells printed."""
+    cells = json.loads(notebook.read_text("utf-8"))["cells"]
+    return "".join(one.get("text", "") for cell in cells for one in cell.get("outputs", ()))
+
+
+def test_every_tutorial_is_tested():
+    assert set(SHOWN) == set(SCRIPTS)
+
+
+SLOW = [pytest.mark.slow]  # some start servers; one is enough for every run
+
+
+@pytest.mark.parametrize("stem", [pytest.param(stem, marks=SLOW if stem != "liquid" else []) for stem in SCRIPTS])
+def test_a_tutorial_says_what_is_so(stem, tmp_path):
+    if any(find_spec(name) is None for name in NEEDS[stem]):
+        pytest.skip("an extra is not installed")
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = ran(SCRIPTS[stem], tmp_path)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert done.returncode == 0, done.stderr
+    said = outputs(tmp_path / f"{stem}.ipynb")
+    assert re.search(SHOWN[stem], said), said
+    page = (tmp_path / f"{stem}.md").read_text("utf-8")
+    assert all(line.rstrip() in page for line in said.splitlines())
+    assert len(re.findall(r"!\[.*?\]\(\w+-\d\.png\)", page)) == len(list(tmp_path.glob("*.png")))
+    assert after.ru_utime - before.ru_utime < LONGEST.get(stem, USUAL)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stem", ["gel", "liquid"])
+def test_a_tutorial_runs_plain(stem, tmp_path):
+    if any(find_spec(name) is None for name in NEEDS[stem]):
+        pytest.skip("an extra is not installed")
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PATH": path, "MPLBACKEND": "Agg"}
+    done = subprocess.run(
+        [sys.executable, SCRIPTS[stem]], cwd=tmp_path, env=surroundings, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+TINY = """# %% [markdown]
+# # Tiny
+# A number.
+
+# %%
+value = 6 * 7
+print("printed")
+value
+
+# %%
+run("echo from the shell", shell=True, check=True)
+"""
+
+
+@pytest.mark.repository
+def test_a_page_and_a_notebook_show_what_ran(tmp_path):
+    script = tmp_path / "tiny.py"
+    script.write_text(TINY)
+    assert ran(script, tmp_path / "out").returncode == 0
+    page = (tmp_path / "out" / "tiny.md").read_text()
+    assert page.startswith("# Tiny\nA number.\n")
+    assert "```python\nvalue = 6 * 7\n" in page
+    assert "```text\nprinted\n42\n```" in page
+    assert "```\necho from the shell\n```\n\n```text\nfrom the shell\n```" in page
+    book = json.loads((tmp_path / "out" / "tiny.ipynb").read_text())
+    assert [cell["cell_type"] for cell in book["cells"]] == ["markdown", "code", "code"]
+    assert book["cells"][2]["source"] == "!echo from the shell"
+    assert (book["nbformat"], len({cell["id"] for cell in book["cells"]})) == (4, 3)
+    ast.parse(book["cells"][1]["source"])
+
+
+@pytest.mark.parametrize(
+    "wrong", ["1 / 0", *(f'run("{line}", shell=True, check=True)' for line in ("false", "cavirheo infer nowhere.csv"))]
+)
+def test_a_cell_that_fails_leaves_no_page(wrong, tmp_path):
+    script = tmp_path / "bad.py"
+    script.write_text(f"# %%\n{wrong}\n")
+    assert ran(script, tmp_path / "out").returncode != 0
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,177 @@
+"""Errors that are planted in a copy of the package, one at a time: each must be caught by the tests that are named.
+
+python tests/nightly/planted_errors.py [words of names ...] [--tests tests/test_x.py ...]
+
+Signs, units, steps too far and guards that are missing, over all rooms of the package. The exit status is the number of
+errors that no test caught.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Planted(NamedTuple):
+    """file: below src/cavirheo. old occurs there once, and becomes new. tests: stems of the modules that catch it."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+
+
+PLANTED = (
+    Planted("mooney-rivlin curvature sign", "physics/elastic.py",
+            "+ 12 * self.C2 * q2 * q2", "- 12 * self.C2 * q2 * q2", ("test_laws", "test_materials")),
+    Planted("fung twice as stiff", "physics/elastic.py",
+            "self.shear_modulus / 2 * np.exp(", "self.shear_modulus * np.exp(", ("test_laws", "test_materials")),
+    Planted("wall twice as near", "physics/bubble.py",
+            "0.5 * max_radius / self.wall_distance", "max_radius / self.wall_distance", ("test_bubble_model",)),
+    Planted("damage by strain, exponent's sign", "physics/damage.py",
+            "** a, (1 + b) * u", "** a, (1 - b) * u", ("test_bubble_model", "test_condensation")),
+    Planted("polytropic gas with half the exponent", "physics/solver.py",
+            "z, p_dot = 0.0, -3 * numbers", "z, p_dot = 0.0, -1.5 * numbers", ("test_condensation", "test_physics")),
+    Planted("ultrasound in cycles, not radians", "physics/driving.py",
+            "n, omega = self.exponent, 2 * pi * self.frequency", "n, omega = self.exponent, self.frequency",
+            ("test_driving",)),
+    Planted("constants of no liquid are taken", "physics/media.py",
+            "if not unusual:", "if False:", ("test_python",)),
+    Planted("discrepancy's step variance", "inference/noise.py",
+            "gain = -np.expm1(-2.0 * np.diff(time)", "gain = -np.expm1(-1.0 * np.diff(time)", ("test_posterior",)),
+    Planted("pulls of the camera left out of the gradient", "inference/noise.py",
+            "gradient - by_pulls.T @ pulls + by_rest", "gradient + by_pulls.T @ pulls + by_rest", ("test_posterior",)),
+    Planted("viscosity of a scaled bubble", "inference/camera.py",
+            "x[:, i] += power * log_size", "x[:, i] -= power * log_size", ("test_posterior",)),
+    Planted("collapse time's change with scale, sign", "inference/collapse_time.py",
+            "slope[free] = -0.01 *", "slope[free] = 0.01 *", ("test_collapse_time",)),
+    Planted("interval of a collapse time is one-sided", "inference/collapse_time.py",
+            "student.ppf((1 + CONFIDENCE) / 2, n - p)", "student.ppf(CONFIDENCE, n - p)", ("test_collapse_time",)),
+    Planted("scale's factors upside down", "inference/input_checks.py",
+            "if found.ratio < 1.0 else (1.0", "if found.ratio > 1.0 else (1.0", ("test_doubts",)),
+    Planted("spikes that lower a value are no warning", "inference/input_checks.py",
+            "if not 1.0 / FACTOR <= factor <= FACTOR}", "if factor > FACTOR}", ("test_doubts",)),
+    Planted("any operator of a model is run", "inference/graph.py",
+            'fine = kind in _OPERATORS and domain in ("", "ai.onnx")', "fine = True", ("test_strangers",)),
+    Planted("prior counted once for each shot", "inference/population/likelihood.py",
+            "log_weight - logsumexp(log_weight) - log_prior", "log_weight - logsumexp(log_weight)",
+            ("test_population",)),
+    Planted("evidence for scatter, sign", "inference/population/material.py",
+            "Evidence(self.gain.log - self.gain_of_one.log, error)",
+            "Evidence(self.gain_of_one.log - self.gain.log, error)", ("test_population",)),
+    Planted("noise of a curve is overestimated", "landmarks.py",
+            "np.diff(radius, 3))) / np.sqrt(20.0)", "np.diff(radius, 3))) / np.sqrt(6.0)", ("test_curve",)),
+    Planted("scale given later leaves the deviations", "curve.py",
+            "radius_std=self.radius_std * scale", "radius_std=self.radius_std", ("test_curve",)),
+    Planted("kHz taken for MHz", "reading/curve_tables.py",
+            'unit = 1e3 if re.search', 'unit = 1e6 if re.search', ("test_reading",)),
+    Planted("two semi-axes, one counted", "reading/curve_tables.py",
+            "radius = numbers[:, 1:].mean(axis=1)", "radius = numbers[:, 1]", ("test_reading",)),
+    Planted("rows of -1000 are frames", "reading/curve_tables.py",
+            "b[np.any(b != _SEPARATOR, axis=1)]", "b", ("test_reading",)),
+    Planted("declared shapes without a limit", "reading/limits.py",
+            "require(size <= SAMPLES,", "require(size <= SAMPLES or True,", ("test_reading",)),
+    Planted("numbers from other files are read", "reading/limits.py",
+            "_here(not (item.external or item.is_virtual)", "_here(not item.is_virtual", ("test_reading",)),
+    Planted("region of a film turned", "video/measurement.py",
+            "images[:, y : y + height, x : x + width]", "images[:, x : x + width, y : y + height]",
+            ("test_video_files", "test_video")),
+    Planted("motion blur corrected the wrong way", "video/track.py",
+            "np.sqrt(radius**2 + bent) + moved", "np.sqrt(radius**2 + bent) - moved", ("test_video",)),
+    Planted("first frame of a span is one late", "video/measurement.py",
+            "seen, time[first - 1 : last], rate", "seen, time[first - 1 : last] + time[1], rate",
+            ("test_video_files", "test_video")),
+    Planted("a cell that begins with @", "files.py", "'*[=+@", "'*[=+", ("test_reports",)),
+    Planted("standard deviation over n", "writing/document.py", "ddof=1", "ddof=0", ("test_reports",)),
+    Planted("a file of the user's is replaced", "writing/document.py",
+            "require(not _is_there(path) or self.holds(name), foreign", "require(True, foreign", ("test_outputs",)),
+    Planted("another run's answers are replaced", "writing/document.py",
+            "if self._claim is None or self._claim.replace:", "if True:", ("test_outputs",)),
+    Planted("interval of a slope too narrow", "reporting/group.py",
+            "half = -ndtri(0.05)", "half = -ndtri(0.4)", ("test_reports",)),
+    Planted("answers that do not count are averaged", "reporting/group.py",
+            "spread_of([record.determined(\"shear_modulus\") for record in trusted])",
+            "spread_of([record.determined(\"shear_modulus\") for record in members])", ("test_reports",)),
+    Planted("error relative to our own value", "reporting/group.py",
+            "abs(value.mean - reference.mean) / reference.mean", "abs(value.mean - reference.mean) / value.mean",
+            ("test_compare",)),
+    Planted("a second value of one set counts", "companions/published_values.py",
+            "expect(quantity not in values,", "expect(True,", ("test_compare",)),
+    Planted("loss angle upside down", "companions/rheometer/sweeps.py",
+            "loss / at, loss / storage", "loss / at, storage / loss", ("test_rheometer",)),
+    Planted("Hz taken for rad/s", "companions/rheometer/read.py",
+            '"Hz": 2 * math.pi, "hz"', '"Hz": 1.0, "hz"', ("test_rheometer",)),
+    Planted("failed answers are kept for ever", "workflow/analyse.py",
+            "answer, file=fine)", "answer, file=True)", ("test_scale",)),
+    Planted("a worker with other code is taken", "workflow/cluster/check.py",
+            "return message if theirs.code != mine.code else \"\"", "return \"\"", ("test_cluster",)),
+    Planted("a file that is still written is read", "watch.py",
+            "if now - since >= LOOK and self._is_news", "if self._is_news", ("test_watch",)),
+    Planted("one recording in two files counts twice", "watch.py",
+            "if owner == one.path:", "if True:", ("test_watch",)),
+    Planted("any file of the machine is uploaded", "app/endpoint.py",
+            "path.is_relative_to(folder) and path.is_file()", "path.is_file()", ("test_app",)),
+    Planted("exposure after the frame's time", "training/camera.py",
+            "(0.2 * k - 0.4) * exposure", "(0.2 * k) * exposure", ("test_posterior_network", "test_training")),
+    Planted("split of a training set leaves out curves", "training/dataset.py",
+            "[round(0.8 * n), round(0.9 * n)]", "[round(0.8 * n), round(0.8 * n) + 1]", ("test_dataset",)),
+)  # fmt: skip
+
+
+def caught(error: Planted, copy: Path, tests: list[Path]) -> list[str]:
+    """Stems of the test files that fail with this error in the copy of src."""
+    path = copy / "cavirheo" / error.file
+    right = path.read_text(encoding="utf-8")
+    if right.count(error.old) != 1:
+        raise SystemExit(f"{error.name}: {error.file} has {right.count(error.old)} times {error.old!r}, not once")
+    found = []
+    try:
+        path.write_text(right.replace(error.old, error.new), encoding="utf-8")
+        for test in tests:
+            words = [sys.executable, "-m", "pytest", "-q", "--maxfail=1", "-p", "no:cacheprovider", str(test)]
+            words += ["-m", "not slow and not hostile"]
+            done = subprocess.run(
+                words, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(copy)}, capture_output=True, text=True
+            )
+            if done.returncode == 1:
+                found.append(test.stem)
+            elif done.returncode not in (0, 5):  # 5: its tests are slow ones
+                raise SystemExit(f"{test} did not run: {done.stdout[-500:]}{done.stderr[-500:]}")
+    finally:
+        path.write_text(right, encoding="utf-8")
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help="words: errors alone whose name or test has one of them")
+    parser.add_argument("--tests", nargs="*", type=Path, help="instead of the named ones")
+    given = parser.parse_args()
+    chosen = [one for one in PLANTED if not given.names or any(w in (one.name, *one.tests) or w in one.name
+                                                               for w in given.names)]  # fmt: skip
+    missed = 0
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "src"
+        shutil.copytree(ROOT / "src", copy)
+        for error in chosen:
+            tests = given.tests or [path for stem in error.tests for path in sorted(ROOT.glob(f"tests/**/{stem}.py"))]
+            began, found = time.monotonic(), caught(error, copy, tests)
+            missed += not found
+            said = f"caught by {', '.join(found)}" if found else f"MISSED by {', '.join(one.stem for one in tests)}"
+            print(f"{error.name}: {said} ({time.monotonic() - began:.0f} s)", flush=True)
+    print(f"{len(chosen) - missed} of {len(chosen)} caught")
+    return missed
+
+
+if __name__ == "__main__":
+    sys.exit(main())

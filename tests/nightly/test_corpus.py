@@ -1,0 +1,61 @@
+"""Hostile and odd files through every room: answered, or refused in one line that names the file, and nothing else."""
+
+from pathlib import Path
+
+import pytest
+
+# pytest has put this folder on the path
+from corpus import FILES, make_all
+from mutate import mutated
+from rooms import FINE, prepared, rooms, table, through
+from valid import BINARIES, TEXTS, content, documents
+
+_SAMPLE = """
+name_not_utf8 name_newline_bad name_escape name_of_255_bytes fifo_csv fifo_json socket device_zero_csv folder_csv
+link_to_itself unreadable missing empty_mat sparse_csv csv_all_nan csv_huge h5_denormal mat_four_rows csv_nul
+csv_escape_labels csv_long_line csv_of_html sweep_markup times_too_fast mat_cells_as_a_number mat_number_as_cells
+mat_empty_cells mat_nested_deep mat_negative_shape h5_no_space h5_loops h5_labels cut_bdt.mat_middle cut_groups.h5_late
+json_deep json_no_curves toml_deep sweep_huge references_huge pressure_backwards pressure_jumps mat_long_name
+csv_open_quote
+"""  # one of each kind, of those that took down a room
+
+
+_QUICK = ["collapse-time", "rheometer", "rheometer --beside", "simulate --driving", "Python read_curves", "Python load"]
+
+
+def wrong(found):
+    """Nothing, or the table of what each room said."""
+    return "" if all(outcome in FINE for outcome, _ in found.values()) else table(found)
+
+
+def test_a_sample_through_rooms_without_a_solver(tmp_path):
+    files = make_all(tmp_path / "corpus", _SAMPLE.split())
+    given = prepared(tmp_path)
+    found = through(files, given, _QUICK)
+    assert not wrong(found), wrong(found)
+
+
+@pytest.mark.hostile
+def test_every_file_through_every_room(tmp_path, capsys):
+    files = make_all(tmp_path / "corpus")
+    assert len(files) > 250
+    found = through(files, prepared(tmp_path), rooms())
+    with capsys.disabled():
+        print("", table(found), sep="\n")
+    assert not wrong(found)
+
+
+def test_mutations_are_the_same_everywhere_and_change_something(tmp_path):
+    """The number of a finding is enough to make its file again."""
+    names = [*TEXTS, *BINARIES]
+    texts = {name: content(name, tmp_path) for name in ("curve.csv", "imr.mat", "recipe.toml")}
+    assert len(names) > 30
+    assert {"result.json", "rheometer.json", "laws.json"} <= documents().keys()
+    for name, original in texts.items():
+        once, twice = ([mutated(name, original, 1, k) for k in range(30)] for _ in range(2))
+        assert once == twice
+        assert len(set(once) - {original}) > 20
+
+
+def test_every_file_has_a_maker():
+    assert all(callable(make) and (isinstance(name, bytes) or Path(name).name == name) for name, make in FILES.values())

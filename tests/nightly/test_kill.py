@@ -1,0 +1,101 @@
+"""Killed at random moments: what was answered is there, the same command completes it, and nothing is doubled."""
+
+from __future__ import annotations
+
+import json
+import random
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from cavirheo import read_curves
+from cavirheo.io import write_csv
+from cavirheo.posterior import Posterior
+from cavirheo.workflow.store import read_kept
+from cavirheo.writing.document import LIST
+
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
+COMMANDS = {  # shots, kills, words
+    "infer": (50, 8, ["infer", "shots", "--verify", "none", "-o", "out"]),
+    "fit": (12, 4, ["fit", "shots", "--window", "2", "-o", "out"]),
+    "verify": (3, 5, ["infer", "shots", "--model", "bdt-viscoelastic", "--verify", "full", "-o", "out"]),
+    "compare": (12, 3, ["compare", ".", "--references", "references.csv", "-o", "out"]),
+}
+MASKED = ("seconds", "date")
+
+
+def call(words: list[str], folder: Path, more: int = 0, wait: float | None = None) -> int | None:
+    """The exit status; None if it was killed: `wait` seconds after so many `more` answers were kept."""
+    files = sorted(path.name for path in folder.glob("shot*.csv"))
+    words = [part for word in words for part in (files if word == "shots" else [word])]
+    enough = len(kept(folder)) + more
+    with (folder.parent / "said").open("w") as said:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "cavirheo", *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=said
+        )
+    if wait is None:
+        return process.wait()
+    while process.poll() is None and len(kept(folder)) < enough:
+        time.sleep(0.02)
+    try:
+        return process.wait(wait)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+        return None
+
+
+def kept(folder: Path) -> set[str]:
+    return {path.name for path in (folder / "out").glob("unfinished/*.npz")}
+
+
+def masked(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: "*" if key in MASKED else masked(item) for key, item in value.items()}
+    return [masked(item) for item in value] if isinstance(value, list) else value
+
+
+def documents(folder: Path) -> dict[str, object]:
+    """Every document of numbers, without times and dates; of the others that they are there."""
+    found: dict[str, object] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name != LIST:
+            number = path.suffix == ".json"
+            text = path.read_text().replace(str(folder.parents[1]), "") if number else ""
+            found[str(path.relative_to(folder))] = masked(json.loads(text)) if number else path.suffix
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_killed_at_random_moments(tmp_path, name):
+    shots, kills, words = COMMANDS[name]
+    (curve, *_) = read_curves(EXAMPLE)
+    whole, folder = tmp_path / "whole" / "here", tmp_path / "killed" / "here"
+    for place in (whole, folder):
+        place.mkdir(parents=True)
+        for k in range(shots):
+            other = replace(curve, radius=curve.radius * (1 + 1e-4 * k))
+            write_csv(place / f"shot{k:02d}.csv", other)
+        lines = "".join(f"set {s},shot{s}?.csv\n" for s in range((shots + 9) // 10))
+        (place / "references.csv").write_text(f"set,files\n{lines}")
+    assert call(words, whole) == 0, (whole.parent / "said").read_text()
+    chance, before = random.Random(0), set[str]()
+    for _ in range(kills):
+        more = chance.randint(0, 2 * shots // kills)
+        if call(words, folder, more, chance.uniform(0.0, 1.0)) is not None or (before and not kept(folder)):
+            break  # all was written
+        now = kept(folder)
+        assert before <= now  # what was answered is there
+        before = now
+        assert all(read_kept(folder / "out" / "unfinished" / name, Posterior) for name in before)
+        for path in (folder / "out").rglob("*.json"):
+            json.loads(path.read_text())
+    assert before
+    assert call(words, folder) == 0, (folder.parent / "said").read_text()
+    assert documents(folder / "out") == documents(whole / "out")

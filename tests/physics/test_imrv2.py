@@ -1,0 +1,168 @@
+"""The solver against trajectories of IMRv2, of which tests/physics/imrv2/README.md says how they were computed.
+
+Three things differ. Its gas is adiabatic from R_eq, ours is expanded isothermally to the start: a larger stretch gives
+the same gas. Its elastic law is about R_eq all the same. Its Gilmore equation leaves out the factor 1 - U/C of dH/dt.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.bubble import Bubble
+from cavirheo.physics.driving import Pulse, Trace
+from cavirheo.physics.elastic import NeoHookean, Quadratic
+from cavirheo.physics.law import Elastic
+from cavirheo.physics.materials import OldroydB, Viscoelastic
+from cavirheo.physics.media import Medium
+from cavirheo.physics.memory import TotalRelaxation
+from cavirheo.physics.scales import TAIT
+from cavirheo.physics.simulate import simulate
+from cavirheo.physics.table import scaled
+from cavirheo.physics.viscous import Newtonian
+
+R_MAX, STRETCH, G, MU, INDEX = 225e-6, 6.0, 2500.0, 0.1, 1.4
+WET = Medium(density=1064.0, surface_tension=0.07, sound_speed=1484.0)
+DRY = replace(WET, vapour_reference_pressure=0.0)
+T_C = WET.time_scale(R_MAX)
+
+
+def columns(name: str) -> dict[str, np.ndarray]:
+    with (Path(__file__).parent / "imrv2" / name).open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    return dict(zip(head, np.array(rows, dtype=float).T, strict=True))
+
+
+CASES, GRID = columns("cases.csv"), columns("grid.csv")
+
+
+def stretch_of(medium: Medium) -> float:
+    """With which an isothermal start has the gas that is adiabatic from R_eq."""
+    tension, vapour = 2 * medium.surface_tension / (medium.pressure * R_MAX), medium.vapour_pressure / medium.pressure
+    gas = (1 + STRETCH * tension - vapour) / STRETCH ** (3 * INDEX)
+    return brentq(lambda stretch: (1 + stretch * tension - vapour) / stretch**3 - gas, 2.0, 40.0)
+
+
+@dataclass(frozen=True)
+class About(Elastic):
+    """An elastic law about a radius that is so many times the solver's R_0."""
+
+    law: Elastic
+    factor: float
+
+    def table(self):
+        return scaled(self.law.table(), self.factor, 1.0)
+
+
+def gel(law: Elastic, viscosity: float = MU, medium: Medium = DRY, arms=()) -> Viscoelastic:
+    return Viscoelastic(About(law, stretch_of(medium) / STRETCH), Newtonian(viscosity), arms)
+
+
+def radius(material, time, medium=DRY, motion="rayleigh-plesset", driving=None) -> np.ndarray:
+    return simulate(
+        material, max_radius=R_MAX, stretch=stretch_of(medium), time=time, medium=medium,
+        bubble=Bubble(motion=motion, exponent=INDEX), driving=driving, relaxed=True,
+        accuracy=Accuracy(relative_error=1e-9),
+    ).radius / R_MAX  # fmt: skip
+
+
+def gaussian(amplitude: float) -> Trace:
+    time = np.linspace(0, 1.4e-4, 28001)
+    return Trace(time, -amplitude * np.exp(-(((time - 20e-6) / 5e-6) ** 2)))
+
+
+NHKV = gel(NeoHookean(G))
+ALIKE = {
+    "km_nhkv": (NHKV, {"motion": "keller-miksis"}),
+    "qkv_a010": (gel(Quadratic(G, 0.10)), {}),
+    "qkv_a025": (gel(Quadratic(G, 0.25)), {}),
+    "ucm_De005": (OldroydB(MU, 0.5 * T_C, 0.1 * T_C), {}),
+    "ucm_De020": (OldroydB(MU, 2.0 * T_C, 0.4 * T_C), {}),
+    "stress0": (Newtonian(0.0), {}),
+    "vapor": (gel(NeoHookean(G), medium=WET), {"medium": WET}),
+    "gauss_pA50": (NHKV, {"driving": gaussian(5e4)}),
+    "gauss_pA200": (NHKV, {"driving": gaussian(2e5)}),
+    "histo": (NHKV, {"driving": Pulse(1e5, 5e4, 30e-6, 2.0)}),
+    "imp_pA30": (NHKV, {"driving": Trace([0.0, 1e-3], [3e4, 3e4])}),
+    "heav_pA50": (NHKV, {"driving": Trace([0.0, 30e-6 - 1e-11, 30e-6, 1e-3], [-5e4, -5e4, 0.0, 0.0])}),
+}
+
+
+def differences(found: np.ndarray, reference: np.ndarray) -> tuple[float, float]:
+    """Median and largest difference of R/R_max."""
+    away = np.abs(found - reference)
+    print(f"median {np.median(away):.1e}, largest {away.max():.1e}")
+    return float(np.median(away)), float(away.max())
+
+
+def test_every_case_is_compared():
+    assert CASES.keys() - {"time_s"} == ALIKE.keys() | {"radial4"}
+
+
+@pytest.mark.parametrize("case", ALIKE)
+def test_laws_and_driving(case):
+    """Measured: 3e-8 to 1.7e-6 in the median, 9e-6 to 4e-5 at most."""
+    material, way = ALIKE[case]
+    median, largest = differences(radius(material, CASES["time_s"], **way), CASES[case])
+    assert median < 3e-6
+    assert largest < 1e-4
+
+
+def test_the_fields_zener_model():
+    """Measured: 2.1e-6 in the median, 1.7e-4 at most. The law of `qsls` without stiffening, and a dashpot."""
+    retarded = 0.2
+    material = gel(NeoHookean(G), MU * retarded, arms=[TotalRelaxation(MU * (1 - retarded), 2.0 * T_C)])
+    median, largest = differences(radius(material, GRID["time_s"]), GRID["zener"])
+    assert median < 3e-6
+    assert largest < 3e-4
+
+
+def test_a_grid_of_moduli_and_viscosities():
+    """66 gels; measured: 2.0e-6 to 2.2e-6 in the median, 2e-5 to 6.1e-4 at most."""
+    names = [name for name in GRID if name not in ("time_s", "zener")]
+    assert len(names) == 66
+    for name in names:
+        modulus, viscosity = (float(part.partition("=")[2]) for part in name.split())
+        median, largest = differences(radius(gel(NeoHookean(modulus), viscosity), GRID["time_s"]), GRID[name])
+        assert median < 3e-6, name
+        assert largest < 1e-3, name
+
+
+def gilmore(liquid: Medium, whole: bool) -> np.ndarray:
+    """R/R_max by scipy of the gel in Tait's liquid; `whole`: with the factor 1 - U/C of dH/dt (Gilmore 1952)."""
+    p, n = liquid.pressure, TAIT
+    B = liquid.density * liquid.sound_speed**2 / (n * p) - 1
+    tension, dashpot = 2 * liquid.surface_tension / (p * R_MAX), 4 * MU / (p * T_C)
+    gas = (1 + STRETCH * tension) / STRETCH ** (3 * INDEX)
+
+    def rate(t, y):
+        R, U = y
+        q = 1 / (STRETCH * R)
+        inside = gas * R ** (-3 * INDEX)
+        b = inside - tension / R - G / p * (5 - 4 * q - q**4) / 2 - dashpot * U / R
+        b_dot = -3 * INDEX * inside * U / R + tension * U / R**2 - 2 * G / p * (q + q**4) * U / R
+        b_dot += dashpot * (U / R) ** 2
+        x = (b + B) / (1 + B)
+        h, h_b, c = n / (n - 1) * (1 + B) * (x ** ((n - 1) / n) - 1), x ** (-1 / n), np.sqrt(n * (b + B) / x ** (1 / n))
+        w = 1 - U / c if whole else 1.0
+        force = (1 + U / c) * h + w * R / c * h_b * b_dot - 1.5 * (1 - U / (3 * c)) * U * U
+        return [U, force / ((1 - U / c) * R + w * h_b * dashpot / c)]
+
+    t = CASES["time_s"] / T_C
+    return solve_ivp(rate, (0, t[-1]), [1.0, 0.0], t_eval=t, method="LSODA", rtol=1e-11, atol=1e-13).y[0]
+
+
+def test_gilmore_differs_by_the_factor_that_is_left_out_there():
+    """Measured: 1.3e-2 at most between the two; each of them is met to 1e-5 or better by an independent solution."""
+    liquid = replace(DRY, sound_speed=float(np.sqrt(TAIT * (DRY.pressure + 304.913e6) / DRY.density)))
+    ours = radius(NHKV, CASES["time_s"], medium=liquid, motion="gilmore")
+    assert differences(gilmore(liquid, whole=False), CASES["radial4"])[1] < 2e-5
+    assert differences(gilmore(liquid, whole=True), ours)[1] < 1e-7
+    assert 1e-2 < differences(ours, CASES["radial4"])[1] < 1.5e-2

@@ -1,0 +1,144 @@
+"""The registry of laws and the notation for sums of them: what is read, and a clear word for every mistake."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from inspect import signature
+
+import pytest
+
+from cavirheo.errors import InputError
+from cavirheo.parameters import PARAMETERS
+from cavirheo.physics import elastic, materials, memory, viscous
+from cavirheo.physics.elastic import Gent, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
+from cavirheo.physics.law import Arm
+from cavirheo.physics.laws import EXAMPLE, LAWS, parse, summary, usage
+from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
+from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
+from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
+
+GEL = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
+ARMS = Viscoelastic(NeoHookean(1e3), Newtonian(0.01), (Maxwell(0.1, 2e-6), UpperConvectedMaxwell(0.2, 1e-5)))
+
+
+@pytest.mark.parametrize(
+    ("text", "material"),
+    [
+        ("gent(shear_modulus=2e3, limit=40) + carreau-yasuda(0.5, 0.01, 1e-4, 0.4)", GEL),
+        ("carreau_yasuda(0.5, 0.01, time=1e-4, exponent=.4)+gent(limit=40, shear-modulus=2e+3)", GEL),
+        (" gent(2_000, 40)\n + (carreau-yasuda(0.5, 0.01, 1e-4, 0.4)) ", GEL),
+        ("nhkv(7690, 0.05)", NeoHookeanKelvinVoigt(7690.0, 0.05)),
+        ("ogden((2e3, -500), (2.5, -2))", Ogden((2e3, -500.0), (2.5, -2.0))),
+        ("ogden(moduli=2e3, exponents=(2,))", Ogden((2e3,), (2.0,))),
+        ("yeoh(C1=1500, C2=20)", Yeoh(1500.0, 20.0)),
+        ("neo-hookean(1e3) + newtonian(0.1)", Viscoelastic(NeoHookean(1e3), Newtonian(0.1))),
+        ("power-law(2, 0.6)", PowerLaw(2.0, 0.6)),
+        ("zener(7e3, 0.1, 2e-6)", Zener(7e3, 0.1, 2e-6)),
+        (
+            "qsls(7e3, 0.1, 2e-6, stiffening=0.3) + newtonian(0.01)",
+            Viscoelastic(Quadratic(7e3, 0.3), Newtonian(0.01), [TotalRelaxation(0.1, 2e-6, grown=False)]),
+        ),
+        ("ucm(0.1, relaxation_time=2e-6)", UpperConvectedMaxwell(0.1, 2e-6)),
+        ("maxwell(0.1, 2e-6) + nhkv(1e3, 0.01) + ucm(0.2, 1e-5)", ARMS),
+    ],
+)
+def test_what_is_read(text, material):
+    assert parse(text) == material
+    assert repr(parse(text)) == repr(material)  # also 40 as 40.0
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_by_position_and_by_name(name):
+    law, takes = LAWS[name], signature(LAWS[name]).parameters
+    values = [1.5 - 0.25 * k for k in range(len(takes))]
+    given = {
+        key: (value, 2 * value) if "tuple" in str(parameter.annotation) else value
+        for value, (key, parameter) in zip(values, takes.items(), strict=True)
+    }
+    expected = law(**given)
+    assert isinstance(expected, Material)
+    assert parse(f"{name}({', '.join(map(str, given.values()))})") == expected
+    assert parse(f"{name}({', '.join(f'{key}={value}' for key, value in given.items())})") == expected
+    assert {key: getattr(expected, key) for key in given} == given
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_is_described(name):
+    takes = signature(LAWS[name]).parameters
+    assert takes.keys() <= PARAMETERS.keys()
+    assert usage(name).startswith(f"{name}(")
+    assert all(f"{key} [" in usage(name) for key in takes)
+    assert summary(name).endswith(".")
+    assert not summary(name).startswith(f"{LAWS[name].__name__}(")  # which Python writes where there is no docstring
+
+
+def test_units_and_defaults_are_shown():
+    assert usage("gent") == "gent(shear_modulus [Pa], limit [-])"
+    assert usage("yeoh") == "yeoh(C1 [Pa], C2 [Pa] = 0, C3 [Pa] = 0)"
+    assert usage("ogden") == "ogden(moduli [(Pa, ...)], exponents [(-, ...)])"
+
+
+def test_no_law_is_forgotten():
+    """All but the two that hold a Python function, the one that holds others, the arm that takes the elastic part of
+    its material along, and a base; parameters have units."""
+    unnamed = {StrainEnergy, Viscosity, Viscoelastic, TotalRelaxation, Arm}
+    here = {
+        law
+        for module in (elastic, viscous, memory, materials)
+        for law in vars(module).values()
+        if is_dataclass(law) and law.__module__ == module.__name__
+    }
+    assert {law for law in here if law.__name__[0] != "_"} - unnamed == set(LAWS.values())
+    assert {field.name for law in LAWS.values() for field in fields(law)} <= PARAMETERS.keys()
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "named"),
+    [
+        ("", "laws.empty", EXAMPLE),
+        ("  ", "laws.empty", EXAMPLE),
+        ("glass(1)", "laws.unknown", "'glass'; known: linear, neo-hookean, "),
+        ("gnet(1, 2)", "laws.unknown", "gent?"),
+        ("Carreau-Yasuda(1, 1, 1, 1)", "laws.unknown", "carreau-yasuda?"),
+        ("gent", "laws.parameters", "gent(shear_modulus [Pa], limit [-])"),
+        ("gent()", "laws.parameters", "'shear_modulus'"),
+        ("gent(2e3)", "laws.parameters", "'limit'; it reads gent(shear_modulus [Pa], limit [-])"),
+        ("gent(2e3, 40, 1)", "laws.parameters", "gent("),
+        ("gent(2e3, 40, stiffening=1)", "laws.parameters", "'stiffening'"),
+        ("neo-hookean(2e3, stiffening=1)", "laws.parameters", "'stiffening'"),
+        ("gent(2e3, 40, limit=40)", "laws.parameters", "'limit'"),
+        ("gent(2e3, limit=40, limit=50)", "laws.parameters", "gent("),
+        ("gent(2e3, **{'limit': 40})", "laws.parameters", "'limit'"),
+        ("gent(*(2e3, 40), 40)", "laws.number", "*(2000.0, 40)"),
+        ("gent(2e3, soft)", "laws.number", "gent: limit"),
+        ("gent(2e3, '40')", "laws.number", "'40'"),
+        ("gent(2e3, True)", "laws.number", "True"),
+        ("gent(2e3, (40,))", "laws.number", "(40,)"),
+        ("gent(2e3, 40j)", "laws.number", "40j"),
+        ("gent(2e3, 4*10)", "laws.number", "4 * 10"),
+        ("gent(2e3, __import__('os').getpid())", "laws.number", "__import__('os').getpid()"),
+        ("gent(1" + 400 * "0" + ", 40)", "laws.number", "shear_modulus"),
+        ("ogden((2e3, 'a'), (2, 2))", "laws.number", "ogden: moduli"),
+        ("ogden((2e3, (1,)), (2, 2))", "laws.number", "ogden: moduli"),
+        ("ogden((2e3, 1), 2)", "physics.terms", "ogden"),
+        ("gent(-1, 40)", "physics.shear_modulus", "-1.0"),
+        ("gent(2e3, 40", "laws.syntax", "'gent(2e3, 40'"),
+        ("gent(2e3, 40))", "laws.syntax", "')'"),
+        ("gent(2e3, 40) +", "laws.syntax", EXAMPLE),
+        ("gent(2e3 Pa, 40)", "laws.syntax", EXAMPLE),
+        ("gent(2e3, 40)\0", "laws.syntax", EXAMPLE),
+        ("2 * gent(2e3, 40)", "laws.no_law", "'2 * gent(2000.0, 40)'"),
+        ("gent(2e3, 40) - newtonian(1)", "laws.no_law", EXAMPLE),
+        ("gent(2e3, 40)(1)", "laws.no_law", EXAMPLE),
+        ("os.getpid()", "laws.no_law", "'os.getpid()'"),
+        ("gent(2e3, 40) + linear(2)", "laws.elastic_twice", "gent and linear"),
+        ("newtonian(1) + cross(1, 1, 1)", "laws.viscous_twice", "newtonian and cross"),
+        ("nhkv(1, 1) + newtonian(1)", "laws.viscous_twice", "nhkv and newtonian"),
+        ("gent(1, 1) + newtonian(1) + qkv(1, 1, 1)", "laws.elastic_twice", "gent and qkv"),
+    ],
+)
+def test_every_mistake_is_named(text, code, named):
+    with pytest.raises(InputError) as error:
+        parse(text)
+    assert error.value.code == code
+    assert named in str(error.value)

@@ -1,0 +1,208 @@
+"""The solver's parts: Jacobian, tableau, a second implementation, statuses. What is known exactly: test_limits.py."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cavirheo.errors import InputError, SolverError
+from cavirheo.physics import simulate as forward
+from cavirheo.physics import solver
+from cavirheo.physics.accuracy import DEFAULT, PRECISE, Accuracy
+from cavirheo.physics.bubble import ACCOMMODATION, MOTIONS, Bubble
+from cavirheo.physics.driving import Pulse
+from cavirheo.physics.elastic import Fung, Gent, NeoHookean, Quadratic
+from cavirheo.physics.grid import NO_SHELLS, wall_clustered
+from cavirheo.physics.materials import NeoHookeanKelvinVoigt, QuadraticKelvinVoigt, Viscoelastic
+from cavirheo.physics.media import WATER, Medium, medium
+from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
+from cavirheo.physics.scales import dimensionless
+from cavirheo.physics.simulate import simulate, simulate_many
+from cavirheo.physics.tableau import RODAS5P
+from cavirheo.physics.viscous import CarreauYasuda, HerschelBulkley, Newtonian
+from validation.field_standard import neo_hookean, newtonian
+from validation.field_standard import solve as solve_by_field_standard
+
+GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
+TIME = np.linspace(0, 100e-6, 101)
+
+
+def test_second_implementation():
+    """Mole fractions on finite volumes give what mass fractions on finite differences give."""
+    numbers = dimensionless(GEL, WATER, 150e-6, 5.0)
+    t_star = np.linspace(0, 1.1, 40)  # through the collapse to 0.11 R_max
+    s = np.linspace(0, 1, 100)
+    y = np.tanh(4.0 * s) / np.tanh(4.0)
+    t_c = WATER.time_scale(150e-6)
+    iCa, iRe = GEL.shear_modulus / WATER.pressure, GEL.viscosity / (WATER.pressure * t_c)
+    theirs = solve_by_field_standard(numbers, y, t_star, 1e-6, neo_hookean(iCa), newtonian(iRe))
+    ours = simulate(GEL, max_radius=150e-6, stretch=5.0, time=t_star * t_c).radius / 150e-6
+    assert np.max(np.abs(ours - theirs)) < 3e-4
+
+
+ARMS = Viscoelastic(NeoHookean(4e4), Newtonian(0.1), [UpperConvectedMaxwell(0.3, 2e-6), Maxwell(0.1, 4e-5)])
+GELS = [
+    NeoHookeanKelvinVoigt(4e4, 0.1),
+    QuadraticKelvinVoigt(4e4, 0.1, 0.7),
+    Viscoelastic(Gent(4e4, 6.0), Newtonian(0.1)),
+    Viscoelastic(Fung(2e4, 1.5), CarreauYasuda(3.0, 0.01, 1e-5, 0.3)),
+    HerschelBulkley(500.0, 2.0, 0.5),
+    ARMS,
+    Viscoelastic(Quadratic(4e4, 0.7), Newtonian(0.1), [TotalRelaxation(0.3, 2e-6), Maxwell(0.1, 4e-5)]),
+]
+PULSE = Pulse(-3e6, 1e5, 2e-6)
+WAYS = [dict(bubble=Bubble(motion=motion), driving=PULSE) for motion in MOTIONS]
+WAYS += [
+    dict(bubble=Bubble(exponent=1.4)),
+    dict(bubble=Bubble("kinetic", ACCOMMODATION)),
+    dict(bubble=Bubble("kinetic", 0.003, confinement_inertia=0.4)),
+    dict(bubble=Bubble("kinetic", ACCOMMODATION, confinement_inertia=-0.2, motion="gilmore"), driving=PULSE),
+]
+
+
+@pytest.mark.parametrize(("material", "way"), [(g, {}) for g in GELS] + [(ARMS, way) for way in WAYS], ids=str)
+@pytest.mark.parametrize("velocity", [-1.3, 0.2])
+def test_analytic_jacobian(material, way, velocity):
+    """The factors solve with the numerical derivative of the right-hand side, also by time."""
+    rng = np.random.default_rng(3)
+    numbers = dimensionless(material, WATER, 120e-6, 4.0, **way)
+    grid = NO_SHELLS if numbers.polytropic else wall_clustered(24, 1e-3)
+    M, R, p, t = grid.centre.size, 0.4, 2.0, 0.1
+    moles = p * R**3 / (1 + 2 * (1 - grid.centre**3))
+    memory = np.array([1.3, 5.2, -0.4])[: len(numbers.memory)]
+    y = np.concatenate([moles, moles * (0.5 + 0.4 * grid.centre), [R, velocity, (p - numbers.base) * R**3], memory])
+
+    def f(state, t=t):
+        out, work = np.empty(y.size), [np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)]
+        return out, *solver.derivatives(t, state, numbers, grid, *work, out)
+
+    _, p_dot, z = f(y)
+    jacobian = np.empty((y.size, y.size))
+    for j in range(y.size):
+        step = np.zeros(y.size)
+        step[j] = 1e-6 * max(abs(y[j]), 1e-3)
+        jacobian[:, j] = (f(y + step)[0] - f(y - step)[0]) / (2 * step[j])
+    factors = np.zeros((9, M)), np.zeros((6, M)), np.zeros((memory.size, 4)), np.zeros((5, 5)), np.zeros(5, np.int64)
+    if M > 0:
+        work = np.zeros((5, M)), np.zeros((7, M + 1))
+        solver.eliminate(y, numbers, grid, p_dot, z, 50.0, *work, *factors[:2])
+    couplings = solver.factorise(t, y, numbers, grid, p_dot, z, 50.0, *factors)
+    u = rng.normal(size=y.size)
+    r = 50.0 * u - jacobian @ u
+    solver.back_substitute(r, M, *factors, couplings, np.zeros(5))
+    assert np.max(np.abs(r - u)) < 1e-5
+    by_time = (f(y, t + 1e-6)[0] - f(y, t - 1e-6)[0]) / 2e-6
+    assert by_time[2 * M + 1] == pytest.approx(couplings[0], rel=1e-6, abs=1e-8)
+    assert ("driving" in way) == (abs(couplings[0]) > 1e-2)
+
+
+def test_the_batch_does_not_depend_on_workers():
+    rng = np.random.default_rng(0)
+    gels = [
+        NeoHookeanKelvinVoigt(10**a, 10**b) for a, b in zip(rng.uniform(2, 6, 6), rng.uniform(-3, 0, 6), strict=True)
+    ]
+    one = simulate_many(gels, max_radius=2e-4, stretch=np.linspace(2, 9, 6), time=TIME, workers=1)
+    two = simulate_many(gels, max_radius=2e-4, stretch=np.linspace(2, 9, 6), time=TIME, workers=2)
+    assert all(np.array_equal(a.radius, b.radius) for a, b in zip(one, two, strict=True))
+
+
+def test_a_failed_solve_says_so(monkeypatch):
+    monkeypatch.setattr(forward, "MAX_STEPS", 20)
+    with pytest.raises(SolverError, match="20 steps"):
+        simulate(GEL, max_radius=2e-4, stretch=8.0, time=TIME)
+    run = simulate(GEL, max_radius=2e-4, stretch=8.0, time=TIME, throw=False)
+    assert not run.ok
+    assert "20 steps" in run.status
+    assert np.isnan(run.radius[-1])
+    assert np.isfinite(run.radius[0])
+
+
+def test_what_a_simulation_carries():
+    """Stress, strain and rate at the wall are those of the laws; the contents are consistent with the pressure."""
+    run = simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, fields=True)
+    assert run.equilibrium_radius == pytest.approx(30e-6)
+    assert run.strain == pytest.approx(np.log(run.radius / 30e-6))
+    assert run.strain_rate == pytest.approx(run.velocity / run.radius)
+    stress = GEL.elastic.stress(run.radius / 30e-6) + GEL.viscous.stress(run.strain_rate)
+    assert run.stress == pytest.approx(stress, rel=1e-9, abs=1e-6)
+    inside = run.contents
+    y, M = inside.position, 152
+    assert inside.temperature.shape == inside.vapour.shape == (101, M + 1)
+    assert np.all(np.diff(y) > 0)
+    assert y[-1] == 1
+    assert np.all(inside.temperature[:, -1] == WATER.temperature)
+    saturated = 1 / (1 + 462 / 287 * (run.pressure / WATER.vapour_pressure - 1))  # Dalton at the wall, docs 3.1
+    assert inside.vapour[:, -1] == pytest.approx(saturated, rel=1e-12)
+    assert inside.temperature.max() > 1000
+    # ideal gas: moles of gas, the integral of p (1-k)/(R_m T) over the volume, do not change
+    k, T = inside.vapour[:, :-1], inside.temperature[:, :-1]
+    mean = k * 462 + (1 - k) * 287
+    shells = 3 / wall_clustered(M).inverse_volume
+    gas = (run.pressure * run.radius**3) * ((1 - k) / (mean * T) @ shells)
+    assert gas == pytest.approx(gas[0], rel=2e-4)  # interpolated between steps
+    assert simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME).contents is None
+
+
+def test_precise_is_more_accurate():
+    settings = dict(max_radius=200e-6, stretch=8.0, time=TIME)
+    truth, *radii = (simulate(GEL, accuracy=a, **settings).radius for a in (Accuracy(1024, 1e-8), DEFAULT, PRECISE))
+    default, precise = (np.abs(radius - truth).max() for radius in radii)
+    assert precise < 0.35 * default
+    assert precise / 200e-6 < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (dict(max_radius=-1e-4), "max_radius"),
+        (dict(stretch=0.5), "stretch"),
+        (dict(time=[0, 2e-6, 1e-6]), "times_descend"),
+        (dict(time=[]), "times"),
+        (dict(time=[0, np.nan]), "times"),
+        (dict(bubble=Bubble(exponent=1.4), fields=True), "no_fields"),
+        (dict(bubble=Bubble(motion="gilmore"), medium=Medium(sound_speed=np.inf)), "sound_speed"),
+    ],
+)
+def test_bad_parameters(change, code):
+    with pytest.raises(InputError) as error:
+        simulate(GEL, **{"max_radius": 1e-4, "stretch": 5.0, "time": TIME, **change})
+    assert error.value.code == f"physics.{code}"
+
+
+@pytest.mark.parametrize(
+    ("make", "code"),
+    [
+        (lambda: Accuracy(relative_error=0.5), "relative_error"),
+        (lambda: Accuracy(4), "cells"),
+        (lambda: Bubble(exponent=0.0), "exponent"),
+        (lambda: Bubble(motion="rayleigh"), "motion"),
+        (lambda: Newtonian(-0.1), "viscosity"),
+        (lambda: replace(WATER, temperature=400.0), "boiling"),
+        (lambda: replace(WATER, density=0.0), "density"),
+        (lambda: replace(WATER, surface_tension=-0.1), "surface_tension"),
+        (lambda: medium("honey"), "unknown_medium"),
+        (lambda: simulate_many([GEL, GEL], max_radius=[1e-4] * 3, stretch=5.0, time=TIME), "shapes"),
+    ],
+)
+def test_bad_materials_and_media(make, code):
+    with pytest.raises(InputError) as error:
+        make()
+    assert error.value.code == f"physics.{code}"
+
+
+def test_tableau_is_of_order_five():
+    """Classical order on y' = -y^2, whose solution is 1/(1 + t)."""
+
+    def error(n):
+        y, h = 1.0, 1.0 / n
+        for _ in range(n):
+            W, u = 1 / (h * RODAS5P.gamma) + 2 * y, np.zeros(8)
+            for s in range(8):
+                stage = y + RODAS5P.A[s, :s] @ u[:s]
+                u[s] = (-(stage**2) + RODAS5P.C[s, :s] @ u[:s] / h) / W
+            y += RODAS5P.A[7, :7] @ u[:7] + u[7]
+        return abs(y - 0.5)
+
+    assert np.log2(error(8) / error(16)) > 4.7

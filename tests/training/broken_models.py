@@ -1,0 +1,346 @@
+"""Models of strangers, each wrong in one way, with a card whose sha256 fits: `BROKEN[name](folder)` is their path.
+
+Where it is the file that is wrong, it is made of `graph`; where it is the card, of `card`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+from cavirheo.prior import Prior
+from cavirheo.problem import FrameGrid, TrainingProblem
+
+FRAMES = 20
+PRIOR = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
+OUTPUTS = list(PRIOR)[:2]
+BROKEN: dict[str, Callable[[Path], Path]] = {}
+FLOAT, INT, TEXT = TensorProto.FLOAT, TensorProto.INT64, TensorProto.STRING
+
+
+def numbers(name: str, values: Any, kind: Any = np.float32) -> onnx.TensorProto:
+    return numpy_helper.from_array(np.asarray(values, dtype=kind), name)
+
+
+def node(kind: str, inputs: str, outputs: str, **attributes: Any) -> onnx.NodeProto:
+    return helper.make_node(kind, inputs.split(), outputs.split(), **attributes)
+
+
+def graph(
+    nodes: Any = (),
+    tensors: Any = (),
+    *,
+    inputs: Any = None,
+    outputs: Any = None,
+    before: Any = (),
+    last: str = "linear",
+    opset: int = 18,
+    **settings: Any,
+) -> onnx.ModelProto:
+    """theta = radius @ weight + bias, which is `linear`; then `nodes`, the result of which is named by `last`."""
+    weight = numbers("weight", 0.1 * np.ones((FRAMES, 2)))
+    linear = [node("MatMul", "radius weight", "product"), node("Add", "product bias", "linear")]
+    end = [] if last == "theta" else [node("Identity", last, "theta")]
+    inputs = inputs or [helper.make_tensor_value_info("radius", FLOAT, ["batch", FRAMES])]
+    outputs = outputs or [helper.make_tensor_value_info("theta", FLOAT, ["batch", 2])]
+    bias = numbers("bias", [3.5, -2.5])
+    made = helper.make_graph([*before, *linear, *nodes, *end], "g", inputs, outputs, [weight, bias, *tensors])
+    settings = {"opset_imports": [helper.make_opsetid("", opset)], "ir_version": 10} | settings
+    return helper.make_model(made, **settings)
+
+
+def card(content: bytes, **changed: Any) -> dict[str, Any]:
+    problem = TrainingProblem("nhkv", Prior.uniform(PRIOR), grid=FrameGrid(frames=FRAMES))
+    score = dict.fromkeys(("r2", "r2_natural", "median_absolute_error", "p90_absolute_error", "rmse", "bias"), 0.1)
+    made = {
+        "schema": 1, "name": "model", "kind": "point", "material": "nhkv", "problem_id": problem.id,
+        "problem": problem.to_dict(),
+        "input": {"name": "radius", "shape": ["batch", FRAMES], "dtype": "float32", "meaning": "R/R_max"},
+        "outputs": [
+            {"name": OUTPUTS[0], "unit": "Pa", "scale": "log10"}, {"name": OUTPUTS[1], "unit": "Pa s", "scale": "log10"}
+        ],
+        "network": {"parameters": 42}, "training": {"epochs": 1, "seed": 1, "best_epoch": 1},
+        "history": {"train": [1.0], "validation": [1.0]},
+        "data": {"n": 100, "seed": 1, "sha256": 64 * "0", "failures": {}, "train": 80, "validation": 10, "test": 10},
+        "metrics": {name: score | {"median_relative_error": 0.1} for name in OUTPUTS},
+        "onnx": {"sha256": hashlib.sha256(content).hexdigest(), "opset": 18}, "license": "MIT", "date": "2026-01-02",
+    }  # fmt: skip
+    return made | changed
+
+
+def put(folder: Path, model: onnx.ModelProto | bytes, about: Any = None) -> Path:
+    """The path of model.onnx, with its card (text, bytes or an object; by default a right one)."""
+    content = model if isinstance(model, bytes) else model.SerializeToString()
+    path = folder / "model.onnx"
+    path.write_bytes(content)
+    about = card(content) if about is None else about
+    if not isinstance(about, bytes):
+        about = (about if isinstance(about, str) else json.dumps(about)).encode()
+    path.with_suffix(".json").write_bytes(about)
+    return path
+
+
+def sound(folder: Path) -> Path:
+    """What all others are made of; it is right."""
+    return put(folder, graph())
+
+
+def models(**made: Callable[[], onnx.ModelProto | bytes]) -> None:
+    for name, make in made.items():
+        BROKEN[name] = lambda folder, make=make: put(folder, make())
+
+
+def cards(**made: Callable[[dict[str, Any]], Any]) -> None:
+    """A right file, and what becomes of its card."""
+    for name, change in made.items():
+
+        def write(folder: Path, change: Callable[[dict[str, Any]], Any] = change) -> Path:
+            content = graph().SerializeToString()
+            about = card(content)
+            changed = change(about)
+            return put(folder, content, about if changed is None else changed)
+
+        BROKEN[name] = write
+
+
+def changed(**new: Any) -> Callable[[dict[str, Any]], Any]:
+    return lambda about: about | new
+
+
+def of_problem(**new: Any) -> Callable[[dict[str, Any]], Any]:
+    return lambda about: about | {"problem": about["problem"] | new}
+
+
+def field(number: int, kind: int, content: bytes) -> bytes:
+    """A field of a protobuf message."""
+    return varint(number << 3 | kind) + (varint(len(content)) if kind == 2 else b"") + content
+
+
+def varint(value: int) -> bytes:
+    out = b""
+    while value > 127:
+        out, value = out + bytes([value & 127 | 128]), value >> 7
+    return out + bytes([value])
+
+
+# the file is no model
+
+
+def truncated() -> bytes:
+    return graph().SerializeToString()[:-40]
+
+
+def with_a_length_beyond_the_end() -> bytes:
+    return graph().SerializeToString() + varint(7 << 3 | 2) + varint(1 << 62)
+
+
+models(
+    empty=lambda: b"",
+    truncated=truncated,
+    with_a_length_beyond_the_end=with_a_length_beyond_the_end,
+)
+
+# its operators
+
+
+def with_a_loop() -> onnx.ModelProto:
+    """A counter to 2^62."""
+    kinds = [helper.make_tensor_value_info(name, kind, shape) for name, kind, shape in
+             (("i", INT, []), ("go", TensorProto.BOOL, []), ("x", FLOAT, ["batch", 2]))]  # fmt: skip
+    ends = [helper.make_tensor_value_info("go2", TensorProto.BOOL, []),
+            helper.make_tensor_value_info("x2", FLOAT, ["batch", 2])]  # fmt: skip
+    body = helper.make_graph([node("Identity", "go", "go2"), node("Identity", "x", "x2")], "body", kinds, ends)
+    tensors = [numbers("most", 1 << 62, np.int64), numbers("yes", True, bool)]
+    return graph([node("Loop", "most yes linear", "out", body=body)], tensors, last="out")
+
+
+def nested(depth: int) -> onnx.ModelProto:
+    """An If within an If within ..."""
+    inner = b""
+    for _ in range(depth):
+        attribute = field(1, 2, b"then_branch") + field(20, 0, varint(5)) + field(6, 2, inner)
+        inner = field(1, 2, field(4, 2, b"If") + field(5, 2, attribute))
+    return onnx.load_from_string(graph().SerializeToString()) if not depth else inner  # type: ignore[return-value]
+
+
+def with_a_function() -> onnx.ModelProto:
+    opsets = [helper.make_opsetid("", 18), helper.make_opsetid("own", 1)]
+    own = helper.make_function("own", "Twice", ["x"], ["y"], [node("Add", "x x", "y")], opsets[:1])
+    return graph([node("Twice", "linear", "out", domain="own")], last="out", opset_imports=opsets, functions=[own])
+
+
+def with_external_data() -> onnx.ModelProto:
+    model = graph()
+    tensor = model.graph.initializer[0]
+    tensor.ClearField("raw_data")
+    tensor.data_location = TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="../../../../etc/passwd")
+    return model
+
+
+def with_external_data_in_a_constant() -> onnx.ModelProto:
+    tensor = numbers("value", np.zeros(2))
+    tensor.ClearField("raw_data")
+    tensor.data_location = TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="/dev/zero")
+    made = node("Constant", "", "zero", value=tensor)
+    made.ClearField("input")
+    return graph([made, node("Add", "linear zero", "out")], last="out")
+
+
+def of_operator(kind: str, inputs: str = "linear", tensors: Any = (), **settings: Any) -> Callable[[], Any]:
+    return lambda: graph([node(kind, inputs, "out", **settings)], tensors, last="out")
+
+
+models(
+    with_a_loop=with_a_loop,
+    nested_deeply=lambda: field(7, 2, nested(3000)),  # type: ignore[arg-type]
+    with_a_function=with_a_function,
+    with_external_data=with_external_data,
+    with_external_data_in_a_constant=with_external_data_in_a_constant,
+    with_an_operator_of_its_own=of_operator("Pwn", domain="com.evil"),
+    with_an_operator_of_microsoft=of_operator("Gelu", domain="com.microsoft"),
+    with_random_numbers=of_operator("RandomNormalLike"),
+    with_a_ring=lambda: graph([node("Add", "linear b", "a"), node("Identity", "a", "b")], last="b"),
+    of_opset_999=lambda: graph(opset=999),
+)  # fmt: skip
+
+# its sizes
+
+
+def expanded(kind: str, *inputs: str) -> Callable[[], onnx.ModelProto]:
+    """Grows to a terabyte, or to one for each step, and comes back as the sum."""
+    huge = numbers("huge", [40_000_000, 10_000], np.int64)
+    grown = node(kind, " ".join(inputs), "grown")
+    total = node("ReduceSum", "grown", "total", keepdims=1)
+    both = [numbers("ones", [1, 1], np.int64), numbers("start", 0.0), numbers("end", 1e12), numbers("step", 1.0)]
+    return lambda: graph([grown, total, node("Add", "linear total", "out")], [huge, *both], last="out")
+
+
+def shaped_by_values() -> onnx.ModelProto:
+    """A shape that is read off the curve: small on one, enormous on the next."""
+    nodes = [
+        node("ReduceMax", "radius", "most", keepdims=0), node("Mul", "most scale", "size"),
+        node("Cast", "size", "count", to=INT), node("Unsqueeze", "count zero", "shape"),
+        node("ConstantOfShape", "shape", "grown"), node("ReduceSum", "grown", "total", keepdims=0),
+        node("Add", "linear total", "out"),
+    ]  # fmt: skip
+    return graph(nodes, [numbers("scale", 10.0), numbers("zero", [0], np.int64)], last="out")
+
+
+def with_a_huge_tensor(kind: int = FLOAT, dims: Any = (1 << 40,), raw: bytes = b"") -> onnx.ModelProto:
+    tensor = onnx.TensorProto(name="huge", data_type=kind, dims=dims, raw_data=raw)
+    return graph([node("Add", "linear huge", "out")], [tensor], last="out")
+
+
+def slow() -> onnx.ModelProto:
+    """Ten thousand products of 1000 x 1000."""
+    tensors = [numbers("shape", [1000, 1000], np.int64), numbers("one", [[1.0]])]
+    nodes = [node("Expand", "one shape", "a"), node("Mul", "a scalar", "a0")]
+    nodes += [node("MatMul", f"a{k} a", f"a{k + 1}") for k in range(10_000)]
+    tensors.append(numbers("scalar", 0.0))
+    nodes += [node("ReduceSum", "a10000", "total", keepdims=0), node("Add", "linear total", "out")]
+    first = node("ReduceSum", "radius", "begin", keepdims=0)  # nothing of it is known before it runs
+    nodes[1] = node("Mul", "a begin", "a0")
+    return graph([first, *nodes], tensors, last="out")
+
+
+models(
+    ranged=expanded("Range", "start", "end", "step"),
+    expanded_to_a_terabyte=lambda: graph(
+        [node("Expand", "bias huge", "grown"), node("ReduceMax", "grown", "top", keepdims=0),
+         node("Add", "linear top", "out")],
+        [numbers("huge", [1 << 37, 2], np.int64)], last="out",
+    ),
+    shaped_by_values=shaped_by_values,
+    with_sizes_that_overflow=lambda: with_a_huge_tensor(dims=(1 << 32, 1 << 32), raw=b""),
+    with_a_tensor_cut_short=lambda: with_a_huge_tensor(dims=(2,), raw=bytes(4)),
+    slow=slow,
+)  # fmt: skip
+
+# its inputs and outputs
+
+
+def shown(name: str, kind: int, shape: Any) -> onnx.ValueInfoProto:
+    return helper.make_tensor_value_info(name, kind, shape)
+
+
+def of_weights(value: float) -> Callable[[], onnx.ModelProto]:
+    return lambda: graph([node("Mul", "linear bad", "out")], [numbers("bad", [value, 1.0])], last="out")
+
+
+def of_wrong_outputs(count: int) -> onnx.ModelProto:
+    ends = [shown("theta", FLOAT, ["batch", count])]
+    return graph([node("Concat", " ".join(["linear"] * 2), "out", axis=1)], last="out", outputs=ends)
+
+
+models(
+    with_two_inputs=lambda: graph(
+        [node("Add", "linear more", "out")], last="out",
+        inputs=[shown("radius", FLOAT, ["batch", FRAMES]), shown("more", FLOAT, ["batch", 2])],
+    ),
+    of_other_frames=lambda: graph(
+        before=[], inputs=[shown("radius", FLOAT, ["batch", FRAMES + 1])]),
+    of_four_outputs_that_claims_two=lambda: of_wrong_outputs(2),
+    of_text_answers=lambda: graph(
+        [node("Cast", "linear", "out", to=TEXT)], last="out", outputs=[shown("theta", TEXT, ["batch", 2])]),
+    of_nan_weights=of_weights(np.nan),
+    of_nan_for_some_curves=lambda: graph(
+        [node("ReduceMin", "radius", "least", keepdims=0), node("Sub", "least most", "gap"),
+         node("Log", "gap", "bad"), node("Add", "linear bad", "out")],
+        [numbers("most", 0.95)], last="out"),
+)  # fmt: skip
+
+# its card
+
+
+def of_output(**new: Any) -> Callable[[dict[str, Any]], Any]:
+    return lambda about: about | {"outputs": [about["outputs"][0] | new, about["outputs"][1]]}
+
+
+cards(
+    card_nested_deeply=lambda _: b"[" * 200_000,
+    card_of_20_mb=lambda about: json.dumps(about) + " " * 20_000_000,
+    card_of_another_file=changed(onnx={"sha256": 64 * "0", "opset": 18}),
+    card_of_one_output=changed(outputs=[{"name": "log10_viscosity", "unit": "Pa s", "scale": "log10"}]),
+    card_of_an_output_twice=of_output(name="log10_viscosity", unit="Pa s"),
+    card_of_a_later_schema=changed(schema=2),
+    card_of_the_problem_a_list=changed(problem=[]),
+    card_of_the_material_unknown=of_problem(material="honey"),
+    card_of_the_prior_infinite=of_problem(prior=PRIOR | {"log10_viscosity": [-3.0, 1e300]}),
+    card_of_many_frames=of_problem(camera={"frame_interval": 1e-6, "frames": 10**9}),
+    card_of_a_name_a_path=changed(name="../../../etc/passwd"),
+    card_of_a_name_that_rings=changed(name="\x1b[31mred\x07"),
+)
+
+# its files
+
+
+def with_file(name: str, change: Callable[[Path], object]) -> None:
+    def write(folder: Path) -> Path:
+        path = sound(folder)
+        change(path)
+        return path
+
+    BROKEN[name] = write
+
+
+def instead(make: Callable[[Path], object]) -> Callable[[Path], object]:
+    """Something else in the place of the file."""
+    return lambda path: (path.unlink(), make(path))
+
+
+with_file("without_a_card", lambda path: path.with_suffix(".json").unlink())
+with_file("a_folder", instead(Path.mkdir))
+with_file("a_pipe", instead(os.mkfifo))
+with_file("a_link_to_zeros", instead(lambda path: path.symlink_to("/dev/zero")))
+with_file("of_6_gb", lambda path: os.truncate(path, 6 << 30))
+BROKEN["with_a_name_of_300_letters"] = lambda folder: folder / ("x" * 300 + ".onnx")

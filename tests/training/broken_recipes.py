@@ -1,0 +1,103 @@
+"""Recipes that are wrong in one way each: `RECIPES[name]` is their content, and what the refusal must name."""
+
+from __future__ import annotations
+
+RIGHT = """
+[problem]
+material = "nhkv"
+frames = 20
+[prior]
+log10_shear_modulus = [3.0, 6.0]
+log10_viscosity = [-3.0, 0.0]
+stretch = [3.0, 11.0]
+[data]
+n = 100
+[network]
+width = 16
+[training]
+epochs = 4
+lr = 0.01
+[export]
+name = "tiny"
+"""
+
+
+def instead(old: str, new: str) -> bytes:
+    assert old in RIGHT
+    return RIGHT.replace(old, new, 1).encode()
+
+
+def problem(line: str) -> bytes:
+    return instead("frames = 20", line)
+
+
+def training(line: str) -> bytes:
+    return instead("epochs = 4", line)
+
+
+def network(line: str) -> bytes:
+    return instead("width = 16", line)
+
+
+def prior(line: str) -> bytes:
+    return instead("stretch = [3.0, 11.0]", line)
+
+
+RECIPES: dict[str, tuple[bytes, str]] = {
+    # no recipe
+    "empty": (b"", "problem"),
+    "random bytes": (bytes(range(128, 256)) * 10, "UTF-8"),
+    "UTF-16": (RIGHT.encode("utf-16"), "UTF-8"),
+    "nested deeply": (b"a = " + b"[" * 20_000, "TOML"),
+    "cut short": (RIGHT[:60].encode(), "TOML"),
+    "duplicate key": (training("epochs = 4\nepochs = 5"), "TOML"),
+    "a number of 10000 digits": (instead("n = 100", "n = " + "9" * 10_000), "TOML"),
+    # keys and tables
+    "unknown table": ((RIGHT + "[optimizer]\nlr = 1\n").encode(), "optimizer"),
+    "misspelt key": (training("epoch = 4"), "epochs?"),
+    "key in the wrong table": (instead("n = 100", "n = 100\nepochs = 5"), "data.epochs"),
+    "table as a value": (b"problem = 5\n" + RIGHT.replace("[problem]", "[a]").encode(), "problem"),
+    "key outside a table": (b"n = 5\n" + RIGHT.encode(), "n"),
+    "missing table": (instead("[export]\nname =", "name ="), "export"),
+    "missing n": (instead("n = 100", ""), "data.n"),
+    # values
+    "n negative": (instead("n = 100", "n = -1"), "data.n"),
+    "n half": (instead("n = 100", "n = 10.5"), "data.n"),
+    "n as text": (instead("n = 100", 'n = "100"'), "data.n"),
+    "seed beyond 64 bits": (instead("n = 100", f"n = 100\nseed = {1 << 70}"), "data.seed"),
+    "epochs zero": (training("epochs = 0"), "training.epochs"),
+    "epochs a trillion": (training("epochs = 1000000000000"), "training.epochs"),
+    "lr zero": (instead("lr = 0.01", "lr = 0"), "training.lr"),
+    "lr infinite": (instead("lr = 0.01", "lr = inf"), "training.lr"),
+    "lr with a unit": (instead("lr = 0.01", 'lr = "1e-3 per step"'), "training.lr"),
+    "schedule unknown": (training('schedule = "linear"'), "training.schedule"),
+    "dropout one": (network("dropout = 1.0"), "network.dropout"),
+    "width a billion": (network("width = 1000000000"), "network.width"),
+    "heads zero": (network("heads = 0"), "network.heads"),
+    "activation a module": (network('activation = "os"'), "network.activation"),
+    "outputs without a prior": (network('outputs = ["log10_density"]'), "log10_density"),
+    "outputs twice": (network('outputs = ["log10_viscosity", "log10_viscosity"]'), "log10_viscosity"),
+    "name a path": (instead('"tiny"', '"../../etc/cron.d/x"'), "export.name"),
+    "name with an escape": (instead('"tiny"', '"\\u001b[31mred"'), "export.name"),
+    "name of 300 letters": (instead('"tiny"', f'"{"x" * 300}"'), "export.name"),
+    # the problem
+    "law unknown": (instead('"nhkv"', '"honey"'), "honey"),
+    "frames a billion": (problem("frames = 1000000000"), "frames"),
+    "frame interval in words": (problem('frame_interval_us = "1 us"'), "frame_interval_us"),
+    "frame interval of an hour": (problem("frame_interval_us = 3.6e9"), "grid"),
+    "radius in m": (problem("reference_max_radius_um = 245e-6"), "reference_max_radius"),
+    "medium unknown": (problem('medium = "mercury"'), "mercury"),
+    "medium with an unknown constant": (problem("medium = {densty = 1000.0}"), "density?"),
+    "medium with a unit": (problem('medium = {density = "1000 kg/m3"}'), "density"),
+    "medium that boils": (problem("medium = {temperature = 400.0}"), "boil"),
+    # the prior
+    "prior upside down": (prior("stretch = [11.0, 3.0]"), "stretch"),
+    "prior of three numbers": (prior("stretch = [3.0, 7.0, 11.0]"), "stretch"),
+    "prior infinite": (prior("stretch = [3.0, inf]"), "stretch"),
+    "prior of a stretch below 1": (prior("stretch = [0.1, 11.0]"), "stretch"),
+    "prior of a negative modulus": (instead("log10_shear_modulus = [3.0, 6.0]", "shear_modulus = [-5, 1e4]"), "shear"),
+    "prior beyond all numbers": (instead("[-3.0, 0.0]", "[-3.0, 4000.0]"), "viscosity"),
+    "prior of another law": (prior("stretch = [3.0, 11.0]\nyield_stress = [1.0, 2.0]"), "yield_stress"),
+    "prior twice in two scales": (prior("stretch = [3.0, 11.0]\nviscosity = [0.1, 0.2]"), "viscosity"),
+    "prior with an escape": (prior('"\\u001b[31m" = [3.0, 11.0]'), "x1b"),
+}  # fmt: skip

@@ -1,0 +1,163 @@
+"""Training sets: the same bytes however they are made, nothing lost, nothing mixed."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cavirheo.errors import InputError
+from cavirheo.prior import Prior
+from cavirheo.problem import TrainingProblem
+from cavirheo.training import dataset
+from cavirheo.training.dataset import generate, load
+
+FAILED = "the step size went to zero at t = 30 us"
+
+
+@pytest.fixture
+def problem() -> TrainingProblem:
+    return TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """Small shards of instant curves, damped by the viscosity; the most violent quarter fails half way."""
+    calls = []
+
+    def simulate_many(self, theta, *, workers=None):
+        calls.append(len(theta))
+        curves = []
+        for log10_viscosity, stretch in theta:
+            damped = np.exp(-self.grid.time / 1e-4 * 10**log10_viscosity)
+            radius = self.reference_max_radius * damped
+            failed = stretch > 9.0
+            if failed:
+                radius[50:] = np.nan
+            curves.append(SimpleNamespace(radius=radius, status=FAILED if failed else "ok"))
+        return curves
+
+    monkeypatch.setattr(TrainingProblem, "simulate_many", simulate_many)
+    monkeypatch.setattr(dataset, "SHARD", 20)
+    monkeypatch.setattr(dataset, "CHUNK", 8)
+    return calls
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def test_failures_are_kept_and_counted(problem, fake, tmp_path):
+    made = generate(problem, 90, tmp_path, seed=3, progress=False)
+    data = load(tmp_path)
+    failed = data.theta[:, 1] > 9.0
+    assert 10 < failed.sum() < 40  # the test would prove nothing otherwise
+    assert made.failures == data.failures == {FAILED: failed.sum()}
+    assert made.curves == len(data.theta) == 90
+    np.testing.assert_array_equal(data.theta, problem.prior.sample(90, 3))
+    np.testing.assert_array_equal(data.ok, ~failed)
+    assert np.isnan(data.radius[failed, 50:]).all()
+    assert np.isfinite(data.radius[failed, :50]).all()
+    assert data.radius[0, 0] == 1.0
+    assert data.problem.id == problem.id
+
+
+def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(problem, monkeypatch, tmp_path):
+    broken = SimpleNamespace(radius=np.r_[np.inf, np.ones(99)], status="ok")
+    monkeypatch.setattr(TrainingProblem, "simulate_many", lambda self, theta, workers: [broken] * len(theta))
+    assert list(generate(problem, 3, tmp_path, progress=False).failures.values()) == [3]
+
+
+def test_same_bytes_for_any_partition(problem, fake, tmp_path):
+    generate(problem, 90, tmp_path / "one", seed=3, progress=False)
+    for part in (3, 1, 2):
+        generate(problem, 90, tmp_path / "three", seed=3, shard=(part, 3), progress=False)
+    assert files(tmp_path / "one") == files(tmp_path / "three")
+    assert len(files(tmp_path / "one")) == 5
+
+
+def test_same_bytes_for_any_number_of_workers(problem, monkeypatch, tmp_path):
+    """With the real solver."""
+    monkeypatch.setattr(dataset, "SHARD", 5)
+    for workers in (1, 2):
+        generate(problem, 8, tmp_path / str(workers), seed=3, workers=workers, progress=False)
+    assert files(tmp_path / "1") == files(tmp_path / "2")
+    assert load(tmp_path / "1").ok.all()
+
+
+def test_a_killed_run_goes_on_to_the_same_bytes(problem, fake, monkeypatch, tmp_path):
+    generate(problem, 90, tmp_path / "whole", seed=3, progress=False)
+    simulate = TrainingProblem.simulate_many
+    fake.clear()
+
+    def killed_in_the_third_file(self, theta, **options):
+        if len(fake) == 7:
+            raise KeyboardInterrupt
+        return simulate(self, theta, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(TrainingProblem, "simulate_many", killed_in_the_third_file)
+        with pytest.raises(KeyboardInterrupt):
+            generate(problem, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
+    (tmp_path / "cut" / ".shard-00002.h5.part.h5").write_bytes(b"half a file")
+    with pytest.raises(InputError, match="3 of 5 files") as caught:
+        load(tmp_path / "cut")
+    assert caught.value.code == "dataset.incomplete"
+    fake.clear()
+    made = generate(problem, 90, tmp_path / "cut", seed=3, progress=False)
+    assert (made.written, made.skipped, made.simulated, sum(fake)) == (3, 2, 50, 50)
+    assert files(tmp_path / "cut") == files(tmp_path / "whole")
+    assert made.failures == load(tmp_path / "whole").failures
+
+
+def test_other_settings_do_not_mix(problem, fake, tmp_path):
+    generate(problem, 30, tmp_path, seed=3, progress=False)
+    other = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 10.0]}))
+    before = files(tmp_path)
+    for what, settings in (("seed", (problem, 30, 4)), ("total", (problem, 31, 3)), ("problem", (other, 30, 3))):
+        wanted, n, seed = settings
+        with pytest.raises(InputError) as caught:
+            generate(wanted, n, tmp_path, seed=seed, progress=False)
+        assert caught.value.code == f"dataset.another_{what}"
+        assert files(tmp_path) == before
+
+
+def test_refuses_what_is_no_training_set(problem, tmp_path):
+    with pytest.raises(InputError) as caught:
+        load(tmp_path)
+    assert caught.value.code == "dataset.none"
+    with pytest.raises(InputError) as caught:
+        generate(problem, 30, tmp_path, shard=(0, 2), progress=False)
+    assert caught.value.code == "dataset.shard"
+    (tmp_path / "shard-00000.h5").write_text("not HDF5")
+    with pytest.raises(InputError) as caught:
+        load(tmp_path)
+    assert caught.value.code == "dataset.unreadable"
+
+
+def test_split_is_a_partition_that_no_parameter_decides(problem, fake, tmp_path):
+    generate(problem, 400, tmp_path, seed=3, progress=False)
+    data = load(tmp_path)
+    parts = data.split(seed=3)  # the seed of the data on purpose
+    together = np.sort(np.concatenate(list(parts.values())))
+    np.testing.assert_array_equal(together, np.flatnonzero(data.ok))
+    for name, share in (("train", 0.8), ("validation", 0.1), ("test", 0.1)):
+        assert abs(len(parts[name]) / len(together) - share) < 0.05, name
+    for indices in parts.values():
+        assert abs(data.theta[indices, 0].mean() + 2.0) < 5 * (4 / 12**0.5) / len(indices) ** 0.5
+    assert not np.array_equal(parts["test"], data.split(seed=4)["test"])
+    np.testing.assert_array_equal(parts["test"], data.split(seed=3)["test"])
+
+
+def test_a_set_is_surveyed_while_it_grows(problem, fake, tmp_path):
+    generate(problem, 90, tmp_path, seed=3, shard=(1, 2), progress=False)
+    half = dataset.survey(tmp_path)
+    assert (half.curves, half.total, half.files, half.lacking) == (50, 90, 3, 2)
+    generate(problem, 90, tmp_path, seed=3, progress=False)
+    whole = dataset.survey(tmp_path)
+    assert (whole.curves, whole.lacking, sum(whole.statuses.values())) == (90, 0, 90)
+    assert whole.statuses[FAILED] == load(tmp_path).failures[FAILED]
+    assert whole.size == sum(map(len, files(tmp_path).values()))
+    assert whole.sha256 != half.sha256
+    generate(problem, 90, tmp_path / "again", seed=3, workers=1, progress=False)
+    assert dataset.survey(tmp_path / "again").sha256 == whole.sha256

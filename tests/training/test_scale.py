@@ -1,0 +1,160 @@
+"""What a million curves and thousands of recordings need: rates, rows on the disk, answers read when they are needed,
+checksums, and nothing that is unpickled."""
+
+from __future__ import annotations
+
+import ast
+import os
+import pickle
+from functools import partial
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from answers import KnownAnalysis
+from conftest import ROOT
+
+from cavirheo import InputError
+from cavirheo.io import read_curves
+from cavirheo.parallel import Threads
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.prior import Prior
+from cavirheo.problem import TrainingProblem
+from cavirheo.training.dataset import generate, load, survey
+from cavirheo.training.shards import StoredRows, blocks, write_hdf5
+from cavirheo.workflow import analyse
+from cavirheo.workflow.analyse import Unfinished
+from cavirheo.workflow.store import keep, read_kept
+
+PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
+
+
+# --- how fast, and how long it will take ------------------------------------------------------------------------------
+
+
+# --- training sets ----------------------------------------------------------------------------------------------------
+
+
+def test_rows_on_the_disk_are_those_of_an_array(tmp_path, monkeypatch):
+    monkeypatch.setattr("cavirheo.training.shards.BLOCK", 4)
+    whole = np.random.default_rng(0).normal(size=(11, 3)).astype(np.float32)
+    rows = StoredRows(tmp_path, 3, np.float32)
+    for start in range(0, 11, 5):
+        rows.append(whole[start : start + 5])
+    assert len(rows) == 11
+    for index in (np.array([10, 0, 3, 3]), slice(2, 9), np.flatnonzero(whole[:, 0] > 0)):
+        found = rows[index]
+        assert type(found) is np.ndarray
+        assert found.flags.writeable
+        np.testing.assert_array_equal(found, whole[index])
+    np.testing.assert_array_equal(np.concatenate(list(blocks(rows))), whole)
+    assert not list(tmp_path.iterdir())  # it has no name, so nothing is left of a process that is killed
+
+
+def test_a_set_on_the_disk_is_the_set_in_memory(tmp_path):
+    generate(PROBLEM, 6, tmp_path / "set", seed=1, progress=False)
+    here, there = load(tmp_path / "set"), load(tmp_path / "set", tmp_path)
+    assert isinstance(there.radius, StoredRows)
+    assert here.sha256 == there.sha256
+    np.testing.assert_array_equal(here.radius, there.radius[:])
+    np.testing.assert_array_equal(here.theta, there.theta)
+
+
+def test_a_single_bit_that_changed_is_noticed(tmp_path):
+    generate(PROBLEM, 6, tmp_path, seed=1, progress=False)
+    (path,) = tmp_path.glob("*.h5")
+    with h5py.File(path) as file:
+        place = file["radius"].id.get_chunk_info(0).byte_offset
+    content = bytearray(path.read_bytes())
+    content[place + 5] ^= 1
+    path.write_bytes(content)
+    for read in (load, survey):
+        with pytest.raises(InputError, match="delete it and generate again") as caught:
+            read(tmp_path)
+        assert caught.value.code == "dataset.unreadable"
+
+
+# --- answers ----------------------------------------------------------------------------------------------------------
+
+
+def known(curve, begun=None, failing=()):
+    verdict = "failed" if curve.name in failing else "ok"
+    theta = np.full((3 if verdict == "ok" else 0, 1), curve.max_radius) + (begun.theta if begun else 0.0)
+    return Posterior(("stretch",), ("1",), theta, Checks(verdict), "nhkv", "verified")
+
+
+@pytest.mark.parametrize("executor", [None, Threads(2)])
+def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypatch, executor):
+    curves = read_curves(ROOT / "examples" / "soft_gel.csv")
+    analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
+    few = Unfinished(tmp_path / "few", shown=False, executor=executor).answers(curves, analysis)
+    monkeypatch.setattr(analyse, "HELD", 3)
+    kept = Unfinished(tmp_path / "many", shown=False, executor=executor)
+    many = kept.answers(curves, analysis)
+    assert many.indices == few.indices == list(range(len(curves)))
+    assert [i for i in many.indices if many[i] is many[i]] == [2]  # the failed one, which has no file
+    for mine, theirs in zip(many, few, strict=True):
+        np.testing.assert_array_equal(mine.theta, theirs.theta)
+    two = Unfinished(tmp_path / "two", shown=False, executor=executor)
+    begun = two.answers(curves, KnownAnalysis(of=known))
+    both = two.answers(curves, KnownAnalysis(of=known, seed=1), begun)
+    for curve, answer in zip(curves, both, strict=True):
+        np.testing.assert_array_equal(answer.theta, np.full((3, 1), 2.0 * curve.max_radius))
+    kept.remove()
+    with pytest.raises(InputError, match="finds it anew") as caught:
+        many[0]
+    assert caught.value.code == "unfinished.gone"
+
+
+# --- nothing is unpickled ---------------------------------------------------------------------------------------------
+
+
+class Trap:
+    """Whose pickle makes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def test_nothing_is_unpickled_from_a_kept_answer_or_a_training_set(tmp_path):
+    sprung = tmp_path / "sprung"
+    pickle.loads(pickle.dumps(Trap(sprung)))
+    assert sprung.is_dir()  # as it would be
+    sprung.rmdir()
+    answer = Posterior(("stretch",), ("1",), np.ones((3, 1)), Checks("ok"), "nhkv", "verified")
+    keep(tmp_path / "a.npz", answer)
+    with np.load(tmp_path / "a.npz") as file:
+        arrays = [file[name] for name in file.files]
+    trap = np.array([Trap(sprung)] * 3, dtype=object)
+    np.savez(tmp_path / "a.npz", arrays[0], trap, allow_pickle=True)
+    assert read_kept(tmp_path / "a.npz", Posterior) is None
+    generate(PROBLEM, 3, tmp_path / "set", seed=1, progress=False)
+    (path,) = (tmp_path / "set").glob("*.h5")
+    with h5py.File(path) as file:
+        head, radius = dict(file.attrs), {"data": file["radius"][:]}
+        status = {"data": file["status"][:], "dtype": h5py.string_dtype()}
+    theta = {"data": np.frombuffer(pickle.dumps(Trap(sprung)), np.uint8)}
+    write_hdf5(path, head, {"theta": theta, "radius": radius, "status": status})
+    with pytest.raises(InputError):
+        load(tmp_path / "set")
+    assert not sprung.exists()
+
+
+@pytest.mark.repository
+def test_only_what_this_machine_compiled_itself_is_unpickled():
+    """By our code; dask does so between driver and workers, which trust each other."""
+    unpickle = {"pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
+    found = set()
+    for path in (ROOT / "src").rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        names = {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
+        names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        words = [word for word in ast.walk(tree) if isinstance(word, ast.keyword) and word.arg == "allow_pickle"]
+        allowed = any(ast.unparse(word.value) != "False" for word in words)
+        found |= {path.name} if unpickle & {str(name).split(".")[0] for name in names} or allowed else set()
+        assert "torch.load" not in path.read_text(encoding="utf-8")
+    assert found == {"cache.py"}

@@ -1,0 +1,489 @@
+"""Training: it learns, it resumes exactly, and what is exported is what was trained."""
+
+import json
+import re
+import sys
+from dataclasses import asdict, replace
+from datetime import date
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import cavirheo
+from cavirheo.errors import InputError
+from cavirheo.inference.model import card as read_card
+from cavirheo.inference.model import load as load_network
+from cavirheo.inference.model import path_of, predict
+from cavirheo.prior import Prior
+from cavirheo.problem import FrameGrid, TrainingProblem
+from cavirheo.training import evaluate as judge
+from cavirheo.training import figures, robustness
+from cavirheo.training.dataset import generate, load
+from cavirheo.training.metrics import breakdown, metrics
+from cavirheo.training.recipe import Recipe, read_recipe
+from cavirheo.writing.document import Outputs
+
+CPU = {"device": "cpu", "threads": 1}
+RECIPES = sorted((ROOT / "recipes").glob("*.toml"))
+RECIPES = [path for path in RECIPES if path.stem != "posterior"]  # one of another kind
+TINY = """
+[problem]
+material = "nhkv"
+frames = 20
+[prior]
+log10_shear_modulus = [3.0, 6.0]
+log10_viscosity = [-3.0, 0.0]
+stretch = [3.0, 11.0]
+[data]
+n = 100
+[network]
+width = 16
+position = 8
+heads = 2
+feed_forward = 16
+layers = 1
+dropout = 0.1
+[training]
+epochs = 4
+lr = 0.01
+seed = 5
+[export]
+name = "tiny"
+"""
+
+
+@pytest.fixture
+def recipe(tmp_path) -> Recipe:
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    return read_recipe(path)
+
+
+@pytest.fixture
+def data(recipe, monkeypatch, tmp_path) -> Path:
+    """100 instant curves, damped by the viscosity and as fast as the modulus; two failures."""
+
+    def simulate_many(self, theta, *, workers=None):
+        phase = self.grid.time / self.grid.time[-1]
+        decay, speed = 0.5 * (theta[:, 1] + 3.0), 1.0 + (theta[:, 0] - 3.0)
+        shape = (1 + 0.5 * np.cos(np.outer(speed, 3.0 * phase))) / 1.5 * np.exp(-np.outer(decay, phase))
+        status = ["ok"] * len(theta)
+        if theta[0, 0] == self.prior.sample(1, 0)[0, 0]:
+            status[3] = status[7] = "failed"
+        return [
+            SimpleNamespace(radius=self.reference_max_radius * s, status=ok)
+            for s, ok in zip(shape, status, strict=True)
+        ]
+
+    monkeypatch.setattr(TrainingProblem, "simulate_many", simulate_many)
+    generate(recipe.problem, 100, tmp_path / "data", progress=False)
+    return tmp_path / "data"
+
+
+def changed(recipe: Recipe, **settings) -> Recipe:
+    return recipe.model_copy(update={"training": recipe.training.model_copy(update=settings)})
+
+
+def refused(code: str, call, *given, **settings) -> str:
+    """What an InputError with this code says."""
+    with pytest.raises(InputError) as caught:
+        call(*given, **settings)
+    assert caught.value.code == code
+    return str(caught.value)
+
+
+# recipes
+
+
+@pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
+def test_shipped_recipes(path):
+    recipe = read_recipe(path)
+    assert recipe.export.name == path.stem
+    assert recipe.problem.reference_max_radius == 245e-6
+    assert (recipe.training.batch, recipe.training.lr) == (32, 1e-3)
+    assert recipe.training.dropout_epochs < recipe.training.epochs  # else the answers are off scale by some per cent
+
+
+def test_the_paper_protocol():
+    by_name = {path.stem: read_recipe(path) for path in RECIPES}
+    full, viscous = by_name["bdt-viscoelastic"], by_name["bdt-viscous"]
+    steps = [0.8 * one.data.n / one.training.batch * one.training.epochs for one in (full, viscous)]
+    assert steps == [25_000, 39_000]
+    assert full.outputs == ("log10_shear_modulus", "log10_viscosity")
+    assert viscous.outputs == ("log10_viscosity",)
+    assert viscous.prior == {"log10_viscosity": (-4.0, 0.0), "stretch": (3.0, 11.0)}
+    assert by_name["laptop"].problem.id == full.problem.id
+    assert by_name["laptop"].data.n >= 3000
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "named"),
+    [
+        ("epochs = 4", "epoch = 4", "recipe.value", "training.epoch:"),
+        ("epochs = 4", "epochs = 0", "recipe.value", "training.epochs: .* got 0"),
+        ("n = 100", "", "recipe.value", "data.n:"),
+        ("lr = 0.01", 'schedule = "linear"', "recipe.value", "training.schedule: .*'constant' or 'cosine'.*'linear'"),
+        ('"nhkv"', '"honey"', "problem.material", "'honey'"),
+        ("frames = 20", "medium = {densty = 1000.0}", "recipe.medium", "densty"),
+        ("[network]", '[network]\noutputs = ["log10_density"]', "recipe.outputs", "log10_density"),
+        ("[3.0, 6.0]", "[6.0, 3.0]", "prior.range", "log10_shear_modulus"),
+        ("[data]", "[data", "recipe.syntax", "bad.toml"),
+    ],
+)
+def test_recipe_refuses_with_the_place_and_the_reason(tmp_path, old, new, code, named):
+    path = tmp_path / "bad.toml"
+    path.write_text(TINY.replace(old, new))
+    assert re.search(named, refused(code, read_recipe, path))
+
+
+def test_recipe_names_its_medium(tmp_path):
+    path = tmp_path / "medium.toml"
+    for given, density in (('"bu2026"', 1000.0), ("{density = 1010.0}", 1010.0), ('{name = "bu2026"}', 1000.0)):
+        path.write_text(TINY.replace("frames = 20", f"frames = 20\nmedium = {given}"))
+        assert read_recipe(path).problem.medium.density == density
+    path.write_text(TINY.replace("frames = 20", 'medium = "mercury"'))
+    with pytest.raises(InputError, match="'mercury'"):
+        read_recipe(path)
+
+
+# metrics
+
+
+def test_metrics_of_known_errors():
+    truth = np.column_stack([np.linspace(3, 6, 50), np.linspace(3, 11, 50)])
+    found = metrics(["log10_shear_modulus", "stretch"], truth, truth + np.array([0.1, 0.0]))
+    G, natural = found["log10_shear_modulus"], 10 ** truth[:, 0]
+    by_hand = {
+        "bias": 0.1, "rmse": 0.1, "median_absolute_error": 0.1, "median_relative_error": 10**0.1 - 1,
+        "r2": 1 - 0.01 / truth[:, 0].var(),
+        "r2_natural": 1 - np.mean((natural * (10**0.1 - 1)) ** 2) / natural.var(),
+    }  # fmt: skip
+    assert {name: G[name] for name in by_hand} == pytest.approx(by_hand)
+    assert found["stretch"]["r2"] == 1.0
+    far = metrics(["stretch"], np.arange(1.0, 12.0)[:, None], np.ones((11, 1)))["stretch"]
+    assert far["p90_absolute_error"] == pytest.approx(9.0)
+    refused("metrics.shape", metrics, ["stretch"], truth, truth)
+
+
+# evaluation
+
+
+def test_breakdown_finds_the_error_where_it_is():
+    prior = Prior.uniform({"log10_viscosity": (-3.0, 0.0), "stretch": (3.0, 11.0)})
+    theta = np.array([[-3.0, 3.0], [-2.9, 10.9], [-1.5, 4.0], [0.0, 11.0]])
+    error = np.array([[0.3], [-0.3], [0.1], [0.0]])
+    found = breakdown(["log10_viscosity"], prior, theta, error)["log10_viscosity"]
+    low, middle, high = found["by_parameter"]["log10_viscosity"]
+    assert (low["low"], low["high"], low["curves"], middle["curves"], high["curves"]) == (-3.0, -2.0, 2, 1, 1)
+    assert (low["rmse"], low["bias"], low["share"]) == pytest.approx((0.3, 0.0, 0.18 / 0.19))
+    stretch = found["by_parameter"]["stretch"]
+    assert [row["curves"] for row in stretch] == [2, 0, 0, 2]
+    assert (stretch[1]["rmse"], stretch[1]["bias"], stretch[1]["share"]) == (None, None, 0.0)
+    (pair,) = found["by_pair"]
+    assert (len(pair["rmse"]), len(pair["rmse"][0])) == (6, 4)
+    assert pair["rmse"][0][0] == pytest.approx(0.3)
+    assert np.sum(pair["curves"]) == 4
+    assert pair["rmse"][0][1] is None
+
+
+@pytest.fixture(scope="module")
+def filmed() -> tuple[TrainingProblem, np.ndarray]:
+    """The problem of the shipped model and the theta (4, 3) of curves with rebounds."""
+    problem = load_network("bdt-viscoelastic").problem
+    return problem, np.array([[4.0, -1.0, 7.0], [4.5, -1.5, 6.0], [5.0, -0.7, 5.0], [3.5, -1.2, 8.0]])
+
+
+def test_recordings_are_what_they_say(filmed):
+    problem, theta = filmed
+    everything = np.arange(len(theta))
+    R_max = problem.reference_max_radius
+    by_name = {}
+    for recording in robustness.RECORDINGS:
+        true = robustness.film(problem, theta, everything, recording)
+        curves = [robustness.degrade(*true[i], R_max, recording, i) for i in everything]
+        ((time, radius),) = robustness.film(problem, theta, everything[2:3], recording)
+        np.testing.assert_array_equal(time, true[2][0])  # what a curve suffers does not depend on the others
+        np.testing.assert_allclose(radius, true[2][1], rtol=1e-9)
+        by_name[recording.name] = true, curves
+    plain, noisy, noisier, half, double, late, gaps = by_name.values()
+    exact = problem.simulate_many(theta[:1])[0].radius
+    np.testing.assert_allclose(plain[1][0].radius[:100], exact, rtol=2e-3)
+    assert plain[1][0].max_radius == pytest.approx(R_max, rel=2e-3)
+    for (true, curves), sigma in ((noisy, 0.01), (noisier, 0.02)):
+        residual = np.concatenate([c.radius - r for c, (_, r) in zip(curves, true, strict=True)]) / R_max
+        assert np.nanstd(residual) == pytest.approx(sigma, rel=0.15)
+    for (_, curves), step in ((half, 2e-6), (double, 0.5e-6), (late, 1e-6)):
+        assert np.diff(curves[0].time) == pytest.approx(step)
+        assert curves[0].time[-1] > problem.grid.time[-1]
+    offsets = np.array([curve.time[0] for curve in late[1]])
+    assert np.ptp(offsets) > 0
+    assert np.abs(offsets).max() <= 0.5e-6
+    time = late[1][0].time[1:9]
+    np.testing.assert_allclose(late[1][0].radius[1:9], np.interp(time, problem.grid.time, exact), rtol=2e-3)
+    assert {int(np.isnan(curve.radius).sum()) for curve in gaps[1]} == {round(0.1 * len(gaps[1][0].time))}
+
+
+@pytest.mark.slow
+def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
+    problem, _ = filmed
+    generate(problem, 4, tmp_path / "data", workers=1, progress=False)
+    ways = (robustness.RECORDINGS[0], robustness.Recording("blind", missing=1.0))
+    monkeypatch.setattr(robustness, "RECORDINGS", ways)
+    monkeypatch.setattr(robustness, "ANSWERS", 3)
+    monkeypatch.setattr(figures, "draw", lambda *_: [])  # in other tests
+    found = judge.evaluate(path_of("bdt-viscoelastic"), tmp_path / "data", tmp_path / "out", robust=True)
+    seen, blind = found["robustness"]["rows"]
+    assert seen["recording"] == asdict(ways[0])
+    assert (seen["network"]["curves"], seen["network_same_curves"]["curves"], seen["answer"]["curves"]) == (4, 3, 3)
+    for name, score in seen["network"]["metrics"].items():  # the same curves, through the fit of R_max
+        assert score["rmse"] == pytest.approx(found["metrics"][name]["rmse"], abs=0.05)
+    assert seen["answer"]["metrics"]["log10_shear_modulus"]["rmse"] < 0.1
+    assert sum(seen["answer"]["verdicts"].values()) == 3
+    assert seen["answer_ok"]["curves"] == seen["answer"]["verdicts"].get("ok", 0)
+    assert blind["answer_ok"] == {"curves": 0, "failed": 0, "metrics": None}
+    assert blind["network"] == {"curves": 4, "failed": 4, "metrics": None}
+    assert blind["answer"] == {"curves": 3, "failed": 3, "metrics": None, "verdicts": {"failed": 3}}
+    text = (tmp_path / "out" / "evaluation.md").read_text(encoding="utf-8")
+    assert text == judge.markdown(json.loads((tmp_path / "out" / "metrics.json").read_text()))
+    assert "| blind " in text
+
+
+def test_figures(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib.figure")
+    prior = Prior.uniform({"log10_viscosity": (-4.0, 0.0), "stretch": (3.0, 11.0)})
+    theta, names = prior.sample(60, 1), ["log10_viscosity"]
+    truth, card = theta[:, :1], {"history": {"train": [2.0, 1.0], "validation": [1.5, 0.9]}}
+    unknown = {"recording": {"name": "blind"}, "network": {"metrics": None}, "answer": {"metrics": None}}
+    result = {
+        "metrics": metrics(names, truth, truth + 0.1),
+        "breakdown": breakdown(names, prior, theta, np.full(truth.shape, 0.1)),
+        "robustness": {"curves": 60, "answers": 0, "rows": [unknown]},
+    }
+    outputs = Outputs(tmp_path, "metrics.json")
+    given = result, truth, truth + 0.1
+    drawn = figures.draw(outputs, card | {"training": {"best_epoch": 2}}, *given)
+    assert drawn == [f"{name}.png" for name in ("loss", "predicted", "error", "error_map", "error_share", "robustness")]
+    assert min((tmp_path / name).stat().st_size for name in drawn) > 10_000
+    assert figures.draw(outputs, {}, *given) == drawn[1:]  # a card without a history
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    refused("figures.matplotlib", figures.draw, outputs, {}, *given)
+
+
+# network and training
+
+
+@pytest.mark.train
+class TestTorch:
+    @pytest.fixture(autouse=True)
+    def _torch(self):
+        self.torch = pytest.importorskip("torch")
+        pytest.importorskip("safetensors")
+
+    def test_the_network_of_the_paper(self):
+        from cavirheo.training.network import BubbleTransformer
+
+        size = read_recipe(next(path for path in RECIPES if path.stem == "bdt-viscoelastic")).network
+        network = BubbleTransformer(size, tokens=100, outputs=2)
+        layer = 4 * (64 * 64 + 64) + (64 * 128 + 128) + (128 * 64 + 64) + 2 * 128
+        branch = 2 * layer + (64 * 64 + 64) + (64 + 1)
+        shared = 100 * 64 + (65 * 64 + 64) + 128
+        assert sum(p.numel() for p in network.parameters()) == shared + 2 * branch
+        assert {m.eps for m in network.modules() if isinstance(m, self.torch.nn.LayerNorm)} == {1e-6}
+        assert {m.p for m in network.modules() if isinstance(m, self.torch.nn.Dropout)} == {0.1}
+        assert network(self.torch.rand(3, 100)).shape == (3, 2)
+
+    def test_branches_and_places_matter(self, recipe):
+        from cavirheo.training.network import BubbleTransformer
+
+        self.torch.manual_seed(0)
+        network = BubbleTransformer(recipe.network, tokens=20, outputs=2).eval()
+        radius = self.torch.rand(1, 20)
+        before = network(radius)
+        assert not self.torch.allclose(before, network(radius.flip(1)), atol=1e-4)
+        with self.torch.no_grad():
+            network.branches[1].output.bias += 1.0
+        difference = (network(radius) - before)[0].tolist()
+        assert difference == pytest.approx([0.0, 1.0], abs=1e-6)
+
+    def test_learns(self, recipe, data, tmp_path):
+        from cavirheo.training.train import train
+
+        result = train(changed(recipe, epochs=20), data, tmp_path / "run", **CPU)
+        lines = [json.loads(line) for line in (tmp_path / "run" / "history.jsonl").read_text().splitlines()]
+        assert [line["epoch"] for line in lines] == list(range(1, 21))
+        assert lines[-1]["train"] < 0.2 * lines[0]["train"]
+        assert min(line["validation"] for line in lines) == result["best_validation_loss"]
+        assert result["data"]["failures"] == {"failed": 2}
+        assert sum(result["data"][part] for part in ("train", "validation", "test")) == 98
+        test = np.load(tmp_path / "run" / "test.npz")
+        again = metrics(recipe.outputs, test["truth"], test["predicted"])
+        assert again == result["metrics"]
+        assert result["metrics"]["log10_shear_modulus"]["r2"] > 0.5
+        split = load(data).split(recipe.training.seed)
+        np.testing.assert_allclose(test["truth"], load(data).theta[split["test"]][:, :2], atol=1e-5)
+
+    @pytest.mark.parametrize("schedule", ["constant", "cosine"])
+    def test_resumes_to_the_same_weights(self, recipe, data, tmp_path, monkeypatch, schedule):
+        from cavirheo.training.loop import read_tensors
+        from cavirheo.training.point_training import PointTraining
+        from cavirheo.training.train import train
+
+        recipe = changed(recipe, schedule=schedule, warmup_steps=3)
+        whole = train(recipe, data, tmp_path / "whole", **CPU)
+        steps, loss_of = [], PointTraining.loss
+
+        def cut(training, step):
+            if step == 2 * training.every + 1:
+                raise KeyboardInterrupt
+            return loss_of(training, step)
+
+        monkeypatch.setattr(PointTraining, "loss", cut)
+        with pytest.raises(KeyboardInterrupt):
+            train(recipe, data, tmp_path / "cut", **CPU)
+        assert not (tmp_path / "cut" / "result.json").exists()
+        self.torch.manual_seed(99)  # whatever happened in between must not matter
+        monkeypatch.setattr(PointTraining, "loss", lambda run, step: steps.append(step) or loss_of(run, step))
+        resumed = train(recipe, data, tmp_path / "cut", **CPU)
+        resumed_steps = list(range(max(steps) // 2 + 1, max(steps) + 1))  # of the last two of four epochs
+        assert steps == resumed_steps
+        assert resumed["metrics"] == whole["metrics"]
+        for name in ("last.safetensors", "best.safetensors"):
+            ours, theirs = (read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
+            assert ours.keys() == theirs.keys()
+            assert all(self.torch.equal(ours[key], theirs[key]) for key in ours)
+        before = (tmp_path / "cut" / "result.json").read_bytes()
+        train(recipe, data, tmp_path / "cut", **CPU)
+        assert steps == resumed_steps  # a finished run is not trained, nor its test part looked at, again
+        assert (tmp_path / "cut" / "result.json").read_bytes() == before
+
+    def test_dropout_ends_where_the_recipe_says(self, recipe, data, tmp_path, monkeypatch):
+        from cavirheo.training.point_training import PointTraining
+        from cavirheo.training.train import train
+
+        dropped, now = {}, []
+        forward, loss_of = self.torch.nn.Dropout.forward, PointTraining.loss
+
+        def loss(training, step):
+            now.append(step // training.every)
+            return loss_of(training, step)
+
+        def seen(layer, x):
+            if self.torch.is_grad_enabled():  # in training, not in the look at the validation part
+                dropped.setdefault(now[-1], set()).add(layer.training)
+            return forward(layer, x)
+
+        monkeypatch.setattr(self.torch.nn.Dropout, "forward", seen)
+        monkeypatch.setattr(PointTraining, "loss", loss)
+        train(changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **CPU)
+        assert dropped == {0: {True}, 1: {True}, 2: {False}}
+
+    def test_leaves_the_random_numbers_of_the_caller_alone(self, recipe, data, tmp_path):
+        from cavirheo.training.train import train
+
+        self.torch.manual_seed(1)
+        expected = self.torch.rand(3)
+        self.torch.manual_seed(1)
+        train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
+        assert self.torch.equal(self.torch.rand(3), expected)
+
+    def test_refuses_another_run_and_other_data(self, recipe, data, tmp_path):
+        from cavirheo.training.train import train
+
+        train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
+        another = changed(recipe, epochs=1, lr=0.02)
+        said = refused("training.another_run", train, another, data, tmp_path / "run", **CPU)
+        assert re.search(r"training\.lr = 0\.01, .* 0\.02", said)
+        other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
+        other.__dict__.pop("problem", None)
+        refused("training.another_problem", train, other, data, tmp_path / "other", **CPU)
+
+    def test_learning_rate(self, recipe):
+        from cavirheo.training.point_training import learning_rate
+
+        assert learning_rate(recipe.training, 1000, 10) == 0.01
+        cosine = changed(recipe, schedule="cosine", warmup_steps=10, epochs=4).training
+        rates = [learning_rate(cosine, step, 10) for step in range(40)]
+        assert rates[0] == pytest.approx(0.001)
+        assert np.argmax(rates) == 9
+        assert rates[20] == pytest.approx(0.005)
+        assert rates[-1] < 1e-4
+
+    def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path, monkeypatch):
+        pytest.importorskip("onnxscript")
+        from cavirheo.training.export import export, load_model
+        from cavirheo.training.train import train
+
+        refused("export.unfinished", export, recipe, tmp_path / "run", tmp_path / "models")
+        result = train(recipe, data, tmp_path / "run", **CPU)
+        path = export(recipe, tmp_path / "run", tmp_path / "models", on=date(2026, 1, 2))
+        assert sorted(p.name for p in path.parent.iterdir()) == ["tiny.json", "tiny.onnx"]
+        radius = np.random.default_rng(0).random((600, 20), dtype=np.float32)
+        model = load_model(tmp_path / "run" / "best.safetensors")
+        with self.torch.inference_mode():
+            expected = model(self.torch.from_numpy(radius)).numpy()
+        np.testing.assert_allclose(predict(path, radius), expected, atol=1e-4)  # 512 and 88 at a time
+        np.testing.assert_allclose(predict(path, radius[:1]), expected[:1], atol=1e-4)
+
+        assert str(Path(judge.__file__).parent).encode() not in path.read_bytes()
+        another = changed(recipe, lr=0.02)
+        said = refused("export.another_recipe", export, another, tmp_path / "run", tmp_path / "models")
+        assert "training.lr" in said
+        card = read_card(path)
+        assert TrainingProblem.from_dict(card["problem"]).id == card["problem_id"] == recipe.problem.id
+        assert [o["name"] for o in card["outputs"]] == list(recipe.outputs)
+        assert card["outputs"][1]["unit"] == "Pa s"
+        assert card["metrics"] == result["metrics"]
+        assert card["data"]["failures"] == {"failed": 2}
+        assert card["date"] == "2026-01-02"
+
+        drawn = []
+        monkeypatch.setattr(figures, "draw", lambda *given: drawn.append(given) or ["loss.png"])  # in test_figures
+        found = judge.evaluate(path, data, tmp_path / "figures")
+        assert (drawn[0][0].folder, drawn[0][1]) == (tmp_path / "figures", card)
+        assert (found["part"], found["curves"]) == ("test", result["data"]["test"])
+        for name, values in result["metrics"].items():
+            assert found["metrics"][name] == pytest.approx(values, abs=1e-4)
+        assert json.loads((tmp_path / "figures" / "metrics.json").read_text()) == found
+        assert cavirheo.load(tmp_path / "figures").metrics == found["metrics"]
+        trained = cavirheo.load(tmp_path / "run")
+        assert (trained.kind, trained.metrics, trained.outputs) == ("training", result["metrics"], list(recipe.outputs))
+        assert card["history"]["train"] == pytest.approx(result["history"]["train"], rel=1e-4)
+        assert max(len(str(loss)) for loss in card["history"]["train"]) <= 8
+
+        generate(recipe.problem, 50, tmp_path / "fresh", seed=9, progress=False)
+        fresh = judge.evaluate(path, tmp_path / "fresh")
+        assert (fresh["part"], fresh["curves"], fresh["figures"]) == ("all", 50, [])
+
+        simulate_many = TrainingProblem.simulate_many  # a later solver: other bytes, the same bubbles
+        monkeypatch.setattr(
+            TrainingProblem,
+            "simulate_many",
+            lambda *a, **k: [SimpleNamespace(radius=s.radius * 1.001, status=s.status) for s in simulate_many(*a, **k)],
+        )
+        generate(recipe.problem, 100, tmp_path / "again", progress=False)
+        assert judge.evaluate(path, tmp_path / "again")["part"] == "test"
+        generate(recipe.problem, 60, tmp_path / "fewer", progress=False)
+        refused("evaluate.trained_on", judge.evaluate, path, tmp_path / "fewer")
+        problem = recipe.problem
+        generate(replace(problem, grid=FrameGrid(frames=21)), 10, tmp_path / "longer", progress=False)
+        refused("evaluate.problem", judge.evaluate, path, tmp_path / "longer")
+
+    def test_export_refuses_a_model_that_differs(self, recipe, data, tmp_path, monkeypatch):
+        pytest.importorskip("onnx")
+        from cavirheo.training import export as module
+        from cavirheo.training.train import train
+
+        train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
+        model = module.load_model(tmp_path / "run" / "best.safetensors")
+        monkeypatch.setattr(module, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
+
+        def off(path, radius):
+            return model(self.torch.from_numpy(radius)).detach().numpy() + 2e-3
+
+        monkeypatch.setattr(module, "predict", off)
+        with pytest.raises(RuntimeError, match=r"0\.002"):
+            module.export(changed(recipe, epochs=1), tmp_path / "run", tmp_path / "models")
+        assert list((tmp_path / "models").iterdir()) == []
