@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import re
 import subprocess
 import sys
@@ -23,30 +22,29 @@ from validation.__main__ import commit, processor
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "validation" / "last_run.json"
 TARGETS = ("dist", "test-lowest", "test-slow", "test-hostile", "fuzz", "docs", "validate")
-COUNT = re.compile(r"(\d[\d,]*) (passed|failed|skipped|errors?|deselected|warnings?|files|findings)\b")
+COUNT = re.compile(r"(\d+) (passed|failed|skipped|errors?|deselected|warnings?)\b")  # of pytest
+FUZZED = re.compile(r"^ *(\d+)  (\w+: \w+)$", re.MULTILINE)  # files that a room read or refused
 LAST = 200  # characters of the last line that are kept
 
 
 def figures(text: str) -> dict[str, int]:
-    """Counts of the last line that has some, as pytest and the fuzzer write them."""
-    for line in reversed(text.splitlines()):
-        if counts := COUNT.findall(line):
-            return {name: int(count.replace(",", "")) for count, name in counts}
-    return {}
+    """Counts of pytest's last summary, and those of the fuzzer."""
+    summaries = [counts for line in text.splitlines() if (counts := COUNT.findall(line))]
+    return {name: int(count) for count, name in [*(summaries or [[]])[-1], *FUZZED.findall(text)]}
 
 
-def run(target: str, make: str = "make") -> dict:
+def run(target: str) -> dict:
     """How it ended, with the figures of its last lines; the output goes to build/last_run/TARGET.txt."""
-    words, at = [make, "-C", str(ROOT), target], commit()
+    words, at = ["make", "-C", str(ROOT), target], commit()
     seed = int(time.time()) if target == "fuzz" else None
     words += [f"SEED={seed}"] if seed is not None else []
     log = ROOT / "build" / "last_run" / f"{target}.txt"
     log.parent.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
     with log.open("w", encoding="utf-8") as file:
-        ended = subprocess.run(words, stdout=file, stderr=subprocess.STDOUT, env=os.environ, check=False)
+        ended = subprocess.run(words, stdout=file, stderr=subprocess.STDOUT, check=False)
     text = log.read_text("utf-8", errors="replace")
-    lines = [line for line in text.splitlines() if line.strip()]
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("make[")]
     return {
         "outcome": "passed" if ended.returncode == 0 else f"failed ({ended.returncode})",
         "date": datetime.now(UTC).date().isoformat(),

@@ -2,7 +2,7 @@
 
 A number of a page stands between markers, which a reader does not see: `<!--KEY:FORMAT-->88<!--/-->`. KEY is a claim
 and the name of its number, FORMAT one of Python's; `%` multiplies by 100 and writes no sign. `se` before the format
-takes the standard error, `n` alone the number of cases. docs/claims.md is made as a whole.
+takes the standard error, `n` alone the number of cases, `k` that of a share. docs/claims.md is made as a whole.
 """
 
 from __future__ import annotations
@@ -38,65 +38,57 @@ class Claim(NamedTuple):
     numbers: tuple[tuple[str, str, str, str], ...]
 
 
-def both(key: str, form: str, unit: str, end: str = "") -> tuple[tuple[str, str, str, str], ...]:
+def both(key: str, form: str, unit: str = "") -> tuple[tuple[str, str, str, str], ...]:
     """Of G and of µ; key has {} for the symbol."""
-    return ("G", key.format("G") + end, form, unit), ("µ", key.format("mu") + end, form, unit)
+    return ("G", key.format("G"), form, unit), ("µ", key.format("mu"), form, unit)
 
 
 CLAIMS = (
     Claim(
         "solver",
-        "Largest error of R/R_max of a curve, median of cases; and of how many times the field's method takes our time",
-        (("", "default.error", ".1e", ""), ("times", "peers.field.ratio", ".0f", "")),
+        "Largest error of R/R_max in a curve, median of curves; time of the field's method over ours",
+        (("", "default.error", ".1e", ""), ("time", "peers.field.ratio", ".0f", "")),
     ),
     Claim(
         "calibration",
-        "Simulated shots of the real bubble: 90 % intervals of `infer` that hold the truth",
+        "90 % intervals of `infer` that hold the truth of simulated shots of the real bubble",
         both("infer.{}.90", ".0%", "%"),
     ),
-    Claim(
-        "network",
-        "90 % intervals of the network alone, without a simulation, over its whole prior",
-        both("{}.90", ".0%", "%"),
-    ),
+    Claim("network", "90 % intervals of the network alone, over its whole prior", both("{}.90", ".0%", "%")),
     Claim(
         "video",
-        "Rendered recordings: largest bias of radii of a kind of scene; median bias of threshold and circle fit",
-        (("", "error.bias.largest", ".3f", "px"), ("field", "usual.bias.median", ".2f", "px")),
+        "Bias of radii in rendered recordings, largest of 12 kinds of scene; threshold and circle fit, median",
+        (("", "error.bias.largest", ".3f", "px"), ("circle fit", "usual.bias.median", ".2f", "px")),
     ),
     Claim(
         "population",
-        "The material of many shots: 90 % intervals of its centre and of its spread",
+        "90 % intervals of the material of many shots: its centre, and its spread",
         (("centre", "centre.90", ".0%", "%"), ("spread", "spread.90", ".0%", "%")),
     ),
     Claim(
         "design",
-        "Interval that `design` predicts over the one that `infer` reaches, median of recordings",
-        both("ratio.{}", ".2f", ""),
+        "Interval that `design` predicts over the one that `infer` reaches, median of settings",
+        both("ratio.{}", ".2f"),
     ),
     Claim(
         "evidence",
-        "`which-law` prefers the law that made the shot, or a simpler one that cannot be told from it; is wrongly sure",
+        "`which-law` prefers the true law, or a simpler one that cannot be told from it; excludes the true law",
         (("right", "right_law", ".0%", "%"), ("wrong", "wrong_certainty", ".0%", "%")),
     ),
     Claim(
         "challenge",
-        "Recordings of another solver, camera and other laws: 90 % intervals of `infer`",
+        "90 % intervals of `infer` on recordings of another solver, another camera and other laws",
         both("all.{}.90", ".0%", "%"),
     ),
     Claim(
         "open_sets",
-        "Real shots with the verdict `ok`, or `undetermined`; viscosity of a liquid over that of a rheometer, median",
-        (("", "trusted", ".0%", "%"), ("PEG 40", "rheometer.ratio", ".2f", "")),
+        "Real shots that are `ok` or `undetermined`; viscosity of PEG 40 % over that of a rheometer, median",
+        (("", "trusted", ".0%", "%"), ("ratio", "rheometer.ratio", ".2f", "")),
     ),
     Claim(
         "times",
-        "From a curve to its answer, median; 20 shots in one call over 20 calls; the whole command over one call",
-        (
-            ("", "one.seconds", ".1f", "s"),
-            ("20 shots", "twenty.ratio", ".2f", ""),
-            ("command", "command.ratio", ".1f", ""),
-        ),
+        "Processor time of an answer, median; clock time of 20 shots in one call over that of 20 calls",
+        (("", "one.processor_seconds", ".1f", "s"), ("ratio", "twenty.ratio", ".2f", "")),
     ),
 )
 
@@ -125,6 +117,8 @@ def filled(text: str, results: Mapping[str, dict]) -> str:
         one, form = number(results, found["key"]), found["format"]
         if form == "n":
             words = str(one["n"])
+        elif form == "k":
+            words = f"{one['value'] * one['n']:.0f}"
         elif form.startswith("se"):
             words = shown(one["standard_error"], form.removeprefix("se"))
         else:

@@ -1,6 +1,7 @@
 """From start to answer: one simulated shot, 20 in one call on all cores, and the command with one shot.
 
-Seconds are those of the clock and depend on the machine and its load; ratios are of one run.
+Seconds are those of the clock, which the load of the machine makes longer, and of the processor (all threads of one
+shot); ratios are of one run.
 """
 
 from __future__ import annotations
@@ -34,8 +35,13 @@ def quantile_95(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def measure(run: Run) -> Iterator[Number]:
     made = [one[0] for i in range(3 * TOGETHER) if (one := recording("calibration", i))][:TOGETHER]
     infer_many(made[:1])  # what is loaded once does not count
-    alone = np.array([seconds(lambda one=one: infer_many([one], trust_input=True)) for one in made])
+    alone, busy = [], []
+    for one in made:
+        began = time.process_time()
+        alone.append(seconds(lambda one=one: infer_many([one], trust_input=True)))
+        busy.append(time.process_time() - began)
     together = [seconds(lambda: infer_many(made, trust_input=True)) for _ in range(run.count(1, 5))]
+    yield statistic("one.processor_seconds", busy, "s", seed=STREAM)
     yield statistic("one.seconds", alone, "s", seed=STREAM)
     yield statistic("one.seconds.95", alone, "s", quantile_95, STREAM)
     yield statistic("twenty.seconds", together, "s", seed=STREAM)
