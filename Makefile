@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile fuzz validate challenge test-lowest test-pythons lint docs man dist space clean
+.PHONY: demo test test-slow test-hostile fuzz test-all validate pages challenge test-lowest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --fps 500000 --um-per-px 4 -o demo-result
@@ -34,9 +34,15 @@ test-lowest:
 	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot,video]" pytest
 	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore=tests/app --ignore=tests/meta/test_golden.py
 
-# Claims as numbers with their standard errors, in build/validate.json; FULL=1 takes all cases
-validate: $(VENV)/demo.done
-	$(BIN)/python -m validation $(if $(FULL),--full)
+# Ten claims as numbers with their standard errors, in ten minutes; FULL=1 takes all cases, DATA=folder the open sets.
+# For a release: make validate FULL=1 DATA=folder RESULTS=validation/results.json pages
+RESULTS ?= build/validate.json
+validate: $(VENV)/test.done
+	$(BIN)/python -m validation $(if $(FULL),--full) $(if $(DATA),--data $(DATA)) -o $(RESULTS)
+
+# docs/claims.md and the numbers between markers on other pages, of validation/results.json
+pages: $(VENV)/test.done
+	$(BIN)/python -m validation --page --fill
 
 # Recordings of known truth, answered by cavirheo and by a plain least squares, and scored (validation/challenge/README.md)
 CHALLENGE = build/challenge
@@ -47,6 +53,10 @@ challenge: $(VENV)/demo.done
 	$(BIN)/python -m validation.challenge.run_cavirheo $(CHALLENGE)/recordings $(CHALLENGE)/infer-field.csv -- infer --bubble field
 	$(BIN)/python -m validation.challenge.run_scipy $(CHALLENGE)/recordings $(CHALLENGE)/scipy.csv
 	$(BIN)/python -m validation.challenge.score $(CHALLENGE)/truth.csv $(CHALLENGE)/infer.csv $(CHALLENGE)/fit.csv $(CHALLENGE)/infer-field.csv $(CHALLENGE)/scipy.csv -o $(CHALLENGE)/score
+
+# All that `make test` leaves out, some hours; how each ended stands in validation/last_run.json. TARGETS="dist fuzz": these
+test-all: $(VENV)/test.done
+	$(BIN)/python -m validation.last_run $(TARGETS)
 
 lint: $(VENV)/test.done
 	$(BIN)/ruff check .

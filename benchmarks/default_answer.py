@@ -1,10 +1,9 @@
 """The default answer on simulated recordings: how often it has an interval, whether that holds the truth, how it
 compares with `full`, and how many simulations it takes. No curve of the training is used. Simulated recordings are of
-the field's bubble and answered with it (--time: as `infer` is); calibration.py has those of the real one.
+the field's bubble and answered with it; validation/claims/calibration.py has those of the real one.
 
 python benchmarks/default_answer.py OUT [-n 40] [--kind calibration|prior|early|liquid] [--full]
 python benchmarks/default_answer.py OUT --real FOLDER [-n 100] [--bubble field] [--material auto]     # real sets
-python benchmarks/default_answer.py OUT --time [-n 20]           # seconds of one shot and of n, and of the command
 
 OUT.jsonl keeps a line per recording: the same call goes on where it stopped. OUT.md is the table.
 """
@@ -13,13 +12,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
 import sys
 import time
 from collections import Counter
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -108,6 +104,24 @@ LAW = ("shear_modulus", "viscosity")
 GAUSSIAN_90 = 3.29  # standard deviations from the lower to the upper end of a 90 % interval
 
 
+def answered(curve: RadiusCurve, **options: Any) -> dict:
+    """What `infer` says of a measured curve."""
+    began = time.perf_counter()
+    (answer,) = infer_many([curve], **options)
+    drawn = answer.parameters if len(answer.theta) > 1 else []
+    return {
+        "seconds": time.perf_counter() - began,
+        "verdict": answer.checks.verdict,
+        "rmse": answer.checks.rmse_over_rmax,
+        "material": answer.material,
+        "bubble": answer.bubble.name,
+        "rebound": len(curve.collapse_times()) > 0,
+        "intervals": {one: answer.interval(one) for one in drawn},
+        "bounds": {one: answer.bound(one) for one in drawn},
+        "medians": {one: answer.median(one) for one in answer.parameters},
+    }
+
+
 def real(folder: Path, out: Path, n: int, **options: Any) -> list[str]:
     """The answers of at most n shots of each set, kept in OUT.jsonl; then `real_table`."""
     kept = out.with_suffix(".jsonl")
@@ -118,30 +132,11 @@ def real(folder: Path, out: Path, n: int, **options: Any) -> list[str]:
         for number, curve in enumerate(curves[:: max(len(curves) // n, 1)][:n]):
             if (name, number) in done:
                 continue
-            began = time.perf_counter()
-            (answer,) = infer_many([curve], **options)
-            seconds, about = time.perf_counter() - began, answer.diagnostics
-            line = {"set": name, "shot": number, "seconds": seconds, "verdict": answer.checks.verdict}
-            line |= {
-                "rmse": answer.checks.rmse_over_rmax,
-                "message": answer.checks.message,
-                "material": answer.material,
-            }
-            line |= {"bubble": answer.bubble.name, "ess": about.effective_sample_size, "simulations": about.simulations}
-            line["rebound"] = len(curve.collapse_times()) > 0
-            line["log_evidence"] = answer.evidence.log if answer.evidence else None
-            line["intervals"] = {one: answer.interval(one) for one in answer.parameters} if len(answer.theta) else {}
-            line["bounds"] = {one: answer.bound(one) for one in answer.parameters} if len(answer.theta) > 1 else {}
-            line["medians"] = {one: answer.median(one) for one in answer.parameters}
-            line["best"] = dict(answer.best)
-            line["others"] = [
-                (one.bubble.name, one.evidence.log if one.evidence else None, one.intervals.get("viscosity"))
-                for one in answer.others
-            ]  # fmt: skip
+            line = {"set": name, "shot": number, **answered(curve, **options)}
             lines.append(line)
             with kept.open("a") as file:
                 file.write(json.dumps(line) + "\n")
-            print(name, number, line["verdict"], f"{line['rmse'] or np.nan:.3f}, {seconds:.1f} s", flush=True)
+            print(name, number, line["verdict"], f"{line['rmse'] or np.nan:.3f}, {line['seconds']:.1f} s", flush=True)
     return real_table(lines)
 
 
@@ -173,38 +168,6 @@ def real_table(lines: list[dict]) -> list[str]:
     seen = [line for line in lines if line["rebound"]]
     good = sum(line["verdict"] in ("ok", "undetermined") for line in seen)
     return [*rows, "", f"{good} of {len(seen)} shots with a rebound are ok or undetermined with a bound."]
-
-
-def timed(n: int) -> list[str]:
-    """Seconds on all cores, after a first run of each that is not counted."""
-    made = [one for i in range(2 * n) if (one := recording("calibration", i))][:n]
-    infer_many([made[0][0]])
-    alone = []
-    for curve, _, _ in made:
-        began = time.perf_counter()
-        infer_many([curve], trust_input=True)
-        alone.append(time.perf_counter() - began)
-    began = time.perf_counter()
-    infer_many([curve for curve, _, _ in made], trust_input=True)
-    together = time.perf_counter() - began
-    with TemporaryDirectory() as folder:
-        curve = made[0][0]
-        path = Path(folder) / "shot.csv"
-        path.write_text(
-            "time_us,radius_um\n"
-            + "".join(f"{1e6 * t},{1e6 * r}\n" for t, r in zip(curve.time, curve.radius, strict=True))
-        )
-        call = [sys.executable, "-m", "cavirheo", "infer", str(path), "--no-pictures", "-o"]
-        spent = []
-        for k in range(3):
-            began = time.perf_counter()
-            subprocess.run([*call, str(Path(folder) / f"out{k}")], check=False, capture_output=True)
-            spent.append(time.perf_counter() - began)
-    return [
-        f"One shot: median {np.median(alone):.2f} s, 95 % {np.quantile(alone, 0.95):.2f} s; {n} shots in one call: "
-        f"{together:.1f} s; the command with one shot, third run: {spent[-1]:.2f} s. {os.cpu_count()} cores, load "
-        f"{os.getloadavg()[0]:.1f}."
-    ]
 
 
 def table(lines: list[dict]) -> str:
@@ -258,11 +221,10 @@ if __name__ == "__main__":
     parser.add_argument("--real", type=Path)
     parser.add_argument("--bubble")
     parser.add_argument("--material")
-    parser.add_argument("--time", action="store_true")
     given = parser.parse_args()
-    if given.real or given.time:
+    if given.real:
         options = {"bubble": given.bubble, "material": given.material}
-        text = "\n".join(real(given.real, given.out, given.n, **options) if given.real else timed(given.n)) + "\n"
+        text = "\n".join(real(given.real, given.out, given.n, **options)) + "\n"
         given.out.with_suffix(".md").write_text(text)
         sys.exit(print(text))
     kept = given.out.with_suffix(".jsonl")

@@ -14,6 +14,7 @@ from contextlib import suppress
 from functools import cache
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -153,6 +154,27 @@ def table(found: dict[str, dict]) -> str:
     return text
 
 
+class Halves(NamedTuple):
+    """(2,) half-widths in decades, geometric means; expected and answered of other recordings than were checked."""
+
+    expected: np.ndarray
+    scaled: np.ndarray
+    answered: np.ndarray
+
+
+def halves(setting: Setting, count: int) -> Halves | None:
+    """What answers of `count` recordings say of the answers of 2 `count` others; None where too few can be read."""
+    law, stretch = drawn(3 * count, 1)
+    both = []
+    for k, part in enumerate((slice(count), slice(count, None))):
+        told, got = answered(setting, FAMILY, law[part], stretch[part], seed=10_000 + 1000 * k)
+        both.append((middle(told), middle(got), len(got)))
+    (told, checked, n), (expects, got, others) = both
+    if n < 0.8 * count or others < 1.6 * count:
+        return None
+    return Halves(expects, expects * checked / told, got)
+
+
 CHECKS = "## Checked settings"
 
 
@@ -168,18 +190,12 @@ the answers to the others. Geometric means, in percent.
 |---|---|---|---|---|---|---|---|
 """
     off = []
-    law, stretch = drawn(3 * count, 1)
     for radius, rate in product(RADII, RATES):
-        setting, halves = Setting(radius, rate, frames=FRAMES), []
-        for k, part in enumerate((slice(count), slice(count, None))):
-            told, got = answered(setting, FAMILY, law[part], stretch[part], seed=10_000 + 1000 * k)
-            halves.append((middle(told), middle(got), len(got)))
-        (told, checked, n), (expects, got, others) = halves
-        if n < 0.8 * count or others < 1.6 * count:
+        found = halves(Setting(radius, rate, frames=FRAMES), count)
+        if found is None:
             continue
-        scaled = expects * checked / told
-        off.append([expects / got, scaled / got])
-        cells = [" | ".join(percent(one[i]) for one in (expects, scaled, got)) for i in (0, 1)]
+        off.append([found.expected / found.answered, found.scaled / found.answered])
+        cells = [" | ".join(percent(one[i]) for one in found) for i in (0, 1)]
         text += f"| {1e6 * radius:.0f} | {1e-3 * rate:.0f} | {' | '.join(cells)} |\n"
         print(text.splitlines()[-1], flush=True)
     logs = np.log(np.array(off))

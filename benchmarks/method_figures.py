@@ -8,11 +8,11 @@ Writes docs/method/NAME.png. The numbers in the captions of docs/method are thos
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from calibration import film
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, infer, infer_many, population, simulate
 from cavirheo.physics.bubble import FIELD, Bubble, Damage
@@ -20,6 +20,9 @@ from cavirheo.physics.laws import parse
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.material import population_record
 from cavirheo.writing import style
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from validation.claims.calibration import film
 
 FOLDER = Path(__file__).parents[1] / "docs" / "method"
 GREEN, PURPLE = "#009e73", "#cc79a7"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -91,32 +91,48 @@ def r2_table(n: int, weighed: bool = False) -> list[str]:
     return rows
 
 
-def coverage(recordings: int) -> list[str]:
+class Distance(NamedTuple):
+    """Of the truth from the middle of the draws: below 0.9 if a 90 % interval holds it."""
+
+    slot: int
+    noise: float
+    slow: bool
+    distance: float
+
+
+def distances(recordings: int) -> list[Distance]:
+    """Of each parameter of curves drawn from the whole prior, with either bubble."""
     recipe = read_recipe(Path(__file__).parent.parent / "recipes" / "posterior.toml")
     table = recipe.problem.model_copy(update={"max_radius_um": (30.0, 600.0)})
     kinds, model = table.kinds, load_posterior()
-    found: list = []
+    made: list = []
     index = 0
-    while len(found) < 2 * recordings:
+    while len(made) < 2 * recordings:
         one = simulated_curve(table, SEED, index)
         index += 1
-        found += [one] if one is not None else []
-    columns = zip(COLUMNS.values(), zip(*found, strict=True), strict=True)
+        made += [one] if one is not None else []
+    columns = zip(COLUMNS.values(), zip(*made, strict=True), strict=True)
     store = CurveStore(*(np.array(column, kind) for (kind, _), column in columns))
-    shown = film(store, np.arange(len(found)), SEED)
+    shown = film(store, np.arange(len(made)), SEED)
     rng = np.random.default_rng(SEED)
-    off: list[tuple[int, float, bool, float]] = []  # slot, noise, discrepancy, distance of the truth from the middle
+    found = []
     for i in range(min(recordings, len(shown.z))):
-        z, _ = model.flow.sample(shown.inputs[i : i + 1], int(shown.kind[i]), 400, rng)
+        z = model.flow.sample(shown.inputs[i : i + 1], int(shown.kind[i]), 400, rng, {})
         below = np.mean(z < shown.z[i], axis=0)
-        for k in used(*kinds[shown.kind[i]][:2]):
-            off.append((k, float(shown.noise[i]), bool(shown.discrepancy[i]), abs(2 * below[k] - 1)))
-    ends = np.quantile([noise for _, noise, _, _ in off], [0, 1 / 3, 2 / 3, 1])
+        about = float(shown.noise[i]), bool(shown.discrepancy[i])
+        found += [Distance(k, *about, abs(2 * below[k] - 1)) for k in used(*kinds[shown.kind[i]][:2])]
+    return found
+
+
+def coverage(recordings: int) -> list[str]:
+    off = distances(recordings)
+    ends = np.quantile([one.noise for one in off], [0, 1 / 3, 2 / 3, 1])
     rows = ["| slot | noise | noise model | 50 % | 90 % |", "|---|---|---|---|---|"]
     for k in map(slot, SHOWN):
         for a, b in pairwise(ends):
             for slow in (False, True):
-                some = np.array([d for slot, noise, s, d in off if slot == k and a <= noise <= b and s == slow])
+                mine = [one for one in off if one.slot == k and a <= one.noise <= b and one.slow == slow]
+                some = np.array([one.distance for one in mine])
                 words = "white and slow" if slow else "white"
                 shares = f"{np.mean(some < 0.5):.0%} | {np.mean(some < 0.9):.0%}"
                 rows.append(f"| {SLOTS[k]} | {a:.2%} to {b:.2%} | {words} | {shares} |")

@@ -1,106 +1,39 @@
 """Runs named claims and writes each number as JSON: value, unit, n, standard error, seed, commit, processor, seconds.
 
-    python -m validation [CLAIM ...] [--full] [-o build/validate.json]
+    python -m validation [CLAIM ...] [--full] [--data FOLDER] [-o build/validate.json]
+    python -m validation --page --fill      # docs/claims.md and the numbers between markers, of validation/results.json
 
-Without names every claim runs, in some minutes; --full takes as many cases as a published number needs. A claim that is
-not run keeps its numbers in the file.
+Without names every claim runs, in ten minutes of two quiet cores; --full takes as many cases as a published number
+needs. A claim that is not run keeps its numbers in the file. Cases of a commit without changes are kept beside the
+file, so that an interrupted run goes on. --data: folder of the open sets; without it the claim open_sets is left out.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-import numpy as np
-
-from cavirheo import Medium, NeoHookeanKelvinVoigt, simulate
-from cavirheo.physics.accuracy import DEFAULT, Accuracy
-from validation.challenge import answers, make, run_cavirheo, score, truth
+from cavirheo.parallel import cores
+from validation import pages
+from validation.numbers import Number, Run
 
 ROOT = Path(__file__).resolve().parents[1]
-SEED = 1
-FINE = Accuracy(1024, 1e-8)
-END = 4.0  # t_c of the curves that are compared
+CLAIMS = (
+    "solver", "calibration", "network", "video", "population", "design", "evidence", "challenge", "open_sets", "times"
+)  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Number:
-    """One headline number. standard_error: of the value over the n cases."""
-
-    name: str
-    value: float
-    unit: str
-    n: int
-    standard_error: float
-    seed: int = SEED
-
-
-def median(name: str, values: np.ndarray, unit: str) -> Number:
-    """The median, with the standard error of 1,000 resamples."""
-    again = np.random.default_rng(SEED).choice(values, (1000, len(values)))
-    error = float(np.std(np.median(again, axis=1)))
-    return Number(name, float(np.median(values)), unit, len(values), error)
-
-
-def share(name: str, held: int, n: int) -> Number:
-    """Of intervals that hold the truth; the standard error is that of a program whose intervals are right."""
-    return Number(name, held / n, "1", n, float(np.sqrt(score.LEVEL * (1 - score.LEVEL) / n)))
-
-
-def gels(n: int) -> Iterator[tuple[truth.Truth, NeoHookeanKelvinVoigt, Medium]]:
-    """Gels of the challenge's ranges with the field's bubble."""
-    for number in range(n):
-        one = truth.draw(np.random.default_rng([SEED, number, 2]), "field", "nhkv")
-        yield one, NeoHookeanKelvinVoigt(one.G, one.mu), Medium(density=one.density)
-
-
-def solver(full: bool) -> Iterator[Number]:
-    """Of the default accuracy: largest difference of R/R_max to 1024 shells, processor time, and RMS difference to the
-    second solver (validation/field_standard.py)."""
-    at, errors, spent, apart = np.linspace(0.0, END, 400), [], [], []
-    cases = list(gels(60 if full else 12))
-    for number, (one, law, medium) in enumerate(cases):
-        how = {"max_radius": one.R_max, "stretch": one.stretch, "time": at * one.t_c, "medium": medium}
-        simulate(law, **how, accuracy=DEFAULT)
-        began = time.process_time()
-        default = simulate(law, **how, accuracy=DEFAULT).radius / one.R_max
-        spent.append(1e3 * (time.process_time() - began))
-        errors.append(float(np.max(np.abs(default - simulate(law, **how, accuracy=FINE).radius / one.R_max))))
-        if number < len(cases) // 3:
-            apart.append(float(np.sqrt(np.mean((truth.solve(one, END + 0.1)(at) - default) ** 2))))
-    yield median("solver: largest error of R/R_max", np.array(errors), "R_max")
-    yield median("solver: processor time of a curve", np.array(spent), "ms")
-    yield median("solver: RMS difference to the second solver", np.array(apart), "R_max")
-
-
-def challenge(full: bool) -> Iterator[Number]:
-    """Coverage and width of `cavirheo infer` on the recordings of validation/challenge."""
-    with TemporaryDirectory() as folder:
-        make.make(Path(folder), SEED, 60 if full else 12)
-        rows = [
-            {"name": one.name, **run_cavirheo.answer(one, ["infer"])}
-            for one in answers.read(Path(folder) / "recordings")
-        ]
-        truths = score.read(Path(folder) / "truth.csv")
-    for quantity in score.QUANTITIES:
-        for half in truth.HALVES:
-            mine = [row for row in truths if row["half"] == half]
-            named = [row for row in rows if row["name"] in {one["name"] for one in mine}]
-            judged = [one for one in score.judge(mine, named, quantity) if one.bounded]
-            if judged:
-                words = f"challenge: 90 % intervals of {quantity}, {half} bubble"
-                yield share(f"{words}, share that hold", sum(one.held for one in judged), len(judged))
-                yield median(f"{words}, width", np.array([one.width for one in judged]), "decades")
-
-
-CLAIMS: dict[str, Callable[[bool], Iterator[Number]]] = {"solver": solver, "challenge": challenge}
+def measured(name: str) -> Callable[[Run], Iterator[Number]]:
+    return import_module(f"validation.claims.{name}").measure
 
 
 def commit() -> str:
@@ -116,26 +49,56 @@ def processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
+def record(numbers: list[Number]) -> dict:
+    """By name; six digits, and null for what no case gave."""
+
+    def digits(value: float) -> float | None:
+        return float(f"{value:.6g}") if value == value else None
+
+    rows = {number.name: asdict(number) for number in numbers}
+    for row in rows.values():
+        del row["name"]
+        row |= {key: digits(row[key]) for key in ("value", "standard_error")}
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("claims", nargs="*", metavar="CLAIM", help=", ".join(CLAIMS))
     parser.add_argument("--full", action="store_true")
+    parser.add_argument("--data", type=Path, default=os.environ.get("CAVIRHEO_REAL_DATA"))
     parser.add_argument("-o", "--out", type=Path, default=ROOT / "build" / "validate.json")
+    parser.add_argument("--page", action="store_true", help="write docs/claims.md, and run nothing")
+    parser.add_argument("--fill", action="store_true", help="write the numbers between markers, and run nothing")
     given = parser.parse_args()
+    if given.page or given.fill:
+        return pages.write(given.page, given.fill)
     unknown = set(given.claims) - set(CLAIMS)
     if unknown:
         parser.error(f"unknown claims {', '.join(sorted(unknown))}; known: {', '.join(CLAIMS)}")
     found = json.loads(given.out.read_text("utf-8")) if given.out.exists() else {}
     given.out.parent.mkdir(parents=True, exist_ok=True)
+    at = commit()
+    kept = None if not at or at.endswith("+") else ROOT / "build" / "validate" / at
+    run = Run(given.full, cores(), kept, Path(given.data) if given.data else None)
     for name in given.claims or CLAIMS:
         began = time.perf_counter()
-        numbers = list(CLAIMS[name](given.full))
-        where = {"commit": commit(), "processor": processor(), "full": given.full}
-        where["seconds"] = round(time.perf_counter() - began, 1)
-        found[name] = {**where, "numbers": [asdict(number) for number in numbers]}
+        numbers = list(measured(name)(run))
+        if not numbers:
+            print(f"{name}: left out")
+            continue
+        found[name] = {
+            "commit": at,
+            "date": datetime.now(UTC).date().isoformat(),
+            "processor": processor(),
+            "full": given.full,
+            "seconds": round(time.perf_counter() - began, 1),
+            "numbers": record(numbers),
+        }
         given.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
         for number in numbers:
-            print(f"{number.name}: {number.value:.3g} ± {number.standard_error:.2g} {number.unit} (n = {number.n})")
+            value = f"{number.value:.3g} ± {number.standard_error:.2g} {number.unit}"
+            print(f"{name}.{number.name}: {value} (n = {number.n})", flush=True)
 
 
 if __name__ == "__main__":

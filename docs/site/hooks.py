@@ -39,6 +39,7 @@ KEPT = (
     "docs/site/*.js",
     "benchmarks/*.md",
     "validation/*.py",
+    "validation/*.json",
     "validation/*/*.md",
     "validation/*/*.png",
     "examples/*.*",

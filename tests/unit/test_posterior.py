@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import load_benchmark, messages
+from conftest import messages
 from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
@@ -40,8 +40,7 @@ from cavirheo.physics.materials import Zener
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior
 from cavirheo.prior import Prior, log_normal
 from cavirheo.reporting import read_json
-
-calibration = load_benchmark("calibration")
+from validation.claims import calibration
 
 R_MAX = 250e-6
 TRUTH = {"shear_modulus": 8e3, "viscosity": 0.05, "stretch": 7.0}

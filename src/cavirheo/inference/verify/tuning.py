@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Chosen on simulated shots (benchmarks/calibration.py); lengths are in u, where each prior is the standard normal,
-    heights are differences of log posterior."""
+    """Chosen on simulated shots (validation/claims/calibration.py); lengths are in u, where each prior is the standard
+    normal, heights are differences of log posterior."""
 
     # how many draws count
     draws: int = 1800  # most simulations whose weights count

@@ -1,0 +1,20 @@
+"""The posterior network alone: how often its intervals hold the truth over its whole prior, without a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from benchmarks import posterior_network
+from cavirheo.inference.latent import slot
+from validation.claims.calibration import LEVELS, SHOWN
+from validation.numbers import Number, Run, coverage
+
+
+def measure(run: Run) -> Iterator[Number]:
+    found = posterior_network.distances(run.count(300, 1000))
+    for symbol, name in SHOWN.items():
+        mine = np.array([one.distance for one in found if one.slot == slot(name)])
+        for level in LEVELS:
+            yield coverage(f"{symbol}.{100 * level:.0f}", mine < level, level, seed=posterior_network.SEED)

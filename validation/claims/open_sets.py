@@ -1,0 +1,56 @@
+"""`infer` without an option on the open sets, where a folder of them is given (docs/validation.md names them).
+
+The first shots of each set that have a rebound. `rheometer`: shots of a liquid whose viscosity is within 20 % of that
+of a rheometer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import default_answer
+from cavirheo import read_curves
+from validation.numbers import Number, Run, share, statistic
+
+LIQUID, RHEOMETER, WITHIN = "PEG 40 %", 0.130, 0.2  # Pa s
+GOOD = ("ok", "undetermined")
+
+
+def usable(folder: Path, name: str) -> list:
+    files = sorted(folder.glob(default_answer.REAL[name]))
+    curves = [curve for file in files for curve in read_curves(file) if not curve.unusable]
+    return [curve for curve in curves if len(curve.collapse_times())]
+
+
+def one(job: tuple[str, int], folder: Path) -> dict:
+    name, number = job
+    return default_answer.answered(usable(folder, name)[number], workers=1)
+
+
+def measure(run: Run) -> Iterator[Number]:
+    if run.data is None:
+        return
+    jobs = []
+    for name in default_answer.REAL:
+        most = run.count(6 if name == LIQUID else 2, 100)
+        jobs += [(name, number) for number in range(min(len(usable(run.data, name)), most))]
+    rows = run.rows("open_sets", partial(one, folder=run.data), jobs)
+    yield share("trusted", [row["verdict"] in GOOD for row in rows])
+    yield share("ok", [row["verdict"] == "ok" for row in rows])
+    for name in default_answer.REAL:
+        mine = [row for job, row in zip(jobs, rows, strict=True) if job[0] == name]
+        key = name.removesuffix(" %").replace(" ", "_").replace(".", "_")
+        yield statistic(f"rmse.{key}", [row["rmse"] or np.nan for row in mine], "R_max")
+        for symbol, parameter in (("G", "shear_modulus"), ("mu", "viscosity")):
+            bounded = [row for row in mine if row["bounds"].get(parameter, "failed") is None]
+            values = [(1e-3 if symbol == "G" else 1.0) * row["medians"][parameter] for row in bounded]
+            yield statistic(f"{symbol}.{key}", values, "kPa" if symbol == "G" else "Pa s")
+        if name == LIQUID:
+            values = np.array([row["medians"].get("viscosity", np.nan) for row in mine])
+            yield share("rheometer.within", np.abs(values / RHEOMETER - 1.0) < WITHIN)
+            yield statistic("rheometer.ratio", values / RHEOMETER, "1")
+    yield statistic("seconds", [row["seconds"] for row in rows], "s")

@@ -1,0 +1,57 @@
+"""From start to answer: one simulated shot, 20 in one call on all cores, and the command with one shot.
+
+Seconds are those of the clock, which the load of the machine makes longer, and of the processor (all threads of one
+shot); ratios are of one run.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from benchmarks.default_answer import STREAM, recording
+from cavirheo import infer_many
+from validation.numbers import Number, Run, statistic
+
+TOGETHER = 20
+
+
+def seconds(work: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def quantile_95(values: np.ndarray, axis: int = -1) -> np.ndarray:
+    return np.quantile(values, 0.95, axis=axis)
+
+
+def measure(run: Run) -> Iterator[Number]:
+    made = [one[0] for i in range(3 * TOGETHER) if (one := recording("calibration", i))][:TOGETHER]
+    infer_many(made[:1])  # what is loaded once does not count
+    alone, busy = [], []
+    for one in made:
+        began = time.process_time()
+        alone.append(seconds(lambda one=one: infer_many([one], trust_input=True)))
+        busy.append(time.process_time() - began)
+    together = [seconds(lambda: infer_many(made, trust_input=True)) for _ in range(run.count(1, 5))]
+    yield statistic("one.processor_seconds", busy, "s", seed=STREAM)
+    yield statistic("one.seconds", alone, "s", seed=STREAM)
+    yield statistic("one.seconds.95", alone, "s", quantile_95, STREAM)
+    yield statistic("twenty.seconds", together, "s", seed=STREAM)
+    yield statistic("twenty.ratio", np.array(together) / np.sum(alone), "1", seed=STREAM)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "shot.csv"
+        rows = [f"{1e6 * t},{1e6 * r}\n" for t, r in zip(made[0].time, made[0].radius, strict=True)]
+        path.write_text("time_us,radius_um\n" + "".join(rows), encoding="utf-8")
+        call = [sys.executable, "-m", "cavirheo", "infer", str(path), "--no-pictures", "-o"]
+        calls = [[*call, str(Path(folder) / f"out{k}")] for k in range(run.count(4, 8))]
+        spent = [seconds(lambda call=call: subprocess.run(call, check=False, capture_output=True)) for call in calls]
+    yield statistic("command.seconds", spent[1:], "s", seed=STREAM)
+    yield statistic("command.ratio", np.array(spent[1:]) / alone[0], "1", seed=STREAM)
