@@ -20,9 +20,7 @@ MARKED = re.compile(r"(?P<begin><!--(?P<key>[a-z_]+\.[\w.]+):(?P<format>[^<>]+)-
 AT_BEGINNING = re.compile(r"^\s*(?:[-*>]|\d+\.)?\s*<!--[a-z_]+\.", re.MULTILINE)  # Markdown would end the paragraph
 
 HEAD = """# Ten claims
-Made by `python -m validation --page` from [results.json](../validation/results.json), which has more numbers.
-`make validate` measures them again.
-± is the standard error over n cases.
+`make validate` measures them, into [results.json](../validation/results.json); ± is the standard error over n cases.
 [Validation](validation.md) explains the tests, and says what was not reached.
 
 | claim | number | n | repeat | commit, date |
