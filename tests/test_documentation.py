@@ -91,7 +91,9 @@ def broken_command(line: str) -> Iterator[str]:
     elif words[:2] == ["pip", "install"]:
         yield from (f"extra [{extra}]" for extra in re.findall(r"\[(\w+)\]", line) if extra not in EXTRAS)
     elif words[:2] == ["python", "-m"]:
-        yield from (f"module {word}" for word in words[2:3] if not (ROOT / f"{word.replace('.', '/')}.py").exists())
+        places = [ROOT / word.replace(".", "/") for word in words[2:3]]
+        runs = [place.with_suffix(".py").exists() or (place / "__main__.py").exists() for place in places]
+        yield from (f"module {word}" for word, here in zip(words[2:3], runs, strict=True) if not here)
     elif words[:1] == ["python"]:
         places = (ROOT, ROOT / "packaging" / "space")
         yield from (f"script {word}" for word in words[1:2] if not any((place / word).exists() for place in places))
