@@ -25,8 +25,8 @@ with open("liquid.csv", "w", newline="") as file:
     rows = csv.writer(file)
     rows.writerow(["shot", "time_us", "radius_um"])
     for shot, size in enumerate((180e-6, 240e-6, 310e-6), 1):
-        run = cavirheo.simulate(liquid, max_radius=size, stretch=6.0, time=time, bubble=kinetic)
-        radius = run.radius + 1e-6 * noise.standard_normal(time.size)
+        bubble = cavirheo.simulate(liquid, max_radius=size, stretch=6.0, time=time, bubble=kinetic)
+        radius = bubble.radius + 1e-6 * noise.standard_normal(time.size)
         rows.writerows((shot, f"{t * 1e6:.1f}", f"{R * 1e6:.2f}") for t, R in zip(time, radius, strict=True))
 
 # %% [markdown]
