@@ -242,7 +242,7 @@ def test_the_page_has_one_state(visit, tmp_path):
     assert head.get_attribute("aria-sort") == "descending"
     assert names.all_inner_texts() == [f"soft_gel[{k}]" for k in (5, 4, 3, 2, 1)]
     names.nth(1).press("Enter")
-    page.wait_for_selector("#facts h3:text('soft_gel[4]')")
+    page.wait_for_selector("#facts h2:text('This shot')")
     width = "document.querySelector('#check-plot .main-svg').getBoundingClientRect().width"
     before = page.evaluate(width)
     page.get_by_role("tab", name="3 Infer").click()
