@@ -57,12 +57,12 @@ class Run:
 
 
 def statistic(name: str, values: Iterable[float], unit: str, of: Callable = np.median, seed: int = SEED) -> Number:
-    """The median (or another statistic), with the standard error of 1,000 resamples; NaN without a value."""
+    """The median (or another statistic), with the standard error of 1,000 resamples; NaN where values are too few."""
     known = np.array([value for value in values if np.isfinite(value)])
     if not len(known):
         return Number(name, np.nan, unit, 0, np.nan, seed)
     again = np.random.default_rng(SEED).choice(known, (RESAMPLES, len(known)))
-    error = float(np.std(of(again, axis=1)))
+    error = float(np.std(of(again, axis=1))) if len(known) > 1 else np.nan
     return Number(name, float(of(known)), unit, len(known), error, seed)
 
 

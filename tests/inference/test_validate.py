@@ -54,6 +54,7 @@ def test_shares_and_their_standard_errors():
     assert number.standard_error == pytest.approx(0.0424, abs=1e-4)
     assert 0.0 < numbers.share("all", [True] * 5).standard_error < 0.15
     assert numbers.share("none", []).n == 0
+    assert np.isnan(numbers.statistic("one", [2.0], "s").standard_error)
 
 
 def test_overconfident_intervals_are_seen():
