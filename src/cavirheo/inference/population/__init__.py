@@ -60,6 +60,7 @@ def population(
 
     Source: docs/method/population.md.
     """
+    answers = list(answers)
     for answer in answers:
         expect(answer, Posterior, "a Posterior of infer or fit for each shot")
     answers = of_one_law(answers)
