@@ -161,15 +161,15 @@ class AdaptiveSampling:
         near.correct(_likely(near, found[0], None if searched else known, seed))
         self.modes = near.lifted(found)
         self.log_laplace = float(log_sum(np.array([mode.log_evidence for mode in self.modes])))
-        self.known = near.again(known.u, known.residual) if known else None
         self.explorer = AdaptiveProposal(near, self.modes, TUNING.auto_learning, follow=searched, network=network)
         self.own: Sample | None = None
         self.drawn: Sample | None = None
         self.apart: float | None = None
         self.trusted = self.searched = self.ended = False
-        if network and self.known:
-            self.explorer.learn(*self.known)
-            self.own = Sample(u, self.known.value[: len(u)], network.log_density(u))
+        if network and known:
+            known = near.again(known.u, known.residual)
+            self.explorer.learn(*known)
+            self.own = Sample(u, known.value[: len(u)], network.log_density(u))
 
     def preview(self) -> Preview:
         """What a surrogate of the simulations so far answers, and further ones at some likely places tell how wrong its

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -100,6 +101,7 @@ class FitEstimation(SearchedEstimation):
         self.target = Target(self.shot, self.prior, self.shot.white_noise(), self.target.workers)
         return True
 
+    @cached_property
     def network(self) -> Proposal:
         """Gaussians about the modes, and wider ones: posteriors are curved."""
         found = self.weighed

@@ -26,14 +26,12 @@ _ROUNDS = 3  # in which a part is sampled, at most
 
 
 class Part:
-    """A model that may have a part in an answer. prior: log of its probability before the curve is seen."""
+    """A model that may have a part in an answer. prior: log of its probability before the curve is seen. Raises
+    SolverError: no start of it could be simulated."""
 
     def __init__(self, estimation: Estimation, prior: float) -> None:
         self.estimation, self.prior = estimation, prior
-
-    @property
-    def sampling(self) -> AdaptiveSampling:
-        return self.estimation.sampling
+        self.sampling: AdaptiveSampling = estimation.sampling
 
     @cached_property
     def preview(self) -> Preview:
@@ -104,11 +102,9 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
     problems: list[SolverError] = []
     for estimation in estimations:
         try:
-            estimation.sampling  # noqa: B018
+            laws.append(Part(estimation, 0.0))
         except SolverError as error:
             problems.append(error)
-            continue
-        laws.append(Part(estimation, 0.0))
     if not laws:
         raise problems[0]
     limits: dict[int, Part] = {}
@@ -116,13 +112,11 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
         rival = part.estimation.rival() if share > TUNING.part_small else None
         if rival is not None:
             real = part.estimation.answer.bubble == REAL
-            limit = Part(rival, np.log(LIMIT) if real else -np.inf)
             try:
-                rival.sampling  # noqa: B018
+                limits[i] = Part(rival, np.log(LIMIT) if real else -np.inf)
             except SolverError:
                 continue
             part.prior = np.log(1.0 - LIMIT) if real else 0.0
-            limits[i] = limit
     if len(laws) == 1 and not limits:
         laws[0].weigh(1.0, budget)
     counted = [part for part in (*laws, *limits.values()) if np.isfinite(part.prior)]

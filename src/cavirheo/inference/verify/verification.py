@@ -152,7 +152,7 @@ class Estimation:
         climbed = self.answer.method == "laplace"
         windowed = list if climbed or self.answer.method == "least_squares" else self.windowed  # its windows have grown
         scanned = list if climbed else self.scanned
-        return AdaptiveSampling(self.target, self.network(), self.starts, scanned, windowed, seed=self.settings.seed)
+        return AdaptiveSampling(self.target, self.network, self.starts, scanned, windowed, seed=self.settings.seed)
 
     def rival(self) -> Estimation | None:
         """That of the field's bubble for the real one, or the other way round; None where the network does not know
@@ -163,7 +163,7 @@ class Estimation:
         known = (*self.shot.family.parameters, "stretch")
         how = replace(how, ranges={name: pair for name, pair in (how.ranges or {}).items() if name in known})
         other = Estimation(how, self.shot.curve, replace(self.answer, bubble=rival))
-        return other if other.network() else None
+        return other if other.network else None
 
     def weighted_answer(self, found: WeightedDraws, needed: float, limit: Part | None) -> Posterior:
         """The answer of level "auto". needed: effective draws that an interval takes. limit: of the rival."""
@@ -260,6 +260,7 @@ class Estimation:
             self.shot.set_window(*self.shot.cut)
         return [self.target.start(minimum.x) for minimum in found]
 
+    @cached_property
     def network(self) -> Proposal | None:
         """What knows the whole posterior roughly: the network, where it can read the curve; if not, that is said."""
         network, how = self.settings.network, self.settings
@@ -296,15 +297,16 @@ class Estimation:
             log_q = drawn.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
             log_q += log_camera - shot.log_stretched(shot.answer(x)[1])
         if limit:
-            other, known = limit.view.answer, limit.view.answer.evidence
+            view = limit.view
+            other, known = view.answer, view.answer.evidence
             if log_weight is not None and known and known.error != LAPLACE and self.answer.bubble == REAL:
-                both = averaged(log_weight, evidence, limit.view.log_weight, known)
+                both = averaged(log_weight, evidence, view.log_weight, known)
                 other = replace(other, weight=both.probability)
                 if both.probability > SEEN:
                     evidence, log_weight, log_q = both.evidence, both.log_weight, None
                     if both.probability > 0.5 and limit.sampling.drawn:
                         over_scale = limit.estimation.modulus_over_scale(limit.sampling.weighted)
-                    x = np.concatenate([x, shot.as_limit(limit.view.x, limit.estimation.shot.names)])
+                    x = np.concatenate([x, shot.as_limit(view.x, limit.estimation.shot.names)])
             others = (*others, other)
         about: dict[str, Any] = {"modes": len(found), **more}
         if drawn is None:
