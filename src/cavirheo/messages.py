@@ -56,6 +56,12 @@ def title(code: str) -> str:
     return known[0] if known else ""
 
 
+def of_bound(name: str, bound: str, interval: tuple[float, float, float]) -> Message:
+    """That the range of a parameter, and not the recording, ends its interval (5 %, 50 %, 95 %), SI."""
+    low, median, high = interval
+    return Message(f"bound.{name}.{bound}", {"name": name, "bound": bound, "median": median, "q05": low, "q95": high})
+
+
 def of_error(error: Exception) -> Message:
     """Why there is no answer, of the error that ended it."""
     if isinstance(error, InputError):

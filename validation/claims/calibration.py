@@ -104,10 +104,7 @@ def film(
 
 def rank(answer: Posterior, name: str, truth: float) -> float:
     """Posterior probability below the truth: uniform over shots if the posterior is calibrated."""
-    draws = answer.draws(name)
-    log_weight = np.zeros(len(draws)) if answer.log_weight is None else answer.log_weight
-    weight = np.exp(log_weight - np.max(log_weight))
-    return float(np.sum(weight[draws < truth]) / np.sum(weight))
+    return float(np.sum(answer.weights[answer.draws(name) < truth]))
 
 
 @contextmanager

@@ -7,7 +7,7 @@ of a rheometer.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ LIQUID, RHEOMETER, WITHIN = "PEG 40 %", 0.130, 0.2  # Pa s
 GOOD = ("ok", "undetermined")
 
 
+@cache
 def usable(folder: Path, name: str) -> list:
     files = sorted(folder.glob(default_answer.REAL[name]))
     curves = [curve for file in files for curve in read_curves(file) if not curve.unusable]

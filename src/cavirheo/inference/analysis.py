@@ -208,9 +208,7 @@ class Analysis:
                 return verify_many([curve], [answers], workers=workers, **settings)[0]
         except InputError:  # none of the curves can be answered so
             raise
-        except (
-            Exception
-        ) as error:  # a defect, of ours or of a library, costs this curve alone; the log has its traceback
+        except Exception as error:  # a defect, of ours or of a library, costs this curve alone
             _log.exception("%s has no answer", curve.name)
             checks = input_checks.failed(error, curve, named(self.medium))
             return self._nothing(curve, self.laws[0], self._options(self.bubbles[0]), checks)

@@ -12,13 +12,13 @@ class Budget:
     """How many draws a level may take.
 
     Attributes:
-        draws: most whose weights count.
-        patience: draws after which few simulations must be on the way to being enough; if not, ridges are followed.
-        learning: rounds of rough simulations before any draw counts there,
-        each: draws of a round,
-        fewest: fewest rounds, after which these must be on the way to
-        least: effective draws;
-        enough: effective draws at which they end.
+        draws: the most draws whose weights count.
+        patience: so many draws of a surrogate may be worth too little; then ridges are followed instead.
+        learning: rounds of rough simulations along ridges before a draw there counts.
+        each: draws of a round along ridges.
+        fewest: the fewest rounds along ridges.
+        least: draws along ridges end after those rounds where they will not be worth so many independent ones.
+        enough: draws along ridges end where they are worth so many independent ones.
 
     Raises:
         InputError: draws that are no whole number from 10 up.

@@ -36,7 +36,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.inference.options import FREE, Options, fixed_bubble
 from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
-from cavirheo.messages import Message
+from cavirheo.messages import Message, of_bound
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble, Damage
@@ -479,9 +479,7 @@ class Experiment:
                 continue
             ends = weighted_quantile(values, np.array([0.05, 0.5, 0.95]), log_weight)
             if bound := bound_of(ends[0], ends[2], (a, b)):
-                q05, median, q95 = (10.0**ends).tolist()
-                value = {"name": name, "bound": bound, "median": median, "q05": q05, "q95": q95}
-                found.append(Message(f"bound.{name}.{bound}", value))
+                found.append(of_bound(name, bound, tuple((10.0**ends).tolist())))
         return found
 
     @property

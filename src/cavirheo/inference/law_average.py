@@ -9,16 +9,14 @@ import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.alternatives import SEEN, itself, model_of
-from cavirheo.messages import Message
+from cavirheo.messages import Message, of_bound
 from cavirheo.parameters import LOG10, about, natural_name, of_the_law, units
-from cavirheo.posterior import Checks, Posterior
+from cavirheo.posterior import Checks, Posterior, intervals
 
 ELASTIC = 0.05  # probability of the laws with a shear modulus, from which the answer has one
 _MODULUS = LOG10 + "shear_modulus"
-_SAME = {
-    "viscosity": "reference_viscosity",
-    "reference_viscosity": "viscosity",
-}  # at 1e5 1/s, of a law with an exponent
+# a viscosity of a law with an exponent is that at 1e5 1/s
+_SAME = {"viscosity": "reference_viscosity", "reference_viscosity": "viscosity"}
 _NEWTONIAN = {"exponent": 0.0}  # log10 of what a law without it has; any other parameter is at the end of its range
 
 
@@ -38,27 +36,24 @@ def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
     `laws`.
     """
     logs = np.array([one.evidence.log for one in answers if one.evidence])
-    probability = np.exp(logs - log_sum(logs))
-    top = answers[int(np.argmax(probability))]
-    counted = [(one, float(p)) for one, p in zip(answers, probability, strict=True) if p > SEEN]
-    elastic = sum(p for one, p in counted if _MODULUS in one.names)
+    share = dict(zip((one.material for one in answers), np.exp(logs - log_sum(logs)).tolist(), strict=True))
+    top = max(answers, key=lambda one: share[one.material])
+    counted = [one for one in answers if share[one.material] > SEEN]
+    elastic = sum(share[one.material] for one in counted if _MODULUS in one.names)
     names, prior = top.names, dict(top.prior)
     if _MODULUS not in names and elastic > ELASTIC:
         names = (_MODULUS, *names)
-        prior[_MODULUS] = next(one.prior[_MODULUS] for one, _ in counted if _MODULUS in one.prior)
-    theta = np.concatenate([_as(one, names, prior) for one, _ in counted])
-    weight = np.concatenate([np.log(one.weights + 1e-300) + np.log(p) for one, p in counted])
-    rest = [
-        replace(itself(one), weight=float(p)) for one, p in zip(answers, probability, strict=True) if one is not top
-    ]
-    laws = {one.material: one for one, _ in counted}
+        prior[_MODULUS] = next(one.prior[_MODULUS] for one in counted if _MODULUS in one.prior)
+    theta = np.concatenate([_as(one, names, prior) for one in counted])
+    weight = np.concatenate([np.log(one.weights + 1e-300) + np.log(share[one.material]) for one in counted])
+    rest = [replace(itself(one), weight=share[one.material]) for one in answers if one is not top]
+    laws = {one.material: one for one in counted}
     known = {model_of(one) for one in rest}
     others = (*(one for one in top.others if model_of(one) not in known), *rest)
     found = replace(
         top, names=names, units=units(names), theta=theta, log_weight=weight, log_q=None, others=others, prior=prior,
         laws=laws,
     )  # fmt: skip
-    share = {one.material: float(p) for one, p in zip(answers, probability, strict=True)}
     return replace(found, checks=_checks(found, share))
 
 
@@ -66,11 +61,9 @@ def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
     """Those of the likeliest law, with what the average bounds in place of what this law bounds, and the share of each
     law."""
     checks, bounds = answer.checks, list[Message]()
-    for name in answer.parameters:
-        value = answer.quantity(name)
-        if value.bound and (of_the_law(name) or name == "stretch"):
-            ends = {"median": value.median, "q05": value.q05, "q95": value.q95}
-            bounds.append(Message(f"bound.{name}.{value.bound}", {"name": name, "bound": value.bound, **ends}))
+    for name, ends in intervals(answer.names, answer.theta, answer.log_weight).items():
+        if (of_the_law(name) or name == "stretch") and (bound := answer.bound(name)):
+            bounds.append(of_bound(name, bound, ends))
     rest = [message for message in checks.messages if not message.code.startswith("bound.")]
     verdict = checks.verdict
     if verdict in ("ok", "undetermined"):

@@ -108,9 +108,10 @@ def verify_many(
                     found.append(one.posterior())
             except ERRORS as error:  # of this shot alone
                 problems.append(_failed(chosen, model, error))
-        for some in [[one] for one in estimations] if chosen.weights or chosen.search else [estimations]:
+        apart = bool(chosen.weights) or chosen.search  # a fit, and a law that is searched, are sampled by themselves
+        for some in [[one] for one in estimations] if apart else [estimations] * bool(estimations):
             try:
-                found += answers_of(some, chosen.budget) if some else []
+                found += answers_of(some, chosen.budget)
             except ERRORS as error:  # of this shot alone
                 problems.append(_failed(chosen, some[0].answer, error))
         if not found:
