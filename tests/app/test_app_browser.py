@@ -103,6 +103,12 @@ def quick(page, level="not verified (fastest)"):
     page.get_by_label(level).check()
 
 
+def shown(page, name):
+    """The shot that is checked is this one, and its facts are there."""
+    page.wait_for_function(f"document.querySelector('input[aria-label=Shot]')?.value === '{name}'")
+    page.wait_for_selector("#facts h2:text('This shot')")
+
+
 def answered(page, shots):
     rows = "document.querySelectorAll('#answers .curves tbody tr')"
     page.wait_for_function(f"{rows}.length === {shots} && !document.querySelector('#answers .soon')")
@@ -242,15 +248,15 @@ def test_the_page_has_one_state(visit, tmp_path):
     assert head.get_attribute("aria-sort") == "descending"
     assert names.all_inner_texts() == [f"soft_gel[{k}]" for k in (5, 4, 3, 2, 1)]
     names.nth(1).press("Enter")
-    page.wait_for_selector("#facts h2:text('This shot')")
+    shown(page, "soft_gel[4]")
     width = "document.querySelector('#check-plot .main-svg').getBoundingClientRect().width"
     before = page.evaluate(width)
     page.get_by_role("tab", name="3 Infer").click()
     page.click("#infer")
     page.wait_for_selector("#stop", state="visible")
     page.wait_for_selector("#stop", state="hidden")
-    page.wait_for_function("document.querySelector('#facts h3')?.textContent === 'soft_gel[1]'")  # of the new answers
     page.get_by_role("tab", name="4 Check").click()
+    shown(page, "soft_gel[1]")  # of the new answers
     page.wait_for_function(f"Math.abs({width} - {before}) < 2")  # not as wide as a figure that was drawn unseen
 
     assert "?session=" in page.url
@@ -260,7 +266,7 @@ def test_the_page_has_one_state(visit, tmp_path):
     answered(page, 5)
     assert closed(page) == []
     page.get_by_role("tab", name="4 Check").click()
-    page.wait_for_selector("#facts h3:text('soft_gel[1]')")
+    shown(page, "soft_gel[1]")
     again = page.context.new_page()
     again.goto(page.url.replace("session=", "session=x"))  # nobody's
     again.wait_for_selector("#upload input[type=file]", state="attached")
