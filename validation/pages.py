@@ -20,7 +20,8 @@ MARKED = re.compile(r"(?P<begin><!--(?P<key>[a-z_]+\.[\w.]+):(?P<format>[^<>]+)-
 AT_BEGINNING = re.compile(r"^\s*(?:[-*>]|\d+\.)?\s*<!--[a-z_]+\.", re.MULTILINE)  # Markdown would end the paragraph
 
 HEAD = """# Ten claims
-`make validate` measures them again; they stand in [results.json](../validation/results.json). ± is the standard error over n cases.
+`make validate` measures them again; they stand in [results.json](../validation/results.json).
+± is the standard error over n cases.
 [Validation](validation.md) explains the tests, and says what was not reached.
 
 | claim | number | n | repeat | commit, date |
