@@ -14,13 +14,17 @@ import sys
 import tempfile
 import traceback
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from apart import Ended, each_apart
-from valid import ROOT, TEXTS, shard
+from valid import TEXTS, shard
+
+import cavirheo
+from cavirheo import verbs
+from cavirheo.errors import InputError
 
 SECONDS = float(os.environ.get("CAVIRHEO_HOSTILE_SECONDS", 240))  # for one call, on a machine that others use too
 LINE = 1200  # characters of a refusal, but for the file's name
@@ -38,14 +42,11 @@ class Said:
 
 
 def call(words: Sequence[str]) -> Said:
-    """What a command says, also what the libraries below write to the two streams themselves."""
-    from cavirheo import verbs
-
-    status, error, before = 0, "", (sys.argv, os.dup(1), os.dup(2))
+    """What a command says in this process, also what the libraries below write to the two streams themselves."""
+    status, error, sys.argv = 0, "", ["cavirheo", *words]
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         for file, number in ((out, 1), (err, 2)):
             os.dup2(file.fileno(), number)
-        sys.argv = ["cavirheo", *words]
         streams = [os.fdopen(os.dup(n), "w", encoding="utf-8", errors="surrogateescape") for n in (1, 2)]
         try:
             with contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]):
@@ -54,15 +55,9 @@ def call(words: Sequence[str]) -> Said:
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         except BaseException:
             error = traceback.format_exc()
-        finally:
-            for stream in streams:
-                stream.close()
-            sys.argv = before[0]
-            for number, saved in ((1, before[1]), (2, before[2])):
-                os.dup2(saved, number)
-                os.close(saved)
         texts = []
-        for file in (out, err):
+        for stream, file in zip(streams, (out, err), strict=True):
+            stream.close()
             file.seek(0)
             texts.append(file.read().decode("utf-8", "surrogateescape"))
     return Said(status, *texts, error)
@@ -84,9 +79,6 @@ def trouble(said: Said, refusals: int) -> str:
     if len(lines) - len(others) > refusals or len(others) > 3:
         return "more than one line"
     return "long line" if max(map(len, lines), default=0) > LINE + 400 else ""
-
-
-# ------------------------------------------------------------------------------------------------- the rooms
 
 
 @dataclass(frozen=True)
@@ -119,58 +111,39 @@ SINGLES = {
     "train DATA": "train {recipe} {file} -o {out}",
     "show": "show {file}",
 }
-PYTHON: dict[str, Callable[[str], Any]] = {}
 
 
-def python(function: Callable[[str], Any]) -> Callable[[str], Any]:
-    PYTHON[f"Python {function.__name__}"] = function
-    return function
-
-
-@python
-def read_curves(path: str) -> Any:
-    import cavirheo
-
-    return [repr(curve) for curve in cavirheo.read_curves(path)]
-
-
-@python
-def load(path: str) -> Any:
-    import cavirheo
-
-    return cavirheo.load(path)
-
-
-@python
 def load_folder(path: str) -> Any:
     """The file as the only shard of a training set."""
-    import cavirheo
-
-    folder = Path(tempfile.mkdtemp(dir=Path(path).parent))
-    (folder / "shard-00000.h5").symlink_to(path)
-    try:
+    with tempfile.TemporaryDirectory(dir=Path(path).parent) as folder:
+        Path(folder, "shard-00000.h5").symlink_to(path)
         return cavirheo.load(folder)
-    finally:
-        (folder / "shard-00000.h5").unlink()
-        folder.rmdir()
+
+
+PYTHON: dict[str, Callable[[str], Any]] = {
+    "Python read_curves": lambda path: [repr(curve) for curve in cavirheo.read_curves(path)],
+    "Python load": cavirheo.load,
+    "Python load_folder": load_folder,
+}
+
+
+def program(room: str, path: str) -> tuple[str, str]:
+    """(outcome, text) of one file that a program reads, which is told the file's name as it is."""
+    try:
+        PYTHON[room](path)
+    except InputError as error:
+        line, key = str(error), Path(path).parent.name
+        clean = not re.search(r"[\x00-\x1f\x7f-\x9f]", line.replace(path, key))
+        return "refused" if clean and key in line else "not one line that names it", line
+    except Exception:
+        return "traceback", traceback.format_exc()
+    return "answered", ""
 
 
 def single(room: str, path: str, given: dict[str, str]) -> tuple[str, str]:
     """(outcome, text) of one file in a room that takes one."""
     if room in PYTHON:
-        from cavirheo.errors import InputError
-
-        try:
-            PYTHON[room](path)
-            return "answered", ""
-        except InputError as error:
-            line, key = str(error), Path(path).parent.name
-            clean = not re.search(
-                r"[\x00-\x1f\x7f-\x9f]", line.replace(path, key)
-            )  # a program is told the name as it is
-            return "refused" if clean and key in line else "not one line that names it", line
-        except Exception:
-            return "traceback", traceback.format_exc()
+        return program(room, path)
     with tempfile.TemporaryDirectory() as out:
         words = SINGLES[room].split()
         said = call([word.format(file=path, out=f"{out}/out", **given) for word in words])
@@ -219,9 +192,6 @@ def _sources(value: Any) -> set[str]:
     return set().union(*map(_sources, value)) if isinstance(value, list) else set()
 
 
-# ------------------------------------------------------------------------------------------------- all files, all rooms
-
-
 def prepared(folder: Path) -> dict[str, str]:
     """The good files that the calls need beside the hostile one."""
     here = folder / "good"
@@ -238,12 +208,7 @@ def prepared(folder: Path) -> dict[str, str]:
     return {key: str(path) for key, path in names.items()}
 
 
-def rooms() -> list[str]:
-    """The rooms that there are."""
-    verbs = {path.stem for path in (ROOT / "src/cavirheo/verbs").glob("*.py")}
-    return [room for room in (*BATCHES, *SINGLES, *PYTHON) if room != "show" or "show" in verbs]
-
-
+ROOMS = (*BATCHES, *SINGLES, *PYTHON)
 Outcomes = dict[tuple[str, str], tuple[str, str]]  # (room, key of the file): outcome, text
 
 
@@ -253,17 +218,12 @@ def through(files: dict[str, Path], given: dict[str, str], only: Sequence[str], 
     parts = [keys[k : k + size] for k in range(0, len(keys), size)]
     jobs = [(room, part) for room in only if room in BATCHES for part in parts]
     jobs += [(room, [key]) for key in keys for room in only if room not in BATCHES]
-    found: Outcomes = {}
-    for room, part, outcomes in _judged(jobs, files, given):
-        for key in part:
-            found[room, key] = outcomes[key]
+    found = dict(_judged(jobs, files, given))
     again = [(room, [key]) for (room, key), (outcome, _) in found.items() if room in BATCHES and outcome not in FINE]
-    for room, part, outcomes in _judged(again, files, given):
-        found[room, part[0]] = outcomes[part[0]]
-    return found
+    return found | dict(_judged(again, files, given))
 
 
-def _judged(jobs: list[tuple[str, list[str]]], files: dict[str, Path], given: dict[str, str]) -> Any:
+def _judged(jobs: list[tuple[str, list[str]]], files: dict[str, Path], given: dict[str, str]) -> Iterator[tuple]:
     def work(job: int) -> dict[str, tuple[str, str]]:
         room, part = jobs[job]
         if room in BATCHES:
@@ -272,7 +232,8 @@ def _judged(jobs: list[tuple[str, list[str]]], files: dict[str, Path], given: di
 
     for job, answer in each_apart(work, range(len(jobs)), SECONDS):
         room, part = jobs[job]
-        yield room, part, dict.fromkeys(part, (answer.outcome, answer.why)) if isinstance(answer, Ended) else answer
+        for key in part:
+            yield (room, key), (answer.outcome, answer.why) if isinstance(answer, Ended) else answer[key]
 
 
 def table(found: Outcomes) -> str:
