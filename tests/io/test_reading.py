@@ -284,29 +284,10 @@ def test_no_remark_above_a_curve_is_a_formula(tmp_path):
     assert np.allclose(read_curves(tmp_path / "a.csv")[0].radius, RADIUS, rtol=1e-9)
 
 
-def huge(path):
-    with h5py.File(path, "w") as file:
-        for name in ("time", "radius"):
-            file.create_dataset(name, shape=(10**13,), dtype="f8", chunks=(1000,))
-
-
-def elsewhere(path):
-    with h5py.File(path.with_name("theirs.h5"), "w") as file:
-        file["time"], file["radius"] = TIME, RADIUS
-    with h5py.File(path, "w") as file:
-        file["time"] = TIME
-        file.create_dataset("radius", shape=(len(TIME),), dtype="f8", external=[(str(path.parent / "raw"), 0, 10**4)])
-
-
 def archive(path, *names):
     with zipfile.ZipFile(path, "w") as made:
         for name in names:
             made.writestr(name, "time_us,radius_um\n1,2\n")
-
-
-def cut(path):
-    savemat(path, bdt_variables())
-    path.write_bytes(path.read_bytes()[:1500])
 
 
 BAD = {  # content, or what writes it; code; what is named
@@ -342,9 +323,6 @@ BAD = {  # content, or what writes it; code; what is named
         "matlab.collapse_times",
         "collapse-time",
     ),
-    "cut.mat": (cut, "matfile.cut", ""),
-    "huge.h5": (huge, "limits.shape", "10000000000000"),
-    "elsewhere.h5": (elsewhere, "limits.elsewhere", "radius"),
     "other.xlsx": (lambda path: archive(path, "[Content_Types].xml", "word/document.xml"), "tabular.workbook", ""),
     "shots.zip": (lambda path: archive(path, "gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
     "missing.mat": (lambda path: None, "reading.missing", ""),

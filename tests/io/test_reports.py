@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from answers import COMMAND, NAMES, Page, answer, bubble, empty, printed, unanswered, with_verdict
+from answers import COMMAND, NAMES, Page, answer, bubble, empty, unanswered, with_verdict
 from scipy.stats import binom, theilslopes
 
 from cavirheo import InputError, Posterior, RadiusCurve, infer, infer_many, load, population
@@ -337,18 +337,6 @@ def test_evidence_that_no_shot_shows_alone_is_that_of_all_together():
 )
 def test_numbers_show_the_digits_that_their_error_leaves(text, shown):
     assert text == shown
-
-
-@pytest.mark.parametrize("width", [80, 140])
-def test_table_fits_its_terminal_and_cuts_nothing(width):
-    long = "Rt_nondim_exp_PAAm_Alginate_0p3perc_v2"
-    curve = bubble(f"{long}[1]", long)
-    failed = empty(f"[red]{long}[/red]", long), unanswered("too short: " + "words " * 30)
-    lines = printed(result([(curve, answer(curve, draws=400)), failed], COMMAND), width).splitlines()
-    assert max(map(len, lines)) <= width
-    whole = "".join("".join(lines).split())
-    assert (whole.count("words"), long in whole) == (30, True)
-    assert "[red]" in whole  # markup is text
 
 
 @pytest.mark.parametrize(("values", "unit"), [((310.0, 95.0), (1.0, "Pa")), ((310.0, 5e3), (1e-3, "kPa"))])
