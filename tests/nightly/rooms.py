@@ -19,12 +19,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from apart import Ended, each_apart
 from valid import TEXTS, shard
 
 import cavirheo
 from cavirheo import verbs
-from cavirheo.errors import InputError
+from cavirheo.companions import collapse_times, published_values
+from cavirheo.companions.rheometer import document, read
+from cavirheo.errors import InputError, SolverError
+from cavirheo.io import write_csv
+from cavirheo.io.trace import read_trace
+from cavirheo.physics.driving import Trace
+from cavirheo.physics.media import WATER
+from cavirheo.training.recipe import read_recipe
 
 SECONDS = float(os.environ.get("CAVIRHEO_HOSTILE_SECONDS", 240))  # for one call, on a machine that others use too
 LINE = 1200  # characters of a refusal, but for the file's name
@@ -113,31 +121,94 @@ SINGLES = {
 }
 
 
-def load_folder(path: str) -> Any:
+class WrongCurveError(Exception):
+    """What is wrong although nothing was raised."""
+
+
+def read_curves(path: str) -> None:
+    for curve in cavirheo.read_curves(path)[:20]:
+        known = curve.radius[np.isfinite(curve.radius)]
+        fine = np.isfinite(curve.time).all() and (np.diff(curve.time) > 0).all() and (known > 0).all()
+        if not fine or not all(isinstance(note, str) and "\n" not in note for note in curve.notes):
+            raise WrongCurveError(f"a curve that no curve may be: {curve!r}, {curve.notes}")
+        for use in (
+            lambda c=curve: (c.max_radius, c.collapse_times(), c.noise, c.strain_rate(), c.normalised(WATER)),
+            lambda c=curve: c.resampled(1e-6, 100, allow_short=True),
+            lambda c=curve: write_csv(Path(path).with_name("written.out"), c),
+        ):
+            with contextlib.suppress(InputError):
+                use()
+
+
+def times(path: str) -> None:
+    groups, problems, *_ = collapse_times.read_groups([Path(path)], WATER)
+    for group in groups:
+        group.model_dump_json()
+    for problem in problems:
+        raise InputError(problem)
+
+
+def sweeps(path: str) -> None:
+    document.rheometry(read.read_sweeps(Path(path)), "x", command="x", date="", notes=[]).model_dump_json()
+
+
+def pressure(path: str) -> None:
+    trace = read_trace(Path(path))
+    with contextlib.suppress(InputError):
+        Trace(*trace[:2])
+
+
+def references(path: str) -> None:
+    published_values.read_references(Path(path))
+
+
+def recipe(path: str) -> None:
+    found = read_recipe(Path(path))
+    found.settings()
+    _ = found.problem.id, found.problem.prior.sample(2, 0)
+
+
+def load(path: str) -> None:
+    cavirheo.load(path)
+
+
+def load_folder(path: str) -> None:
     """The file as the only shard of a training set."""
     with tempfile.TemporaryDirectory(dir=Path(path).parent) as folder:
         Path(folder, "shard-00000.h5").symlink_to(path)
-        return cavirheo.load(folder)
+        data = cavirheo.load(folder)
+        _ = data.sha256, data.failures, data.split(0)
 
 
-PYTHON: dict[str, Callable[[str], Any]] = {
-    "Python read_curves": lambda path: [repr(curve) for curve in cavirheo.read_curves(path)],
-    "Python load": cavirheo.load,
-    "Python load_folder": load_folder,
-}
+READERS = (read_curves, times, sweeps, pressure, references, recipe, load, load_folder)
+PYTHON: dict[str, Callable[[str], None]] = {f"Python {reader.__name__}": reader for reader in READERS}
+OURS = (AttributeError, TypeError, IndexError, KeyError, NameError, AssertionError, ZeroDivisionError, MemoryError)
+OURS += (RecursionError, OverflowError, FloatingPointError, NotImplementedError)
 
 
 def program(room: str, path: str) -> tuple[str, str]:
     """(outcome, text) of one file that a program reads, which is told the file's name as it is."""
     try:
         PYTHON[room](path)
-    except InputError as error:
+    except (InputError, SolverError) as error:
         line, key = str(error), Path(path).parent.name
-        clean = not re.search(r"[\x00-\x1f\x7f-\x9f]", line.replace(path, key))
-        return "refused" if clean and key in line else "not one line that names it", line
+        cause = error.__cause__ or error.__context__
+        while isinstance(cause, InputError):
+            cause = cause.__cause__ or cause.__context__
+        if getattr(error, "code", "") == "reading.damaged" and isinstance(cause, OURS) and made_here(cause):
+            return "a mistake of ours is hidden", "".join(traceback.format_exception(cause))
+        clean = not re.search(r"[\x00-\x1f\x7f-\x9f]", line.replace(path, f"/{key}/"))
+        return "refused" if clean and f"/{key}/" in line else "not one line that names it", line
+    except WrongCurveError as error:
+        return "wrong", str(error)
     except Exception:
         return "traceback", traceback.format_exc()
     return "answered", ""
+
+
+def made_here(error: BaseException) -> bool:
+    """Whether our own line raised it, not a library that says so that the file is damaged."""
+    return "/cavirheo/" in traceback.extract_tb(error.__traceback__)[-1].filename
 
 
 def single(room: str, path: str, given: dict[str, str]) -> tuple[str, str]:
