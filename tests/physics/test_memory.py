@@ -15,16 +15,18 @@ from cavirheo.physics.elastic import Fung, Gent, Linear, NeoHookean, Quadratic
 from cavirheo.physics.growth import remembered
 from cavirheo.physics.laws import parse
 from cavirheo.physics.materials import (
+    Maxwell,
     NeoHookeanKelvinVoigt,
     OldroydB,
     QuadraticKelvinVoigt,
     QuadraticStandardLinearSolid,
     StandardLinearSolid,
+    TotalRelaxation,
+    UpperConvectedMaxwell,
     Viscoelastic,
     Zener,
 )
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.viscous import Newtonian

@@ -9,7 +9,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
 from cavirheo.physics import solver
-from cavirheo.physics.grid import NO_SHELLS
+from cavirheo.physics.accuracy import NO_SHELLS
 from cavirheo.physics.scales import ABSENT, Numbers
 from cavirheo.physics.tableau import RODAS5P
 

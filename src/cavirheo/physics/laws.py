@@ -13,26 +13,34 @@ import numpy as np
 
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import PARAMETERS, RATE
-from cavirheo.physics import elastic, materials, memory, viscous
-from cavirheo.physics.materials import Material, Viscoelastic
+from cavirheo.physics.elastic import ArrudaBoyce, Fung, Gent, Linear, MooneyRivlin, NeoHookean, Ogden, Quadratic, Yeoh
+from cavirheo.physics.materials import (
+    Material,
+    Maxwell,
+    NeoHookeanKelvinVoigt,
+    OldroydB,
+    QuadraticKelvinVoigt,
+    QuadraticStandardLinearSolid,
+    StandardLinearSolid,
+    UpperConvectedMaxwell,
+    Viscoelastic,
+    Zener,
+)
+from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, Newtonian, PowellEyring, PowerLaw
 
-KINDS: dict[str, dict[str, Callable[..., Material]]] = {
-    "elastic": {
-        "linear": elastic.Linear, "neo-hookean": elastic.NeoHookean, "quadratic": elastic.Quadratic,
-        "mooney-rivlin": elastic.MooneyRivlin, "yeoh": elastic.Yeoh, "fung": elastic.Fung, "gent": elastic.Gent,
-        "arruda-boyce": elastic.ArrudaBoyce, "ogden": elastic.Ogden,
-    },
-    "viscous": {
-        "newtonian": viscous.Newtonian, "power-law": viscous.PowerLaw, "herschel-bulkley": viscous.HerschelBulkley,
-        "carreau-yasuda": viscous.CarreauYasuda, "cross": viscous.Cross, "powell-eyring": viscous.PowellEyring,
-    },
-    "elastic and viscous": {"nhkv": materials.NeoHookeanKelvinVoigt, "qkv": materials.QuadraticKelvinVoigt},
-    "with memory": {
-        "maxwell": memory.Maxwell, "ucm": memory.UpperConvectedMaxwell, "oldroyd-b": materials.OldroydB,
-        "zener": materials.Zener, "sls": materials.StandardLinearSolid,
-        "qsls": materials.QuadraticStandardLinearSolid,
-    },
-}  # fmt: skip
+
+def _by_name(*laws: type[Material]) -> dict[str, Callable[..., Material]]:
+    return {law.name: law for law in laws}
+
+
+KINDS = {
+    "elastic": _by_name(Linear, NeoHookean, Quadratic, MooneyRivlin, Yeoh, Fung, Gent, ArrudaBoyce, Ogden),
+    "viscous": _by_name(Newtonian, PowerLaw, HerschelBulkley, CarreauYasuda, Cross, PowellEyring),
+    "elastic and viscous": _by_name(NeoHookeanKelvinVoigt, QuadraticKelvinVoigt),
+    "with memory": _by_name(
+        Maxwell, UpperConvectedMaxwell, OldroydB, Zener, StandardLinearSolid, QuadraticStandardLinearSolid
+    ),
+}
 LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
 """Every law by the name that it is written with; a law that is put here is known to all commands."""
 EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
@@ -84,11 +92,10 @@ def combine(terms: Sequence[Material]) -> Material:
     """
     if len(terms) == 1:
         return terms[0]
-    names = {law: name for name, law in LAWS.items()}
     parts: dict[str, Any] = {}
     for kind in ("elastic", "viscous"):
         having = [term for term in terms if getattr(term, kind)]
-        got = " and ".join(names.get(type(term), term.name) for term in having)
+        got = " and ".join(term.name for term in having)
         why = f"a material has one {kind} part at most, but {got} each have one; leave all but one out"
         require(len(having) < 2, why, f"laws.{kind}_twice")
         parts[kind] = getattr(having[0], kind) if having else None

@@ -1,6 +1,12 @@
-"""Materials that are sums of laws: an elastic part, a viscous part and arms that remember.
+"""Materials that are sums of laws: an elastic part, a viscous part and arms with memory.
 
-The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4).
+The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4). A Maxwell arm is a
+spring and a dashpot in series, whose stress fades within the relaxation time. Its spring forgets what it was stretched
+from, which one number a term tells (section 4.3 there):
+
+    S = sum_k C_k m_k,   m_k' = -m_k/tau - n_k (1 + m_k) U/R,   m_k = 0 in the relaxed state:
+
+1 + m_k is the fading mean of past R^n_k over the present one. One arm takes the elastic part of the material along.
 """
 
 from __future__ import annotations
@@ -9,11 +15,50 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from cavirheo.errors import InputError, require
-from cavirheo.physics.domain import NOT_NEGATIVE, POSITIVE
+from cavirheo.parameters import NOT_NEGATIVE, POSITIVE
 from cavirheo.physics.elastic import Linear, NeoHookean, Quadratic
 from cavirheo.physics.law import Arm, Elastic, Material, Parts, Viscous
-from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.viscous import Newtonian
+
+
+@dataclass(frozen=True)
+class Maxwell(Arm):
+    """Linear Maxwell fluid, tau_rr + tau d(tau_rr)/dt = 2 mu D_rr at a fixed place: its spring is linear.
+    Not frame-indifferent: for small strains. Allen and Roy 2000, doi:10.1121/1.429344."""
+
+    terms: ClassVar[tuple[tuple[float, float], ...]] = ((4 / 3, 3.0),)
+
+
+@dataclass(frozen=True)
+class UpperConvectedMaxwell(Arm):
+    """Maxwell fluid with the upper-convected rate (UCM), right at any strain: its spring is neo-Hookean.
+    Warnez and Johnsen 2015, doi:10.1063/1.4922598."""
+
+    name: ClassVar[str] = "ucm"
+    terms: ClassVar[tuple[tuple[float, float], ...]] = ((2.0, 1.0), (0.5, 4.0))
+
+
+@dataclass(frozen=True)
+class TotalRelaxation(Maxwell):
+    """The stress of spring and dashpot together relaxes at a fixed place: tau dT/dt + T = T_el + 2 mu D, T = T_rr.
+
+    T_el is the stress of the elastic part of the material that this arm stands in, which acts through it alone:
+
+        m' = -(m - S_el/C)/tau - 3 (1 + m) U/R,   S = C m,   C = 4 mu/(3 tau),
+
+    and S -> S_el - 4 mu U/R for tau -> 0. With Z = R^3 S it is the Zener model of IMRv2 and PyIMR; of a linear spring
+    G it is that spring beside a Maxwell arm of viscosity mu - G tau. Hua and Johnsen 2013, doi:10.1063/1.4817673.
+
+    grown: False: it starts without stress at R_max, as in these codes, and so without that of the elastic part.
+    """
+
+    viscosity: float = field(metadata=POSITIVE)
+    grown: bool = True
+    follows: ClassVar[bool] = True
+
+    @property
+    def starts_stressed(self) -> bool:
+        return self.grown
 
 
 @dataclass(frozen=True)
@@ -31,7 +76,6 @@ class Viscoelastic(Material):
     elastic: Elastic | None = None
     viscous: Viscous | None = None
     memory: tuple[Arm, ...] = ()
-    name: ClassVar[str] = "viscoelastic"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "memory", tuple(self.memory))
@@ -85,7 +129,6 @@ class OldroydB(Material):
     viscosity: float = field(metadata=NOT_NEGATIVE)
     relaxation_time: float = field(metadata=POSITIVE)
     retardation_time: float = field(metadata=NOT_NEGATIVE)
-    name: ClassVar[str] = "oldroyd-b"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -110,7 +153,6 @@ class Zener(Material):
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     viscosity: float = field(metadata=NOT_NEGATIVE)
     relaxation_time: float = field(metadata=POSITIVE)
-    name: ClassVar[str] = "zener"
 
     def parts(self) -> Parts:
         arm = UpperConvectedMaxwell(self.viscosity, self.relaxation_time)
@@ -134,7 +176,7 @@ class QuadraticStandardLinearSolid(Material):
 
     With stiffening 0 it is IMRv2's `stress = 3`, else its `stress = 4`, both without retardation; a dashpot beside it
     ("qsls + newtonian") is the retardation. As there the bubble starts without any stress, also that of the spring
-    (`TotalRelaxation` in physics/memory.py leaves the choice). Hua and Johnsen 2013, doi:10.1063/1.4817673, with the
+    (`TotalRelaxation` leaves the choice). Hua and Johnsen 2013, doi:10.1063/1.4817673, with the
     spring of Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
     """
 

@@ -13,13 +13,11 @@ from numpy.typing import ArrayLike
 from cavirheo import parallel
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError, brief, expect, require
-from cavirheo.parameters import DURATION, RADIUS
+from cavirheo.parameters import DURATION, POSITIVE, RADIUS, within
 from cavirheo.physics import cache, solver
-from cavirheo.physics.accuracy import DEFAULT, Accuracy
+from cavirheo.physics.accuracy import DEFAULT, NO_SHELLS, Accuracy, Grid, wall_clustered
 from cavirheo.physics.bubble import FIELD, Bubble
-from cavirheo.physics.domain import POSITIVE, within
 from cavirheo.physics.driving import Driving
-from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
 from cavirheo.physics.law import Material
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
