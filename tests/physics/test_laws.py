@@ -12,8 +12,9 @@ from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, viscous
 from cavirheo.physics.elastic import Gent, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
 from cavirheo.physics.law import Arm
-from cavirheo.physics.laws import EXAMPLE, LAWS, parse, summary, usage
 from cavirheo.physics.materials import (
+    EXAMPLE,
+    LAWS,
     Material,
     Maxwell,
     NeoHookeanKelvinVoigt,
@@ -21,6 +22,9 @@ from cavirheo.physics.materials import (
     UpperConvectedMaxwell,
     Viscoelastic,
     Zener,
+    parse,
+    summary,
+    usage,
 )
 from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
 
