@@ -18,7 +18,7 @@ from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
-from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.inference.search import LIMITS, STARTS, LeastSquares, Scan, Search
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview, WeightedDraws
 from cavirheo.inference.verify.mode import INSIDE, Mode, Target, answer_at, climb, modes, same
