@@ -116,6 +116,11 @@ class CollapseGroup(Record):
         """The exact answer where there is one."""
         return self.exact or self.analytic
 
+    @property
+    def incomplete(self) -> bool:
+        """Whether a shot was left out, its input is doubtful, or there is no answer."""
+        return bool(self.unusable or self.doubts) or self.best is None or not self.best.answered
+
     def measured(self) -> Shots:
         """Of the usable shots."""
         values = [(one.max_radius_m, one.stretch, one.collapse_time_s) for one in self.usable]
