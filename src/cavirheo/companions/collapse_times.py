@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cavirheo.companions.panels import headed, named_curves, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import input_checks
@@ -26,7 +25,7 @@ from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
-from cavirheo.writing.style import BLUE, INK, VERMILLION, write
+from cavirheo.writing.style import BLUE, INK, VERMILLION, headed, named_curves, one_panel, two_panels, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from cavirheo.companions.panels import headed, named_curves, plain_ticks, two_panels
 from cavirheo.companions.rheometer.sweeps import Sweep, frequency_sweep, strain_sweep
 from cavirheo.reporting.group import Published, PublishedValue
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Spread, spread_of, write_rows
-from cavirheo.writing.style import BLUE, INK, VERMILLION, write
+from cavirheo.writing.style import BLUE, INK, VERMILLION, headed, named_curves, plain_ticks, two_panels, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
