@@ -15,7 +15,7 @@ from cavirheo.inference.model import card, shipped
 from cavirheo.inference.what_if import seen
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
-from cavirheo.reporting.citation import TITLE, methods_if_any
+from cavirheo.reporting.citation import TITLE, methods
 from cavirheo.reporting.curve_lines import preview_lines
 from cavirheo.reporting.input_remarks import causes, cells, notes, pooled, warnings
 from cavirheo.reporting.record import result_of
@@ -143,7 +143,7 @@ def answers(session: Session) -> str:
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.curves_table(rows, factor, unit, title=title, linked=False)
     said = causes(rows)
-    about = html.reading(document.curves), *methods_if_any(document)
+    about = html.reading(document.curves), *methods(document)
     done = (verified, len(soon)), len(document.curves), found.not_run, pooled(document)
     return part("answers", session.stale and not soon, *done, *groups, shots, said, *about)
 

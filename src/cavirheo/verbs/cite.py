@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.verbs.options import argument
 
 
@@ -21,4 +21,5 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
         message = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
         raise InputError(message, "cite.kind")
     paragraph, sources = methods(found)
+    require(bool(paragraph), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
     print("\n\n".join([paragraph, *(source.bibtex for source in sources)]))
