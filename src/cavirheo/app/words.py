@@ -16,7 +16,7 @@ from cavirheo.inference.what_if import seen
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
-from cavirheo.reporting.curve_lines import preview_lines
+from cavirheo.reporting.curve_panels import preview_panels
 from cavirheo.reporting.input_remarks import causes, cells, notes, pooled, warnings
 from cavirheo.reporting.record import result_of
 from cavirheo.reporting.svg import curve_svg
@@ -120,7 +120,7 @@ def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     it."""
     picture, said = "", warnings([curve])
     try:
-        picture = curve_svg(preview_lines(curve, seen(curve, settings.analysis).curve))
+        picture = curve_svg(preview_panels(curve, seen(curve, settings.analysis).curve))
     except InputError as error:
         said = {str(error): [curve.name]}
     return part("prepared", picture, {told(text): names for text, names in said.items()}, notes([curve]))

@@ -136,20 +136,20 @@ class Pictures:
 def _pictures(pairs: Answered, document: Result) -> Pictures:
     """Of very many curves the lines are simpler, and only the first groups have a picture."""
     from cavirheo.reporting import html, svg
-    from cavirheo.reporting.curve_lines import answer_lines
-    from cavirheo.reporting.group_lines import group_lines
+    from cavirheo.reporting.curve_panels import answer_panels
+    from cavirheo.reporting.group_panels import group_panels
 
     made, records, unit = Pictures(), document.curves, document.modulus_unit
     most = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))
     how: dict[str, Any] = {"points": most, "brief": len(pairs) > html.DETAILED}
     for (curve, answer), record in zip(pairs, records, strict=True):
-        lines = partial(answer_lines, curve, answer.checks, record)
+        lines = partial(answer_panels, curve, answer.checks, record)
         made.curves.append(made.draw(record.name, lines, svg.curve_svg, **how))
     members = [(group, indices) for group, indices in document.members() if group.n > 1][:GROUPS]
     most = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
     for group, indices in members:
         shots = [(pairs[i][0], pairs[i][1].checks, records[i]) for i in indices if records[i].answered]
-        made.groups.append(made.draw(group.name, partial(group_lines, shots, group, unit), svg.group_svg, points=most))
+        made.groups.append(made.draw(group.name, partial(group_panels, shots, group, unit), svg.group_svg, points=most))
     return made
 
 

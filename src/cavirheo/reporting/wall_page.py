@@ -11,7 +11,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import html
-from cavirheo.reporting.curve_lines import answer_lines
+from cavirheo.reporting.curve_panels import answer_panels
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.svg import curve_svg, style
 
@@ -35,7 +35,7 @@ def page(
     picture = ""
     if curve and answer and record:
         with suppress(InputError):
-            picture = curve_svg(answer_lines(curve, answer.checks, record), WIDE, HIGH)
+            picture = curve_svg(answer_panels(curve, answer.checks, record), WIDE, HIGH)
     counts = {"shots": len(result.curves), "trusted": sum(one.trusted for one in result.curves)}
     counts["failed"] = sum(not one.answered for one in result.curves)
     material = group.population if group and group.population and group.population.found else None
