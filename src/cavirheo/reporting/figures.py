@@ -7,8 +7,9 @@ two-column paper: 84 or 174 mm wide, type of 7 and 8 pt, told apart in grey.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,8 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.curve_panels import RMAX, Axis, Layer, Panel, answer_panels
-from cavirheo.reporting.group_panels import GroupPanels, group_panels
+from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.group_panels import GroupPanels, group_panels, shots_of
 from cavirheo.reporting.laws import WeighedLaws
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits, style
@@ -104,11 +106,6 @@ def check_figures(figures: Sequence[str]) -> None:
     require(not unknown, f"figures can be {', '.join(FIGURES)}, got {unknown}", "reporting.figures")
 
 
-def paper_names(curves: Sequence[str], groups: Sequence[str] = (), of: str = "") -> list[str]:
-    """File names without their ending of a paper's figures of curves and groups; of: "laws-" for those of evidence."""
-    return names(curves, groups, f"paper-{of}")
-
-
 def names(curves: Sequence[str], groups: Sequence[str] = (), before: str = "") -> list[str]:
     """File names without their ending of the figures of curves and groups, `before` in front of each."""
     from cavirheo.reporting import file_names
@@ -116,60 +113,57 @@ def names(curves: Sequence[str], groups: Sequence[str] = (), before: str = "") -
     return file_names([f"{before}{name}" for name in curves] + [f"{before}group-{name}" for name in groups])
 
 
+def _sets(figures: Sequence[str]) -> list[tuple[str, FigureStyle, tuple[str, ...]]]:
+    """What names begin with, the style, and the kinds of files."""
+    kinds = tuple(kind for kind in KINDS if kind in figures)
+    return [("", SCREEN, kinds)] * bool(kinds) + [("paper-", PAPER, KINDS)] * ("paper" in figures)
+
+
 def files(figures: Sequence[str], curves: Sequence[str], groups: Sequence[str]) -> list[str]:
     """The names of all files of these kinds of figures."""
-    kinds = [kind for kind in KINDS if kind in figures]
-    found = [f"{stem}.{kind}" for stem in names(curves, groups) for kind in kinds]
-    paper = paper_names(curves, groups) if "paper" in figures else []
-    return found + [f"{stem}.{kind}" for stem in paper for kind in KINDS]
+    sets = ((names(curves, groups, before), kinds) for before, _, kinds in _sets(figures))
+    return [f"{stem}.{kind}" for stems, kinds in sets for stem in stems for kind in kinds]
 
 
 def write(
     folder: Outputs, pairs: Pairs, document: Result, figures: Sequence[str], done: Callable[[], None] | None = None
 ) -> list[str]:
-    """Write the figures of all curves and groups; of each that could not be drawn why. done: called after each."""
-    curves, groups = [row.name for row in document.curves], [group.name for group in document.groups]
-    kinds, said = tuple(kind for kind in KINDS if kind in figures), list[str]()
-    sets = [(names(curves, groups), SCREEN, kinds)] if kinds else []
-    sets += [(paper_names(curves, groups), PAPER, KINDS)] if "paper" in figures else []
-    for stems, look, of in sets:
-        for stem, (name, draw) in zip(stems, drawn(pairs, document, look), strict=True):
-            with drawing(f"figure of {name}", said):
-                if (figure := draw()) is not None:
-                    save(folder, stem, figure, of, look.dpi)
+    """Write the figures of all curves and groups; of each that could not be drawn why. done: called after each.
+
+    There is no figure of a group of a single answer, and none for a paper of a curve without an answer.
+    """
+    if not style.available():
+        return [style.NO_PICTURES]
+    rows, unit, failed = document.curves, document.modulus_unit, list[str]()
+
+    def of_curve(index: int, look: FigureStyle) -> Figure | None:
+        if not (rows[index].answered or look.heading):
+            return None
+        curve, answer = pairs[index]
+        panels = answer_panels(curve, answer.checks, rows[index])
+        return curve_figure(panels, look, heading(rows[index], unit))
+
+    def of_group(group: GroupRecord, indices: list[int], look: FigureStyle) -> Figure | None:
+        shots = shots_of(pairs, rows, indices)
+        return group_figure(group_panels(shots, group, unit), look) if len(shots) > 1 else None
+
+    drawings = [(row.name, partial(of_curve, index)) for index, row in enumerate(rows)]
+    drawings += [(group.name, partial(of_group, group, indices)) for group, indices in document.members()]
+    for before, look, kinds in _sets(figures):
+        stems = names([row.name for row in rows], [group.name for group in document.groups], before)
+        for stem, (name, draw) in zip(stems, drawings, strict=True):
+            with drawing(f"figure of {name}", failed):
+                if (figure := draw(look)) is not None:
+                    save(folder, stem, figure, kinds, look.dpi)
             if done:
                 done()
-    return said
+    return failed
 
 
 def save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str] = KINDS, dpi: int = PAPER.dpi) -> None:
     """As a file of each kind."""
     for kind in kinds:
         folder.write(f"{stem}.{kind}", style.save, figure, kind, dpi)
-
-
-def drawn(pairs: Pairs, document: Result, look: FigureStyle) -> Iterator[tuple[str, Callable[[], Figure | None]]]:
-    """Name, and what draws it, of each curve and group; there is no figure of a group of a single answer, and none for
-    a paper of a curve without an answer."""
-    records, unit = document.curves, document.modulus_unit
-    for (curve, answer), record in zip(pairs, records, strict=True):
-
-        def of_curve(curve: Any = curve, answer: Any = answer, record: CurveRecord = record) -> Figure | None:
-            if not (record.answered or look.heading):
-                return None
-            return curve_figure(answer_panels(curve, answer.checks, record), look, heading(record, unit))
-
-        yield record.name, of_curve
-    for group, indices in document.members():
-
-        def of_group(group: Any = group, indices: list[int] = indices) -> Figure | None:
-            shown = [i for i in indices if records[i].answered]
-            if len(shown) < 2:
-                return None
-            shots = [(pairs[i][0], pairs[i][1].checks, records[i]) for i in shown]
-            return group_figure(group_panels(shots, group, unit), look)
-
-        yield group.name, of_group
 
 
 def heading(record: CurveRecord, unit: Unit) -> tuple[str, str, list[str]]:

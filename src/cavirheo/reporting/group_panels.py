@@ -14,6 +14,7 @@ from cavirheo.posterior import Checks
 from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.curve_panels import RMAX, Axis, Layer, Panel
 from cavirheo.reporting.group import CONSTANTS, GroupRecord
+from cavirheo.reporting.record import Pairs
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Spread
 
@@ -21,6 +22,11 @@ FAR = 3.0  # largest over smallest, above which axes begin at zero
 _SIZE = "R_max"  # in place of a parameter's name
 Shot = tuple[RadiusCurve, Checks, CurveRecord]
 Mark = tuple[str, str, Floats | None, Floats]  # look, name, and (3,) lower end, value and upper end along both axes
+
+
+def shots_of(pairs: Pairs, rows: Sequence[CurveRecord], indices: Sequence[int]) -> list[Shot]:
+    """Those of these curves that were answered."""
+    return [(pairs[i][0], pairs[i][1].checks, rows[i]) for i in indices if rows[i].answered]
 
 
 @dataclass(frozen=True, eq=False)

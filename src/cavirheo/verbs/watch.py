@@ -27,7 +27,7 @@ class Watch(options.Inference):
         from cavirheo.io.column import is_size, read_column
         from cavirheo.parallel import aside, cores
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.reporting import wall_page, write_report
+        from cavirheo.reporting import html, write_report
         from cavirheo.reporting.table import print_line, print_table
         from cavirheo.watch import Watch as Watching
         from cavirheo.writing import digits
@@ -42,11 +42,11 @@ class Watch(options.Inference):
         watching = Watching(
             folder, out, analysis, lambda path: self.recordings([path], liquid), reading, group=self.group,
             column=self.column, command=run.command, date=run.date, say=run.say, patience=self.patience,
-            wanted=0.01 * self.wanted_percent, show=print_line if not run.quiet else lambda _: None,
+            half_width=0.01 * self.wanted_percent, show=print_line if not run.quiet else lambda _: None,
         )  # fmt: skip
         aside(load_solver)
         result = watching.write()
-        page = f"{out / wall_page.PAGE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
+        page = f"{out / html.LIVE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
         run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
         try:
             while watching.once() or watching.pause() or not self.once:

@@ -36,15 +36,15 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.Answe
         from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
         from cavirheo.parallel import cores
         from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting.figures import laws_figure, paper_names, save
+        from cavirheo.reporting.figures import laws_figure, names, save
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
         from cavirheo.workflow.analyse import Unfinished
         from cavirheo.workflow.cluster import connected
         from cavirheo.writing import digits, document
 
         files, liquid, out, drawn = run.files(self.files), self.liquid, self.out, self.figure_kinds
-        names = [name.strip() for name in self.laws.split(",") if name.strip()]
-        chosen = models(names, self.bubbles or (REAL,))
+        laws = [name.strip() for name in self.laws.split(",") if name.strip()]
+        chosen = models(laws, self.bubbles or (REAL,))
         Options(window=self.window, stretch=self.stretch)
         outputs = document.Outputs(out, "laws.json", inputs=files)
         report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
@@ -68,7 +68,7 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.Answe
         if note:
             run.stop(note, out / "laws.json" if answered else None)
         if "paper" in drawn:
-            stems = paper_names([one.name for one in made.curves], [one.name for one in made.groups], "laws-")
+            stems = names([one.name for one in made.curves], [one.name for one in made.groups], "paper-laws-")
             undrawn: list[str] = []
             for stem, one in zip(stems, [*made.curves, *made.groups], strict=True):
                 with document.drawing(stem, undrawn):
