@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import Population as Population
     from cavirheo.inference.population import population as population
     from cavirheo.io import read_curves as read_curves
-    from cavirheo.io.recordings import measure as measure
+    from cavirheo.io.videos import measure as measure
     from cavirheo.loading import load as load
     from cavirheo.physics.bubble import Bubble as Bubble
     from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
@@ -53,7 +53,7 @@ _HOME = {
     "simulate": "physics.simulate",
     "simulate_many": "physics.simulate",
     "Posterior": "posterior",
-    "measure": "io.recordings",
+    "measure": "io.videos",
     "read_curves": "io",
 }
 __all__ = sorted(_HOME)

@@ -46,7 +46,8 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     m = len(index)
     rng = np.random.default_rng(seed)
     top = shots.max_radius[index].astype(float)
-    nodes, radii = shots.time[index] * (END / STEPS), shots.radius[index] * (TOP / 65535.0)
+    nodes, radii = (columns[index].astype(float) for columns in (shots.time, shots.radius))
+    nodes, radii = nodes * (END / STEPS), radii * (TOP / 65535.0)
     camera = _cameras(rng, _first_collapse(nodes, radii), WATER.time_scale(1.0) * top)
     time, radius, summary = np.empty((m, _ROOM)), np.empty((m, _ROOM)), np.zeros((m, 5))
     _film(nodes, radii, camera, int(rng.integers(2**31)), time, radius, summary)
@@ -55,9 +56,9 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
         width_t, width_r = half_widths(camera.frame / read, noise, late)
         early, more = -origin / read / width_t, (1.0 / read - 1.0) / width_r
     good = (count > 0) & (np.abs(early) < 1.0) & (np.abs(more) < 1.0)  # what the priors allow
-    camera, read, count = camera[good], read[good], count[good].astype(np.int64)
-    sample = np.repeat(np.arange(len(count)), count)
-    flat = np.concatenate([np.arange(c) for c in count]) if len(count) else np.empty(0, np.int64)
+    camera, read, counts = camera[good], read[good], count[good].astype(np.int64)
+    sample = np.repeat(np.arange(len(counts)), counts)
+    flat = np.concatenate([np.arange(c) for c in counts]) if len(counts) else np.empty(0, np.int64)
     rows = np.flatnonzero(good)[sample]
     discrepancy = 1.0 * (camera.slow > 0)
     numbers = {"max_radius": top[good] * read / camera.scale, "frame": camera.frame / read}
@@ -117,7 +118,7 @@ def _cameras(rng: np.random.Generator, collapse: Floats, t_c: Floats) -> Any:
         "gap": gap,
         "gap_end": gap + uniform(0.0, 0.5),
     }
-    return np.rec.fromarrays(list(columns.values()), names=list(columns))
+    return np.rec.fromarrays(list(columns.values()), dtype=[(name, float) for name in columns])
 
 
 @compiled

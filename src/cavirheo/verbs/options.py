@@ -16,7 +16,7 @@ from cavirheo.verbs import completion
 
 if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
-    from cavirheo.io.shots import Recordings
+    from cavirheo.io.shots import CurveSet
     from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.media import Medium
     from cavirheo.verbs.run import Run
@@ -136,7 +136,7 @@ class Reading(Trust):
 
             shot_numbers(self.shots)
 
-    def recordings(self, files: list[Path], medium: "Medium", exclude: str | None = None) -> "Recordings":
+    def recordings(self, files: list[Path], medium: "Medium", exclude: str | None = None) -> "CurveSet":
         """`read_shots` with these settings."""
         from cavirheo.io.shots import read_shots
 
@@ -348,9 +348,9 @@ class Inference(Answering, OneBubble, Question):
         """Raises InputError for an option that only --verify would use, before hours are spent.
 
         Videos among the files use the exposure, too."""
-        from cavirheo.io.recordings import is_recording
+        from cavirheo.video.frames import is_video
 
-        exposed = self.exposure_us is not None and not any(map(is_recording, files))
+        exposed = self.exposure_us is not None and not any(map(is_video, files))
         given = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
         idle = self.verify == "none" and given
         require(not idle, f"{' and '.join(given)} would change nothing without --verify map or full: give that too")

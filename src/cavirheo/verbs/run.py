@@ -92,7 +92,7 @@ class Run:
         curves = found.curves
         self.need(curves, "curve")
         if reading.column is not None:
-            from cavirheo.io.column import with_column
+            from cavirheo.io.option_tables import with_column
 
             curves = with_column(curves, reading.column)
         aside(load_solver)

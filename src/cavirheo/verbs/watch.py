@@ -24,7 +24,7 @@ class Watch(options.Inference):
     wanted_percent: options.WantedPercent = 10.0
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.io.column import is_size, read_column
+        from cavirheo.io.option_tables import is_size, read_column
         from cavirheo.parallel import aside, cores
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import wall_page, write_report
