@@ -38,7 +38,7 @@ PLANTED = (
             "self.shear_modulus / 2 * np.exp(", "self.shear_modulus * np.exp(", ("test_laws", "test_materials")),
     Planted("wall twice as near", "physics/bubble.py",
             "0.5 * max_radius / self.wall_distance", "max_radius / self.wall_distance", ("test_bubble_model",)),
-    Planted("damage by strain, exponent's sign", "physics/damage.py",
+    Planted("damage by strain, exponent's sign", "physics/scales.py",
             "** a, (1 + b) * u", "** a, (1 - b) * u", ("test_condensation",)),
     Planted("polytropic gas with half the exponent", "physics/solver.py",
             "z, p_dot = 0.0, -3 * numbers", "z, p_dot = 0.0, -1.5 * numbers", ("test_condensation", "test_physics")),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from cavirheo.physics.laws import LAWS
+from cavirheo.physics.materials import LAWS
 
 _DOI = re.compile(r"doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
 

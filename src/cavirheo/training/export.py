@@ -3,7 +3,7 @@
 A network that gives one value maps R/R_max on the grid of its problem, (batch, frames) float32, to the prior's scale,
 (batch, outputs) float32: log10 of SI values, the scaling of the targets included. A posterior network gives draws and
 densities (`SequentialDraws`); its weights have half precision, and it computes at single. The card (JSON) says what the
-model is and what it was made of (inference/card.py).
+model is and what it was made of (inference/model.py).
 """
 
 from __future__ import annotations
@@ -29,11 +29,10 @@ from torch import nn
 
 from cavirheo.errors import require
 from cavirheo.inference.bins import SIZE
-from cavirheo.inference.card import ModelCard, PosteriorCard
-from cavirheo.inference.flow import INPUTS
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.latent import SLOTS
-from cavirheo.inference.model import predict
+from cavirheo.inference.model import ModelCard, PosteriorCard, predict
+from cavirheo.inference.posterior_network import INPUTS
 from cavirheo.parameters import LOG10, about
 from cavirheo.physics.media import WATER
 from cavirheo.problem import TrainingProblem

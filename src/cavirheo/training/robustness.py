@@ -76,7 +76,7 @@ def robustness(
 
     def network_answer(curve: RadiusCurve) -> Floats:
         try:
-            return estimator.network_alone(curve)
+            return estimator.network_only(curve)
         except InputError:  # counted as failed
             return nothing
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 def laws() -> None:
     """All laws for `simulate --material`: parameters with units, and the energy or viscosity function."""
-    from cavirheo.physics.laws import EXAMPLE, KINDS, summary, usage
+    from cavirheo.physics.materials import EXAMPLE, KINDS, summary, usage
 
     for kind, names in KINDS.items():
         print(f"{kind}:")

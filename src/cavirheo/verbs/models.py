@@ -20,8 +20,8 @@ def models() -> None:
 def describe(name: str, path: Path, about: dict[str, Any]) -> None:
     """Print what the card of a model says. Raises KeyError, TypeError, ValueError: it lacks something."""
     if about["kind"] == "posterior":
-        from cavirheo.inference.card import PosteriorCard
-        from cavirheo.inference.posterior_model import describe as known
+        from cavirheo.inference.model import PosteriorCard
+        from cavirheo.inference.posterior_network import describe as known
 
         lines = known(PosteriorCard.model_validate(about))
         print(printable("\n".join([f"{name}: draws of the parameters, for any camera", *lines])))

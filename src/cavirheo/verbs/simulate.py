@@ -150,8 +150,7 @@ class Simulate(options.Documents, options.Liquid):
         """A name whose parameters are options of the command, or a sum of laws that holds its own."""
         from inspect import signature
 
-        from cavirheo.physics.laws import LAWS, parse
-        from cavirheo.physics.materials import MATERIALS
+        from cavirheo.physics.materials import LAWS, MATERIALS, parse
 
         names = ("shear_modulus", "viscosity", "stiffening")
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
