@@ -210,7 +210,7 @@ class Watch(options.Inference):
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
-        from cavirheo.io.column import is_size, read_column
+        from cavirheo.io.option_tables import is_size, read_column
         from cavirheo.parallel import aside, cores
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import html, write_report

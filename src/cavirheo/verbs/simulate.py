@@ -75,7 +75,7 @@ class Simulate(options.Documents, options.Liquid):
     def __call__(self, run: Run) -> None:
         import numpy as np
 
-        from cavirheo.io.trace import read_trace
+        from cavirheo.io.option_tables import read_trace
         from cavirheo.physics import simulate as forward
         from cavirheo.physics.accuracy import DEFAULT, PRECISE
         from cavirheo.physics.driving import Pulse, Trace
