@@ -215,9 +215,9 @@ def spread_starts(bounds: Floats, count: int) -> Floats:
 
 
 class Search:
-    """shots: the experiment of each window, the whole one last. stages: x of the best of each but the last. rounds: how many there were. unlike: least squared
-    difference of the weighted frames of two minima; if it is not 0, no coarse simulation is gone on from in a longer
-    window where minima of the one before leave nothing but noise."""
+    """shots: the experiment of each window, the whole one last. stages: x of the best of each but the last. rounds: how
+    many there were. unlike: least squared difference of the weighted frames of two minima; if it is not 0, no coarse
+    simulation is gone on from in a longer window where minima of the one before leave nothing but noise."""
 
     def __init__(self, shot: Experiment, workers: int = 1, unlike: float = 0.0) -> None:
         self.shot, self.workers, self.unlike = shot, workers, unlike
