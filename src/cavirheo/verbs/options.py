@@ -149,7 +149,7 @@ class Reading(Trust):
         found = read_shots(files, max_radius=scale, group=self.group, **about)
         if self.exposure_us is None:
             return found
-        return found._replace(curves=[curve.with_exposure(self.exposure_us * 1e-6) for curve in found.curves])
+        return found._replace(curves=[curve.labelled(exposure_s=self.exposure_us * 1e-6) for curve in found.curves])
 
 
 @dataclass(kw_only=True)
