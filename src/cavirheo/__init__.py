@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import Population as Population
     from cavirheo.inference.population import population as population
     from cavirheo.io import read_curves as read_curves
-    from cavirheo.io.recordings import measure as measure
+    from cavirheo.io.videos import measure as measure
     from cavirheo.loading import load as load
     from cavirheo.physics.bubble import Bubble as Bubble
     from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
@@ -39,7 +39,7 @@ _NAMES = {  # by module
     "inference.fit": "fit fit_many",
     "inference.population": "population Population",
     "io": "read_curves",
-    "io.recordings": "measure",
+    "io.videos": "measure",
     "loading": "load",
     "physics.bubble": "Bubble",
     "physics.materials": "NeoHookeanKelvinVoigt Newtonian QuadraticKelvinVoigt",

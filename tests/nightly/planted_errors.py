@@ -122,7 +122,7 @@ PLANTED = (
     Planted("any file of the machine is uploaded", "app/endpoint.py",
             "path.is_relative_to(folder) and path.is_file()", "path.is_file()", ("test_app",)),
     Planted("exposure after the frame's time", "training/camera.py",
-            "(0.2 * k - 0.4) * exposure", "(0.2 * k) * exposure", ("test_camera",)),
+            "(0.2 * k - 0.4) * camera.exposure", "(0.2 * k) * camera.exposure", ("test_camera",)),
     Planted("split of a training set leaves out curves", "training/dataset.py",
             "[round(0.8 * n), round(0.9 * n)]", "[round(0.8 * n), round(0.8 * n) + 1]", ("test_dataset",)),
 )  # fmt: skip
