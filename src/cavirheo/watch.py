@@ -22,7 +22,7 @@ from cavirheo.io.option_tables import is_size, listed, read_column, with_given_v
 from cavirheo.io.shots import CurveSet, read_shots, samples_of
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import DOCUMENTS, table, wall_page
+from cavirheo.reporting import DOCUMENTS, html, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result, result_of
 from cavirheo.workflow.analyse import analyse, of_file
@@ -70,7 +70,7 @@ class Watch:
 
     analysis: how curves are answered. read: the curves of one file. reading: all that `read` depends on besides the
     medium. group: as in `read_shots`. column: a table as of `read_column`, which may grow while shots arrive, or the
-    word R_max. wanted: as for `wall_page.page`. say: told one line of what goes wrong. show: told each row as it is
+    word R_max. half_width: as for `html.live_page`. say: told one line of what goes wrong. show: told each row as it is
     found.
     """
 
@@ -78,14 +78,14 @@ class Watch:
         self, folder: Path, out: Path, analysis: Analysis, read: Callable[[Path], CurveSet], reading: object = None,
         *, group: str = "auto", column: Path | None = None, command: str = "", date: str | None = None,
         say: Callable[[str], None] = lambda _: None, show: Callable[[CurveRecord], None] = lambda _: None,
-        patience: float = PATIENCE, wanted: float = wall_page.WANTED,
+        patience: float = PATIENCE, half_width: float = html.HALF_WIDTH,
     ) -> None:  # fmt: skip
         self.folder, self.analysis, self.read, self.group, self.patience = folder, analysis, read, group, patience
         self.sizes = column is not None and is_size(column)
         self.column = None if self.sizes else column
         self._column_then = _state(self.column)
-        self.say, self.show, self.command, self.date, self.wanted = say, show, command, date, wanted
-        self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, wall_page.PAGE)
+        self.say, self.show, self.command, self.date, self.half_width = say, show, command, date, half_width
+        self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, html.LIVE)
         self.store = Store(out / "watched", most=0)
         how = key_of([version("cavirheo"), reading, analysis.medium])[:16]  # read otherwise, other curves
         self.records = Store(out / "watched" / how, most=0)
@@ -163,9 +163,9 @@ class Watch:
             self.outputs.write("result.json", write_json, result)
             self.outputs.write("result.csv", table.write_csv, result)
         latest = next((k for k, (_, answer) in enumerate(pairs) if answer is self._latest), len(pairs) - 1)
-        self.page.write(
-            wall_page.PAGE, wall_page.write, result, latest, *(pairs[latest] if pairs else ()), wanted=self.wanted
-        )
+        curve, answer = pairs[latest] if pairs else (None, None)
+        page = html.live_page(result, latest, curve, answer, self.half_width)
+        self.page.write(html.LIVE, Path.write_text, page, encoding="utf-8")
         now = time.monotonic()
         self._due = now + PACE * (now - began)
         return result

@@ -23,6 +23,7 @@ from cavirheo.physics.elastic import Yeoh
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Cross
 from cavirheo.posterior import Checks, Posterior
+from cavirheo.verbs.curves import Infer
 from cavirheo.verbs.run import Run
 
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
@@ -136,7 +137,7 @@ def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
     curve = read_curves(EXAMPLE)[0]
     nothing = Posterior(("log10_viscosity",), ("Pa s",), np.array([[np.nan]]), Checks("ok"), "newtonian", "bdt")
     with pytest.raises(typer.Exit) as stop:
-        Run().report([curve], KnownAnalysis(of=lambda _: nothing), tmp_path)
+        Infer(files=[], out=tmp_path).report(Run(), [curve], KnownAnalysis(of=lambda _: nothing))
     assert stop.value.exit_code == 1
 
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cavirheo.companions.panels import headed, named_curves, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import input_checks
@@ -26,7 +25,7 @@ from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
-from cavirheo.writing.style import BLUE, INK, VERMILLION, write
+from cavirheo.writing.style import BLUE, INK, VERMILLION, headed, named_curves, one_panel, two_panels, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,6 +114,11 @@ class CollapseGroup(Record):
     def best(self) -> CollapseEstimate | None:
         """The exact answer where there is one."""
         return self.exact or self.analytic
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether a shot was left out, its input is doubtful, or there is no answer."""
+        return bool(self.unusable or self.doubts) or self.best is None or not self.best.answered
 
     def measured(self) -> Shots:
         """Of the usable shots."""
