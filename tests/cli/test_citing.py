@@ -8,19 +8,18 @@ from itertools import zip_longest
 from math import inf
 
 import pytest
-from conftest import BDT, ROOT, refusal, refused
+from conftest import BDT, ROOT, refusal
 
 from cavirheo import infer_many, load, read_curves
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
-from cavirheo.physics.laws import LAWS
+from cavirheo.physics.materials import LAWS
 from cavirheo.physics.media import WATER, ZHU2025, Medium, medium
 from cavirheo.posterior import Evidence
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import OtherModel
-from cavirheo.reporting.citation import methods
+from cavirheo.reporting.citation import MEDIA, methods, of_law, references
 from cavirheo.reporting.material import PopulationRecord
-from cavirheo.reporting.sources import MEDIA, of_law
 from cavirheo.writing.document import Quantity, write_json
 
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
@@ -94,7 +93,7 @@ def test_every_law_has_full_references(law, document):
     row = {"material": law, "bubble": REAL}
     assert {source.key for source in of_law(law)} <= cited(document, row, row)[1]
     assert len(of_law(law)) == len(re.findall("doi:", LAWS[law].__doc__ or ""))
-    for source in [*of_law(law), *MEDIA.values()]:
+    for source in [*of_law(law), *(references()[key] for key in MEDIA.values())]:
         assert source.bibtex.count("{") == source.bibtex.count("}")
         fields = dict(re.findall(r"^  (\w+) = \{(.+)\},?$", source.bibtex, re.MULTILINE))
         assert {"author", "title", "year"} < set(fields)
@@ -135,8 +134,8 @@ def test_the_medium_is_that_of_each_answer_whatever_the_command_says(document, f
 
 
 def test_what_cannot_be_cited_is_refused(run, document, tmp_path):
-    with refused("cite.nothing"):
-        cited(document, *[{"verdict": "failed"}] * 2)
+    failed = [curve.model_copy(update={"verdict": "failed"}) for curve in document.curves]
+    assert methods(document.model_copy(update={"curves": failed})) == ("", [])
     (tmp_path / "other.json").write_text('{"x": 1}')
     refusal(run("cite", "other.json"))
 

@@ -18,7 +18,7 @@ from cavirheo.companions.comparison import Answering, compare
 from cavirheo.companions.comparison_picture import figure
 from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.errors import InputError
-from cavirheo.inference import analysis, posterior_model
+from cavirheo.inference import analysis, posterior_network
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD
@@ -85,7 +85,7 @@ def fake(monkeypatch):
 
     monkeypatch.setattr(comparison, "write_report", write_report)
     monkeypatch.setattr(Analysis, "answer", answer)
-    for module in (comparison, posterior_model):
+    for module in (comparison, posterior_network):
         monkeypatch.setattr(module, "network_of", lambda name: SimpleNamespace(sha256="", card=card(name)))
     monkeypatch.setattr(analysis, "path_of", Path)
     monkeypatch.setattr(analysis, "card", card)

@@ -23,7 +23,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
 from cavirheo.parallel import Threads
-from cavirheo.reporting import read_json, wall_page
+from cavirheo.reporting import read_json
+from cavirheo.reporting.html import LIVE
 from cavirheo.reporting.record import Result
 from cavirheo.watch import Watch
 
@@ -92,7 +93,7 @@ def test_each_file_is_answered_once_also_after_a_restart_and_stays_when_it_is_mo
     assert bench.rows == [(name, "ok") for name in bench.asked]
     (group,) = bench.result.groups
     assert group.n_trusted == 3  # a folder of single shots is one material, as for infer
-    page = (bench.out / wall_page.PAGE).read_text()
+    page = (bench.out / LIVE).read_text()
     assert "<h1>shot003</h1>" in page
     assert not re.search("https?://|<script", page)
     bench.seed = 1  # other settings are other answers

@@ -25,7 +25,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import ACCOMMODATION
-from cavirheo.physics.laws import parse
+from cavirheo.physics.materials import parse
 from cavirheo.physics.media import WATER
 
 R_MAX = 250e-6

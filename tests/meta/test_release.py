@@ -16,8 +16,8 @@ from conftest import ROOT, refusal
 import cavirheo
 from cavirheo.inference.model import card, shipped
 from cavirheo.physics.media import MEDIA
-from cavirheo.reporting.sources import BDT, IMR
-from cavirheo.verbs import versions
+from cavirheo.reporting.citation import references
+from cavirheo.verbs import machine
 
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 PROJECT = ABOUT["project"]
@@ -44,13 +44,13 @@ def test_the_citation_is_of_this_version_and_its_authors():
     assert citation["license"] == PROJECT["license"]
     assert citation["authors"] == PROJECT["authors"]
     assert {*citation["keywords"]} <= {*PROJECT["keywords"]}
-    sources = {source.title: source for source in (IMR, BDT)}
+    sources = {source["title"]: source for source in (references()[key].fields for key in ("Estrada2018", "Bu2025"))}
     for reference in citation["references"]:
         source = sources.pop(reference["title"])
-        assert [one["family-names"] for one in reference["authors"]] == re.findall(r"([A-Z]\w+),", source.authors)
-        assert str(reference["year"]) == source.year
-        assert source.doi == reference.get("doi", "")
-        assert reference.get("journal") or reference["url"].endswith(source.where.removeprefix("arXiv:"))
+        assert [one["family-names"] for one in reference["authors"]] == re.findall(r"([A-Z]\w+),", source["author"])
+        assert str(reference["year"]) == source["year"]
+        assert source.get("doi", "") == reference.get("doi", "")
+        assert reference.get("journal") or reference["url"].endswith(source["note"].removeprefix("arXiv:"))
     assert not sources
 
 
@@ -60,19 +60,19 @@ def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch
     assert (status, err) == (0, "")
     wanted = [cavirheo.__version__, sys.version.split()[0], "\nsolver ", "NUMBA_NUM_THREADS=1"]
     wanted += [f" {one.partition('>')[0]} " for one in PROJECT["dependencies"]]
-    wanted += [f"\n[{extra}]" for extra in {*versions.wanted()} - {""}]
+    wanted += [f"\n[{extra}]" for extra in {*machine.required()} - {""}]
     wanted += [f"{name}, sha256 {card(path)['onnx']['sha256']}\n" for name, path in shipped().items()]
     assert [text for text in wanted if text not in out] == []
 
 
 def test_a_bug_report_tells_what_is_not_as_it_was(monkeypatch, tmp_path):
-    monkeypatch.setattr(versions, "requires", lambda _: ["numpy>=2", 'nonesuch>=1; extra == "plot"'])
+    monkeypatch.setattr(machine, "requires", lambda _: ["numpy>=2", 'nonesuch>=1; extra == "plot"'])
     path = tmp_path / "posterior.onnx"
     for suffix in (".onnx", ".json"):
         shutil.copy(shipped()["posterior"].with_suffix(suffix), tmp_path)
     path.write_bytes(path.read_bytes() + b"x")
     monkeypatch.setattr("cavirheo.inference.model.shipped", lambda: {"posterior": path})
-    said = versions.report()
+    said = machine.report()
     assert "[plot]    no nonesuch" in said
     assert "NOT the file that its card describes" in said
 

@@ -19,8 +19,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import SHARPEST
 from cavirheo.inference.options import FREE
-from cavirheo.inference.search import ROUNDS, Search
-from cavirheo.inference.search.least_squares import POLISH, LeastSquares
+from cavirheo.inference.search import POLISH, ROUNDS, LeastSquares, Search
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, under
 from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample
 from cavirheo.inference.verify.tuning import TUNING
@@ -46,7 +45,7 @@ class SearchedEstimation(Estimation):
         for _ in ROUNDS[:1] if settings.level == "map" else ROUNDS:
             kept, new = ([self.target.start(x) for x in some] for some in self.search.starts())
             self.modes = modes(self.target, kept, known=self.modes)
-            if not (self.modes and self.search.explained(self._missed)):
+            if not (self.modes and self.search.only_noise(self._missed)):
                 self.modes = modes(self.target, new, known=self.modes)
             if self.modes and self.search.enough(self._missed):
                 break

@@ -18,10 +18,8 @@ from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
-from cavirheo.inference.posterior_model import PosteriorModel
-from cavirheo.inference.search import Search
-from cavirheo.inference.search.least_squares import LIMITS, LeastSquares
-from cavirheo.inference.search.starts import STARTS, Scan
+from cavirheo.inference.posterior_network import PosteriorModel
+from cavirheo.inference.search import LIMITS, STARTS, LeastSquares, Scan, Search
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview, WeightedDraws
 from cavirheo.inference.verify.mode import INSIDE, Mode, Target, answer_at, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
@@ -242,7 +240,7 @@ class Estimation:
         counted = self.shot.counted
         measured = self.shot.measured[counted]
         missed = np.full(len(measured), np.nan)
-        frames = [missed if p is None else p.radius[counted] for p in scan.found]
+        frames = [missed if p is None else p.radius[counted] for p in scan.predictions]
         u = self.target.start(scan.points)
         value = self.target.noise.frames.log_density(measured - np.array(frames)) + log_normal(u)
         climbed = int(TUNING.scanned_climbed * len(value))
