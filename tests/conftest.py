@@ -19,7 +19,7 @@ BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, whe
 ROOT = Path(__file__).resolve().parents[1]
 collect_ignore_glob = [] if importlib.util.find_spec("av") else ["*test_video*"]  # without the extra [video]
 if not (ROOT / "docs").is_dir():  # the sdist, whose tests run from the wheel (tests/wheel.py)
-    collect_ignore_glob += ["test_documentation.py", "test_documented_commands.py", "test_site.py"]
+    collect_ignore_glob += ["meta/test_document*.py", "meta/test_site.py"]
 
 
 def load_benchmark(name: str) -> ModuleType:

@@ -16,10 +16,10 @@ from typing import Any
 
 import pytest
 import typer
+from conftest import ROOT
 
 from cavirheo import verbs
 
-ROOT = Path(__file__).parent.parent
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("validation/**/*.md")]
 )
@@ -212,7 +212,7 @@ NUMBER = re.compile(r"\d+(?:\.\d+)?")
 def test_snippets_run(page, code, shown, monkeypatch):
     program = compile(code, name(page), "exec", dont_inherit=True)
     if "Client(" in code:
-        pytest.skip("needs a running app; tests/test_documented_commands.py starts it")
+        pytest.skip("needs a running app; tests/meta/test_documented_commands.py starts it")
     monkeypatch.chdir(ROOT)
     with contextlib.redirect_stdout(io.StringIO()) as said:
         exec(program, {})

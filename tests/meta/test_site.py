@@ -12,9 +12,9 @@ import re
 import subprocess
 import sys
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 import cavirheo
 from cavirheo import loading
@@ -25,7 +25,6 @@ for needed in ("material", "mkdocstrings_handlers", "latex2mathml"):
     if find_spec(needed) is None:
         pytest.skip("the docs extra is not installed", allow_module_level=True)
 
-ROOT = Path(__file__).parent.parent
 FETCHED = re.compile(  # what a browser would fetch from another machine for a page or a style sheet
     r"""(?:<(?:script|img|iframe|source)\b[^>]*?\bsrc=|<link\b[^>]*?\bhref=|@import\s+|url\()["']?((?:https?:)?//[^"')\s>]+)"""
 )
