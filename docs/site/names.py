@@ -1,7 +1,7 @@
 """Which names of Python the reference shows: by page and group, those of each room; the laws are those that are known.
 
-tests/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a public
-object holds or returns.
+tests/meta/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a
+public object holds or returns.
 """
 
 from __future__ import annotations
