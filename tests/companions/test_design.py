@@ -243,7 +243,7 @@ def test_a_picture_that_fails_costs_only_itself(quick, run, tmp_path, monkeypatc
         assert (tmp_path / "plan" / "design.json").exists()
         raise ValueError("no ticks")
 
-    monkeypatch.setattr("cavirheo.writing.style.save_png", broken)
+    monkeypatch.setattr("cavirheo.writing.style.save", broken)
     status, _, err = run("design", *NARROW, "--fps", 1e6, "-o", "plan")
     assert status == 0, err
     assert cavirheo.load(tmp_path / "plan").notes == ["design.png could not be drawn: ValueError: no ticks"]

@@ -197,7 +197,7 @@ class _Tables:
         if self.drawn and complete:
             from cavirheo.companions.comparison_picture import figure
 
-            document.notes += outputs.picture("comparison.png", style.save_png, figure, document)
+            document.notes += outputs.picture("comparison.png", style.save, figure, document)
         outputs.write("comparison.csv", tables.write_csv, document)
         outputs.write("comparison.md", Path.write_text, tables.markdown(document), encoding="utf-8")
         outputs.finish()

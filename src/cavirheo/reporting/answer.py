@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, fields
 from math import inf
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer
@@ -77,7 +77,36 @@ def _restored(value: Any) -> Any:
 StoredMedium = Annotated[Medium, BeforeValidator(_restored), PlainSerializer(_stored)]
 
 
-class OtherModel(Record):
+class Answer:
+    """What the row of a curve and the answer of another model have in common."""
+
+    if TYPE_CHECKING:
+        material: str
+        bubble: Bubble
+        viscosity_Pa_s: Quantity
+        other_parameters: dict[str, Quantity]
+
+    def quantity(self, name: str) -> Quantity:
+        """A parameter by its natural name; empty where the model has none."""
+        return getattr(self, _KEYS[name]) if name in _KEYS else self.other_parameters.get(name, Quantity())
+
+    @property
+    def viscosity(self) -> Quantity:
+        """Or that at 1e5 1/s, where it is not one number."""
+        return self.quantity("viscosity" if self.viscosity_Pa_s.median is not None else AT_RATE)
+
+    @property
+    def model(self) -> str:
+        """'nhkv, real'."""
+        return f"{self.material}, {self.bubble.name}"
+
+    @property
+    def in_words(self) -> str:
+        """'nhkv, real bubble'."""
+        return f"{self.material}, {self.bubble.title}"
+
+
+class OtherModel(Record, Answer):
     """What another model answers for the same frames; one of the answer's own material and bubble is another mode.
 
     Attributes:
@@ -104,26 +133,6 @@ class OtherModel(Record):
     other_parameters: dict[str, Quantity] = {}
     weight: float = 0.0
 
-    def quantity(self, name: str) -> Quantity:
-        """A parameter by its natural name; empty where the model has none."""
-        return getattr(self, _KEYS[name]) if name in _KEYS else self.other_parameters.get(name, Quantity())
-
-    @property
-    def viscosity(self) -> Quantity:
-        """Or that at 1e5 1/s, where it is not one number."""
-        at_rate = self.other_parameters.get(AT_RATE, Quantity())
-        return at_rate if self.viscosity_Pa_s.median is None else self.viscosity_Pa_s
-
-    @property
-    def model(self) -> str:
-        """'nhkv, real'."""
-        return f"{self.material}, {self.bubble.name}"
-
-    @property
-    def in_words(self) -> str:
-        """'nhkv, real bubble'."""
-        return f"{self.material}, {self.bubble.title}"
-
 
 class Sentence(Record):
     """A message of an answer.
@@ -137,7 +146,7 @@ class Sentence(Record):
     text: str
 
 
-class CurveRecord(Record):
+class CurveRecord(Record, Answer):
     """One row: the answer for one curve.
 
     Attributes:
@@ -229,7 +238,7 @@ class CurveRecord(Record):
 
     def determined(self, name: str) -> float | None:
         """The median of a parameter by its natural name, SI, if it is a value and not a bound alone."""
-        return None if name in self.diagnostics.at_bound else self.itself.quantity(name).determined
+        return None if name in self.diagnostics.at_bound else self.quantity(name).determined
 
     @property
     def itself(self) -> OtherModel:
@@ -237,11 +246,6 @@ class CurveRecord(Record):
         about = {name: getattr(self, name) for name in OtherModel.model_fields if name in CurveRecord.model_fields}
         log, error = (self.evidence.log, self.evidence.error) if self.evidence else (None, None)
         return OtherModel(**about, log_evidence=log, evidence_error=error)
-
-    @property
-    def model(self) -> str:
-        """'nhkv, real'."""
-        return self.itself.model
 
     @property
     def preferred(self) -> OtherModel | None:
@@ -266,14 +270,9 @@ class CurveRecord(Record):
 
     def logs(self, names: Sequence[str]) -> Floats:
         """(l, 3) log10 of q05, median and q95 of these parameters, SI; NaN where it has none."""
-        known = [self.itself.quantity(name) for name in names]
+        known = [self.quantity(name) for name in names]
         ends = np.array([[value.q05, value.median, value.q95] for value in known], dtype=float)
         return np.log10(np.where(ends > 0, ends, np.nan))
-
-    @property
-    def viscosity(self) -> Quantity:
-        """Or that at 1e5 1/s, where it is not one number."""
-        return self.itself.viscosity
 
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
@@ -414,7 +413,7 @@ def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
     """The law's that some of these have, G and the viscosity first; a reference viscosity only where it is not the
     viscosity at that rate."""
     names = dict.fromkeys(["shear_modulus", "viscosity", *(name for one in records for name in one.other_parameters)])
-    known = [name for name in names if any(one.itself.quantity(name).median is not None for one in records)]
+    known = [name for name in names if any(one.quantity(name).median is not None for one in records)]
     return [name for name in known if of_the_law(name) and (name != "reference_viscosity" or "yield_stress" in known)]
 
 

@@ -17,7 +17,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from cavirheo.arrays import Bools, Floats
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.what_if import Band
@@ -80,31 +80,42 @@ def filmed(
 
 
 def checked(
-    curve: RadiusCurve, answer: Checks, simulated_as: str, fit: Checks | None = None,
-    trial: dict[str, Any] | None = None, band: Band | None = None,
-) -> go.Figure:  # fmt: skip
+    curve: RadiusCurve,
+    answer: Checks,
+    simulated_as: str,
+    fit: Checks | None = None,
+    trial: dict[str, Any] | None = None,
+    band: Band | None = None,
+) -> go.Figure:
     """A measured curve, the simulation of its answer over it under this name, that of a conventional fit, what is left
-    between, a trial's `lines`, and the band in which the draws' simulations run."""
+    between, the `lines` of a what-if simulation, and the band in which the draws' simulations run."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
     figure.layout.template, figure.layout.height = _STYLE, 520
     _lines(figure, trial or lines(Checks("failed")), GREEN, "solid", "sliders")  # TRIAL
-    inside = np.zeros(len(curve.time), dtype=bool)
+    start = curve.time[0]
+    with suppress(InputError):  # a curve without R_max is drawn from its beginning
+        start = curve.time_of_max
+    time, compared = curve.time - start, np.zeros(len(curve.time), dtype=bool)
     if answer.compared_time is not None and len(answer.compared_time):
         slack = 1e-9 * max(curve.time[-1] - curve.time[0], 1e-12)
-        first, last = answer.compared_time[[0, -1]]
-        inside = (curve.time >= first - slack) & (curve.time <= last + slack)
-        reach = 1e6 * (last - curve.time_of_max)
-        figure.update_xaxes(range=[-0.05 * reach, 1.15 * reach])
+        first, last = answer.compared_time[[0, -1]] - start
+        compared = (time >= first - slack) & (time <= last + slack)
+        figure.update_xaxes(range=[-0.05e6 * last, 1.15e6 * last])
     if band:
-        x, low, high = _short(band[0], 1e6, curve.time_of_max), _short(band[1], 1e6), _short(band[2], 1e6)
+        x, low, high = _short(band[0], 1e6, start), _short(band[1], 1e6), _short(band[2], 1e6)
         shape: Any = {"fill": "toself", "fillcolor": "rgba(213, 94, 0, .25)", "line": {"width": 0}, "mode": "lines"}
         x, y = [*x, *x[::-1]], [*high, *low[::-1]]
         figure.add_scatter(x=x, y=y, name="90 % of the draws", hoverinfo="skip", row=1, col=1, **shape)
-    _measured(figure, curve, inside)
-    drawn = (simulated_as, VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
-    for name, colour, dash, checks in drawn:
+    known = np.isfinite(curve.radius)
+    for name, colour, some in (("measured, not compared", PALE, ~compared), ("measured", MEASURED, compared)):
+        if (some := known & some).any():
+            shown, radius = _thin(time[some], curve.radius[some])
+            marker = {"color": colour, "size": 5}
+            figure.add_scatter(x=1e6 * shown, y=1e6 * radius, mode="markers", marker=marker, name=name)
+    simulations = (simulated_as, VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
+    for name, colour, dash, checks in simulations:
         if checks and checks.reconstruction_time is not None:
-            _lines(figure, lines(checks, curve.time_of_max), colour, dash, name)
+            _lines(figure, lines(checks, start), colour, dash, name)
     figure.update_yaxes(title_text="R (µm)", rangemode="tozero", row=1, col=1)
     figure.update_yaxes(title_text=f"residual (% {_RMAX})", row=2, col=1, zerolinecolor=INK, zeroline=True)
     figure.update_xaxes(title_text=_TIME, row=2, col=1)
@@ -214,26 +225,6 @@ def lines(found: Checks, start: float = 0.0) -> dict[str, Any]:
     x = [_short(found.reconstruction_time, 1e6, start), _short(found.compared_time, 1e6, start)]
     y = [_short(found.reconstruction_radius, 1e6), _short(found.residual_over_rmax, 100.0)]
     return {"x": x, "y": y}
-
-
-def _measured(figure: go.Figure, curve: RadiusCurve, inside: Bools) -> None:
-    """The frames of a curve that have a radius, those `inside` what is compared darker."""
-    measured = np.isfinite(curve.radius)
-    _dots(figure, curve, measured & ~inside, "measured, not compared", PALE)
-    _dots(figure, curve, measured & inside, "measured", MEASURED)
-
-
-def _dots(
-    figure: go.Figure, curve: RadiusCurve, which: Bools, name: str, colour: str, size: int = 5, **look: Any
-) -> None:
-    """Frames of a curve, those without a radius at zero."""
-    if which.any():
-        start = curve.time[0]
-        with suppress(InputError):  # a curve without R_max is drawn from its beginning
-            start = curve.time_of_max
-        time, radius = _thin(curve.time[which] - start, np.nan_to_num(curve.radius[which]))
-        marker = {"color": colour, "size": size, **look}
-        figure.add_scatter(x=1e6 * time, y=1e6 * radius, mode="markers", marker=marker, name=name)
 
 
 def _lines(figure: go.Figure, drawn: dict[str, Any], colour: str, dash: str, name: str) -> None:

@@ -142,7 +142,7 @@ def _model(answered: list[CurveRecord]) -> list[str]:
 def _rivals(answered: list[CurveRecord]) -> list[str]:
     """The models beside which the answers stand with an evidence, whose the values are, and what is preferred."""
     compared = [curve for curve in answered if curve.evidence]
-    models = {curve.model: curve.itself.in_words for curve in compared}
+    models = {curve.model: curve.in_words for curve in compared}
     others = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
     rivals = {model.in_words for model in others if model.model not in models}
     if not rivals:
@@ -202,9 +202,7 @@ def _prior(answered: list[CurveRecord]) -> list[str]:
     if not any(curve.method in ("verified", "laplace", "amortised") for curve in answered):
         return stated
     ranges = []
-    names = [
-        name for curve in answered for name in ("shear_modulus", "viscosity") if curve.itself.quantity(name).median
-    ]
+    names = [name for curve in answered for name in ("shear_modulus", "viscosity") if curve.quantity(name).median]
     names += [] if all(curve.stretch_prior for curve in answered) else ["stretch"]
     for name in dict.fromkeys(names):
         parameter = PARAMETERS[name]
@@ -228,7 +226,7 @@ def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -
     values = []
     for name in parameters_of(trusted):
         symbol, factor, unit = in_unit(name, result.modulus_unit)
-        text = digits.quantity(trusted[0].itself.quantity(name), factor, unit=unit)
+        text = digits.quantity(trusted[0].quantity(name), factor, unit=unit)
         if n > 1:
             text = f"{digits.spread(group.spread(name), factor).replace('±', '+-')} {unit}".rstrip()
         values += [f"{symbol} = {text}"] if digits.MISSING not in text else []

@@ -79,7 +79,7 @@ class Comparison:
 def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:
     """One for each parameter that is published or inferred; a liquid has no G."""
     answered = [shot for shot in shots if shot.answered]
-    known = {name: [shot.itself.quantity(name).median for shot in answered] for name in (G, MU)}
+    known = {name: [shot.quantity(name).median for shot in answered] for name in (G, MU)}
     inferred = [name for name in known if group.spread(name).mean is not None or any(known[name])]
     published = [name for values in group.published.values() for name in values]
     for name in sorted({*inferred, *published}, key=[G, MU, *published].index) or [""]:

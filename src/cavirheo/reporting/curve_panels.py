@@ -132,8 +132,8 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
     dots = [
         Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some))
         for look, name, some in (
-            ("outside", "not compared", known & ~compared),
             ("measured", "measured", known & compared),
+            ("outside", "not compared", known & ~compared),
         )
     ]
     line = Layer("line", "simulated", simulated_time, simulated_radius, simulated_as, share=0.4)

@@ -176,11 +176,11 @@ def heading(record: CurveRecord, unit: Unit) -> tuple[str, str, list[str]]:
     known = []
     for parameter in (*parameters_of([record]), "stretch"):
         symbol, factor, written = in_unit(parameter, unit)
-        value = record.itself.quantity(parameter)
+        value = record.quantity(parameter)
         known += [] if value.median is None else [f"{symbol} = {digits.quantity(value, factor, unit=written)}"]
     known.append(f"{RMAX} = {digits.micrometres(record.max_radius_m)} µm")
     unbroken = "   ".join(part.replace(" ", "\u00a0") for part in known)
-    return name, verdict, [*textwrap.wrap(unbroken, _RATHER), f"model: {digits.elide(record.itself.in_words, 80)}"]
+    return name, verdict, [*textwrap.wrap(unbroken, _RATHER), f"model: {digits.elide(record.in_words, 80)}"]
 
 
 def curve_figure(panels: Sequence[Panel], look: FigureStyle, head: tuple[str, str, Sequence[str]]) -> Figure:

@@ -16,7 +16,7 @@ from cavirheo.arrays import Floats
 from cavirheo.parameters import AT_RATE, CAMERA, about
 from cavirheo.physics.bubble import title_of
 from cavirheo.posterior import TRUSTED
-from cavirheo.reporting.answer import CurveRecord, OtherModel, evidence
+from cavirheo.reporting.answer import Answer, CurveRecord, OtherModel, evidence
 from cavirheo.reporting.material import PopulationRecord, over_size
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
@@ -304,7 +304,7 @@ def slope(radius: Sequence[float | None], values: Sequence[float | None], truste
 def slopes(members: Sequence[CurveRecord]) -> dict[str, Slope]:
     """Of the answers of a group, by the name of what should be a constant."""
     sloped = _sloped(members)
-    return _slopes(sloped, [one.itself for one in sloped])
+    return _slopes(sloped, sloped)
 
 
 def _sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
@@ -329,7 +329,7 @@ def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
     return float(np.median(slopes)), float(slopes[low]), float(slopes[high])
 
 
-def _slopes(shots: Sequence[CurveRecord], answers: Sequence[OtherModel]) -> dict[str, Slope]:
+def _slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str, Slope]:
     """By the name of what should be a constant."""
     radii, found = [record.max_radius_m for record in shots], dict[str, Slope]()
     for name in CONSTANTS:

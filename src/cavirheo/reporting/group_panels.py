@@ -67,7 +67,7 @@ def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> Group
         layers.append(Layer("line", "shot", t_star[some], curve.radius[some] / curve.max_radius, tones=tone[None]))
     title, models = (
         f"{digits.elide(group.name, 32)}: {group.shots}",
-        dict.fromkeys(one.itself.in_words for one in records),
+        dict.fromkeys(one.in_words for one in records),
     )
     key = f"{RMAX} {sizes.min():.0f} µm (dark) to {sizes.max():.0f} µm (light)" if np.ptp(sizes) else title
     return GroupPanels(
@@ -147,7 +147,7 @@ def _along(
         return np.column_stack([radii] * 3), None, f"{RMAX} (µm)"
     symbol, factor, written = in_unit(name, unit)
     viscous = name in ("viscosity", AT_RATE)
-    values = _ends([one.viscosity if viscous else one.itself.quantity(name) for one in records], factor)
+    values = _ends([one.viscosity if viscous else one.quantity(name) for one in records], factor)
     return values, _mean(group.spread(name), factor), f"{symbol} ({written})" if written else symbol
 
 

@@ -69,7 +69,7 @@ class Picture:
         look that is left out."""
         parts = [
             (layer.look, f"{_SYMBOLS.get(layer.look, _SYMBOLS.get(layer.shape, ''))} {layer.name}")
-            for layer in sorted(panel.layers, key=lambda layer: layer.look == "outside")
+            for layer in panel.layers
             if layer.name and layer.look != without
         ]
         parts += [("failed", note)] if note else []

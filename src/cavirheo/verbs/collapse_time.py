@@ -60,7 +60,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
         outputs.write("shots.csv", collapse_times.write_csv, document)
         answered = [one for one in groups if one.best] if drawing else []
         for one, stem in zip(answered, file_names([one.name for one in answered]), strict=True):
-            document.notes += outputs.picture(f"{stem}.png", style.save_png, collapse_times.figure, one, document)
+            document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, one, document)
         outputs.write("collapse-time.json", write_json, document)
         outputs.finish()
         run.show(document, collapse_times.print_table)

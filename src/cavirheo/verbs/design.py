@@ -92,7 +92,7 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
         if self.pictures and not drawing:
             made.notes.append(style.NO_PICTURES)
         outputs.write("design.json", write_json, made)
-        if drawing and (said := outputs.picture("design.png", style.save_png, picture, made)):
+        if drawing and (said := outputs.picture("design.png", style.save, picture, made)):
             made.notes += said
             outputs.write("design.json", write_json, made)
         outputs.finish()

@@ -58,7 +58,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
             from cavirheo.companions.rheometer.picture import figure
 
             if made.of(kind):
-                made.notes += outputs.picture(f"{kind}-sweep.png", style.save_png, figure, made, kind)
+                made.notes += outputs.picture(f"{kind}-sweep.png", style.save, figure, made, kind)
         outputs.write("rheometer.json", write_json, made)
         outputs.finish()
         run.show(made, document.print_rheometry)

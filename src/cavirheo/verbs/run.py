@@ -131,7 +131,7 @@ class Run:
         with self.bar("drawing", unit="figures") if figures else nullcontext() as advance:
             result = write_report(out, pairs, self.command, figures, done=advance, **how)
         kept.remove()
-        self.show(result, partial(print_table, asked=analysis, out=out, told=self.told))
+        self.show(result, partial(print_table, analysis=analysis, out=out, notes_shown=self.told))
         failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
         self.end(f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.writing.digits import LOOKS, elide, printable
+from cavirheo.writing.digits import LOOKS, elide, printable, shortened
 
 _LONGEST = 1000  # characters of one line
 RATE_OVER = 120.0  # s over which a rate is taken: an answer may take many, and a cluster brings many at once
@@ -123,6 +123,12 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
     for head in (first, *heads):
         made.add_column(head, justify="left" if head in (first, *left) else "right", overflow="fold")
     return made
+
+
+def add_rows(to: Table, rows: Sequence[tuple[str, Sequence[Any], str]]) -> None:
+    """A row for each (name, cells, style), long names shortened."""
+    for name, (_, cells, style) in zip(shortened([name for name, *_ in rows]), rows, strict=True):
+        to.add_row(name, *cells, style=style)
 
 
 def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
