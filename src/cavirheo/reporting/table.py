@@ -41,8 +41,8 @@ def print_table(
 
     console = console or terminal.console()
     wide, answers = console.width >= _WIDE, [record for record in result.curves if record.answered]
-    named: list[Callable[[Any], str]] = [lambda one: one.material, lambda one: one.bubble.name]
-    mixed = [name for name in named if len({name(one) for one in answers}) > 1]
+    parts: list[Callable[[Any], str]] = [lambda row: row.material, lambda row: row.bubble.name]
+    mixed = [name for name in parts if len({name(row) for row in answers}) > 1]
     factor, unit = result.modulus_unit
     heads = [*(["model"] if mixed else []), "R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%"]
     heads += ["collapses" if wide else "col-\nlapses", "verdict"]
@@ -57,7 +57,7 @@ def print_table(
             console.print(Text(f"{group.name}: {group.headline}", "bold"), soft_wrap=False)
     table.add_section()
     blank = [""] * bool(mixed)
-    terminal.add_rows(table, [(one.name, [*blank, *_group_cells(one, factor)], "bold") for one in result.groups])
+    terminal.add_rows(table, [(row.name, [*blank, *_group_cells(row, factor)], "bold") for row in result.groups])
     console.print(table)
     key = "RMSE: measured minus simulated, % of R_max"
     if any(record.viscosity.q05 is not None for record in result.curves):
@@ -76,9 +76,9 @@ def print_table(
     remarks = [(group.name, line) for group in result.groups for line in group.lines]
     notes = [note for note in result.notes if note not in notes_shown]
     _print_most(console, remarks, MOST)
-    terminal.print_remarks(console, {}, [*(one.words for one in result.differences), *notes])
+    terminal.print_remarks(console, {}, [*(row.words for row in result.differences), *notes])
     whole, several = digits.counted(len(result.curves), "curve"), causes(result.curves).items()
-    curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), one) for one, of in several]
+    curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), cause) for cause, of in several]
     _print_most(console, curves, max(MOST - len(remarks), MOST // 2))
     if analysis and (step := next_step(result, analysis, out)):
         console.print(Text(digits.printable(step), "bold"), soft_wrap=True)  # a command that can be copied
@@ -99,12 +99,12 @@ def _line(record: CurveRecord) -> str:
     factor, unit = digits.modulus_unit([record.shear_modulus_Pa.median])
     size = f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %"
     values = (record.shear_modulus_Pa, factor, unit), (record.viscosity, 1.0, "Pa s"), (record.stretch, 1.0, "")
-    known = [
+    parts = [
         f"{symbol} {digits.quantity(value, scale, unit=name)}"
         for symbol, (value, scale, name) in zip("Gµλ", values, strict=True)
         if value.median is not None
     ]
-    return f"{record.name}: {', '.join([*known, size])}"
+    return f"{record.name}: {', '.join([*parts, size])}"
 
 
 def print_line(record: CurveRecord) -> None:
@@ -128,18 +128,18 @@ def print_all(result: Result) -> None:
 
 def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
     """(name, sentence) of those whose recording or settings are to be checked."""
-    return ((one.name, warning.text) for one in records for warning in one.warnings)
+    return ((record.name, warning.text) for record in records for warning in record.warnings)
 
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
     """The answer, then those of the others by evidence: model, G, µ, λ, RMSE and log evidence above the answer's."""
-    rows, here = [], record.itself
-    for one in (here, *sorted(record.other_models, key=evidence, reverse=True)):
-        known = None not in (one.log_evidence, here.log_evidence)
-        above = f"{(one.log_evidence or 0.0) - (here.log_evidence or 0.0):+.1f}" if known else digits.MISSING
-        values = (one.shear_modulus_Pa, factor), (one.viscosity, 1.0), (one.stretch, 1.0)
+    rows, answer = [], record.itself
+    for model in (answer, *sorted(record.other_models, key=evidence, reverse=True)):
+        comparable = None not in (model.log_evidence, answer.log_evidence)
+        above = f"{(model.log_evidence or 0.0) - (answer.log_evidence or 0.0):+.1f}" if comparable else digits.MISSING
+        values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
         cells = [digits.quantity(value, scale) for value, scale in values]
-        rows.append([one.model, *cells, digits.percent(one.rmse_over_rmax), above if one is not here else "0"])
+        rows.append([model.model, *cells, digits.percent(model.rmse_over_rmax), above if model is not answer else "0"])
     return rows
 
 
@@ -200,32 +200,34 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]
     plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
     units = {name: described(name)[1].replace(" ", "_") for name in result.parameters}
-    others = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
+    columns = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
     head = ["name", "group", "source", "material", "method"]
-    for name in (*plain, *others.values()):
-        head += [name + end for end in ends.values()] if name in (*quantities, *others.values()) else [name]
+    for name in (*plain, *columns.values()):
+        head += [name + end for end in ends.values()] if name in (*quantities, *columns.values()) else [name]
     rows = []
     for record in result.curves:
-        known = {key: getattr(record, key) for key in quantities}
-        known |= {others[name]: value for name, value in record.other_parameters.items()}
-        values = {key + end: getattr(value, part) for key, value in known.items() for part, end in ends.items()}
+        by_column = {key: getattr(record, key) for key in quantities}
+        by_column |= {columns[name]: value for name, value in record.other_parameters.items()}
+        values = {key + end: getattr(value, part) for key, value in by_column.items() for part, end in ends.items()}
         rows.append(vars(record) | {"bubble": record.bubble.name} | vars(record.window) | values)
     return head, rows
 
 
 def parameters_table(result: Result) -> Table | None:
     """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
-    own = parameters_of(result.curves)
+    of_law = parameters_of(result.curves)
     names = [
-        name for name in result.parameters if name not in (*CAMERA, AT_RATE) and (name in own or not of_the_law(name))
+        name
+        for name in result.parameters
+        if name not in (*CAMERA, AT_RATE) and (name in of_law or not of_the_law(name))
     ]
     if not names:
         return None
     table = terminal.table("curve", ["\n".join(filter(None, described(name))) for name in names])
     having = [record for record in result.curves if any(name in record.other_parameters for name in names)]
     terminal.add_rows(
-        table, [(one.name, [digits.quantity(one.quantity(name)) for name in names], "") for one in having]
+        table, [(record.name, [digits.quantity(record.quantity(name)) for name in names], "") for record in having]
     )
     return table
 
@@ -246,12 +248,12 @@ def window_title(records: Sequence[CurveRecord], unit: Unit) -> str:
 def window_cells(record: CurveRecord, unit: Unit) -> dict[str, str]:
     """'6.44, 0.0295' (G, mu) for windows of 1, 2, 3 and all collapses, if a fit answers; * where one is at a bound."""
     fitted = record.method in FITS and record.answered
-    found = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
-    cells = dict.fromkeys(_WINDOWS.values() if found else (), digits.MISSING)
-    for key, window in found.items():
+    windows = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
+    cells = dict.fromkeys(_WINDOWS.values() if windows else (), digits.MISSING)
+    for key, window in windows.items():
         values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed(record)]
-        known = [digits.significant(value * scale) for value, scale in values if value is not None]
-        cells[_WINDOWS[key]] = (", ".join(known) or digits.MISSING) + ("*" if window.at_bound else "")
+        numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
+        cells[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
     return cells
 
 
@@ -262,22 +264,23 @@ def _mean_cells(records: list[CurveRecord], unit: Unit) -> Iterator[str]:
     for key in _WINDOWS:
         having = [record.windows[key].best for record in trusted if key in record.windows]
         means = [digits.spread(spread_of([b.get(name) for b in having]), in_unit(name, unit)[1]) for name in names]
-        known = [text for text in means if text != digits.MISSING]
-        yield f"{', '.join(known)} (n = {len(having)})" if known else digits.MISSING
+        texts = [text for text in means if text != digits.MISSING]
+        yield f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING
 
 
 def windows_table(result: Result) -> Table | None:
     """For the terminal: G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
     unit = result.modulus_unit
-    shown = [(record, cells) for record in result.curves if (cells := window_cells(record, unit))]
-    if not shown:
+    fitted = [(record, cells) for record in result.curves if (cells := window_cells(record, unit))]
+    if not fitted:
         return None
-    rows = [(record.name, list(cells.values()), "") for record, cells in shown]
+    rows = [(record.name, list(cells.values()), "") for record, cells in fitted]
     for group, members in result.members():
         if len(members) > 1:
             rows.append((group.name, list(_mean_cells([result.curves[i] for i in members], unit)), "bold"))
     heads = [*_WINDOWS.values()]
-    title = f"{window_title([one for one, _ in shown], unit)} by the window that is fitted; *: a parameter at its bound"
+    values = window_title([record for record, _ in fitted], unit)
+    title = f"{values} by the window that is fitted; *: a parameter at its bound"
     table = terminal.table("curve", heads, left=heads, title=title)
     terminal.add_rows(table, rows)
     return table
