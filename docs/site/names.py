@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cavirheo.physics.laws import KINDS
+from cavirheo.physics.materials import KINDS
 
 
 class Group(NamedTuple):
@@ -105,7 +105,7 @@ LAWS = Page(
     "Laws, media and driving",
     "What surrounds the bubble, for `simulate`, `fit` and [a law of your own](../docs/how-to/add-a-law.md).",
     (
-        Group("By text", {"cavirheo.physics.laws": "parse LAWS"}, "As on the command line."),
+        Group("By text", {"cavirheo.physics.materials": "parse LAWS"}, "As on the command line."),
         *map(laws, KINDS),
         Group("Sums of laws", {"cavirheo.physics.materials": "Viscoelastic"}),
         Group(

@@ -46,7 +46,9 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str, code: str = "input", where: str = "") -> None:
-        self.message, self.code, self.where = _line(message), code, _line(where)
+        self.message: str = _line(message)
+        self.code: str = code
+        self.where: str = _line(where)
         super().__init__(f"{self.where}: {self.message}" if where else self.message)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:

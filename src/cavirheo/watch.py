@@ -17,9 +17,9 @@ from pathlib import Path
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io.column import is_size, listed, read_column, with_given_values, with_size
-from cavirheo.io.files import header_of, measurements, pixels_of, shown
-from cavirheo.io.shots import Recordings, read_shots, samples_of
+from cavirheo.io.files import file_label, header_of, measurements, pixels_of
+from cavirheo.io.option_tables import is_size, listed, read_column, with_given_values, with_size
+from cavirheo.io.shots import CurveSet, read_shots, samples_of
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import DOCUMENTS, html, table
@@ -75,7 +75,7 @@ class Watch:
     """
 
     def __init__(
-        self, folder: Path, out: Path, analysis: Analysis, read: Callable[[Path], Recordings], reading: object = None,
+        self, folder: Path, out: Path, analysis: Analysis, read: Callable[[Path], CurveSet], reading: object = None,
         *, group: str = "auto", column: Path | None = None, command: str = "", date: str | None = None,
         say: Callable[[str], None] = lambda _: None, show: Callable[[CurveRecord], None] = lambda _: None,
         patience: float = PATIENCE, half_width: float = html.HALF_WIDTH,
@@ -225,7 +225,7 @@ class Watch:
         try:
             curves, problems, remarks, _ = self.read(path)  # hints are said once, of all curves
         except InputError as error:  # a setting that is wrong for this file
-            curves, problems, remarks, _ = Recordings([], [f"{path}: {error}"], [], [])
+            curves, problems, remarks, _ = CurveSet([], [f"{path}: {error}"], [], [])
         if _state(path) != state:
             return None  # it is being written
         known = self.files.get(str(path))
@@ -239,7 +239,7 @@ class Watch:
             if now - trial.since < self.patience:
                 trial.again = min(trial.again, trial.since + self.patience)
                 return None
-            stem = {"name": path.stem, "group": path.stem, "source": shown(path)}
+            stem = {"name": path.stem, "group": path.stem, "source": file_label(path)}
             curves, one.unreadable = [RadiusCurve([], [], meta=stem, unusable=problems[0])], True  # type: ignore[arg-type]
         self._trials.pop(path, None)
         one.remarks = list(remarks)

@@ -13,7 +13,7 @@ from conftest import BDT, ROOT
 from cavirheo import infer_many, load, read_curves
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
-from cavirheo.physics.laws import LAWS
+from cavirheo.physics.materials import LAWS
 from cavirheo.physics.media import WATER, ZHU2025, Medium, medium
 from cavirheo.posterior import Evidence
 from cavirheo.reporting import result

@@ -15,7 +15,7 @@ from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
 from cavirheo.io import write_csv
-from cavirheo.physics import laws
+from cavirheo.physics import materials
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Trace
@@ -23,6 +23,7 @@ from cavirheo.physics.elastic import Yeoh
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Cross
 from cavirheo.posterior import Checks, Posterior
+from cavirheo.verbs.curves import Infer
 from cavirheo.verbs.run import Run
 
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
@@ -136,7 +137,7 @@ def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
     curve = read_curves(EXAMPLE)[0]
     nothing = Posterior(("log10_viscosity",), ("Pa s",), np.array([[np.nan]]), Checks("ok"), "newtonian", "bdt")
     with pytest.raises(typer.Exit) as stop:
-        Run().report([curve], KnownAnalysis(of=lambda _: nothing), tmp_path)
+        Infer(files=[], out=tmp_path).report(Run(), [curve], KnownAnalysis(of=lambda _: nothing))
     assert stop.value.exit_code == 1
 
 
@@ -159,7 +160,7 @@ def test_simulate_writes_what_read_curves_reads(run, tmp_path):
 
 def test_simulate_any_sum_of_laws(run, tmp_path):
     status, _, err = run(
-        "simulate", "--material", laws.EXAMPLE, "--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a"
+        "simulate", "--material", materials.EXAMPLE, "--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a"
     )
     assert status == 0, err
     law = Viscoelastic(Yeoh(1e3, 20.0), Cross(0.5, 0.01, 1e-4))
@@ -180,7 +181,7 @@ def test_simulate_all_options(run, tmp_path):
     status, _, err = run("simulate", "--material", law, *words.split(), *["--driving", "p.csv", "--fields", "-o", "a"])
     assert status == 0, err
     expected = simulate(
-        laws.parse(law),
+        materials.parse(law),
         max_radius=2e-6,
         stretch=1.0,
         time=np.arange(101) / 1e7,

@@ -17,7 +17,7 @@ from cavirheo.inference import design
 from cavirheo.inference.design import NORMAL_90, Setting, expected, gain, linearised, shared, shots_wanted
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
-from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import result, result_of
@@ -289,7 +289,7 @@ def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
     assert plan.spread_decades == pytest.approx(np.sqrt(np.mean(np.square(told))))
     assert np.log10(plan.known["shear_modulus"].median / record.shear_modulus_Pa.median) == pytest.approx(0, abs=0.02)
     exact = cavirheo.design(made, wanted=0.2, rig=Rig((2e-4, 2e-4), (1e6,)), spread=0.0)
-    more, ignoring = made.groups[0].population.still_wanted(made.curves, 0.2), exact.settings[0].shots
+    more, ignoring = made.groups[0].population.still_needed(made.curves, 0.2), exact.settings[0].shots
     assert plan.settings[0].shots == pytest.approx(more, abs=2)  # 0.05 and 0.025 decades of a shot, against 0.05
     assert ignoring < 0.5 * more
     truths = CENTRE + 0.15 * rng.standard_normal((more, 2))
@@ -302,12 +302,12 @@ def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
 def test_shots_that_do_not_count_are_counted_for(quick):
     answers = shots(6, 0.1, 0.05, seed=5)
     good = result([(bubble(f"shot {k}"), one) for k, one in enumerate(answers)], "x")
-    more = good.groups[0].population.still_wanted(good.curves, 0.15)
+    more = good.groups[0].population.still_needed(good.curves, 0.15)
     half = [row.model_copy(update={"verdict": "failed"}) for row in good.curves]
-    twice = good.groups[0].population.still_wanted([*good.curves, *half], 0.15)
+    twice = good.groups[0].population.still_needed([*good.curves, *half], 0.15)
     assert twice == pytest.approx(2 * more, abs=1)
-    assert good.groups[0].population.still_wanted(half, 0.15) is None
-    assert good.groups[0].population.still_wanted(good.curves, 0.95) == 0
+    assert good.groups[0].population.still_needed(half, 0.15) is None
+    assert good.groups[0].population.still_needed(good.curves, 0.95) == 0
 
 
 class Wide:

@@ -17,7 +17,7 @@ from cavirheo import InputError, Posterior, RadiusCurve, infer, infer_many, load
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.input_checks import warned
 from cavirheo.inference.network_answer import Networked
-from cavirheo.io.column import read_column
+from cavirheo.io.option_tables import read_column
 from cavirheo.messages import Message, of_error
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, WindowAnswer

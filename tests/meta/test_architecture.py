@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -154,12 +153,3 @@ def test_inference_needs_no_extra(missing):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-
-
-def test_the_verbs_are_one_file_each():
-    verbs = Counter(room for room in (name.removeprefix("verbs/") for name in modules() if name.startswith("verbs/")))
-    shared = {"__init__.py", "command.py", "completion.py", "options.py", "run.py", "versions.py"}
-    from cavirheo.verbs import app
-
-    known = {command.name or command.callback.__name__ for command in app.registered_commands}
-    assert {name.replace("-", "_") + ".py" for name in known} == set(verbs) - shared

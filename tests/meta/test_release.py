@@ -17,7 +17,7 @@ import cavirheo
 from cavirheo.inference.model import card, shipped
 from cavirheo.physics.media import MEDIA
 from cavirheo.reporting.citation import references
-from cavirheo.verbs import versions
+from cavirheo.verbs import machine
 
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 PROJECT = ABOUT["project"]
@@ -70,7 +70,8 @@ def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch
     assert sys.version.split()[0] in out
     for wanted in PROJECT["dependencies"]:
         assert f" {wanted.partition('>')[0]} " in out
-    assert {extra for extra in PROJECT["optional-dependencies"] if f"\n[{extra}]" in out} == {*versions.wanted()} - {""}
+    extras = {extra for extra in PROJECT["optional-dependencies"] if f"\n[{extra}]" in out}
+    assert extras == {*machine.required()} - {""}
     for name, path in shipped().items():
         assert f"{name}, sha256 {card(path)['onnx']['sha256']}\n" in out
     assert re.search(r"\nsolver +(compiled, kept in /|not compiled yet)", out)
@@ -78,13 +79,13 @@ def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch
 
 
 def test_a_bug_report_tells_what_is_not_as_it_was(monkeypatch, tmp_path):
-    monkeypatch.setattr(versions, "requires", lambda _: ["numpy>=2", 'nonesuch>=1; extra == "plot"'])
+    monkeypatch.setattr(machine, "requires", lambda _: ["numpy>=2", 'nonesuch>=1; extra == "plot"'])
     path = tmp_path / "posterior.onnx"
     for suffix in (".onnx", ".json"):
         shutil.copy(shipped()["posterior"].with_suffix(suffix), tmp_path)
     path.write_bytes(path.read_bytes() + b"x")
     monkeypatch.setattr("cavirheo.inference.model.shipped", lambda: {"posterior": path})
-    said = versions.report()
+    said = machine.report()
     assert "[plot]    no nonesuch" in said
     assert "NOT the file that its card describes" in said
 

@@ -38,7 +38,7 @@ PLANTED = (
             "self.shear_modulus / 2 * np.exp(", "self.shear_modulus * np.exp(", ("test_laws", "test_materials")),
     Planted("wall twice as near", "physics/bubble.py",
             "0.5 * max_radius / self.wall_distance", "max_radius / self.wall_distance", ("test_bubble_model",)),
-    Planted("damage by strain, exponent's sign", "physics/damage.py",
+    Planted("damage by strain, exponent's sign", "physics/scales.py",
             "** a, (1 + b) * u", "** a, (1 - b) * u", ("test_condensation",)),
     Planted("polytropic gas with half the exponent", "physics/solver.py",
             "z, p_dot = 0.0, -3 * numbers", "z, p_dot = 0.0, -1.5 * numbers", ("test_condensation", "test_physics")),
@@ -122,7 +122,7 @@ PLANTED = (
     Planted("any file of the machine is uploaded", "app/endpoint.py",
             "path.is_relative_to(folder) and path.is_file()", "path.is_file()", ("test_app",)),
     Planted("exposure after the frame's time", "training/camera.py",
-            "(0.2 * k - 0.4) * exposure", "(0.2 * k) * exposure", ("test_camera",)),
+            "(0.2 * k - 0.4) * camera.exposure", "(0.2 * k) * camera.exposure", ("test_camera",)),
     Planted("split of a training set leaves out curves", "training/dataset.py",
             "[round(0.8 * n), round(0.9 * n)]", "[round(0.8 * n), round(0.8 * n) + 1]", ("test_dataset",)),
 )  # fmt: skip

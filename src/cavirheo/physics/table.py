@@ -19,6 +19,7 @@ from cavirheo.errors import require
 TOLERANCE = 1e-8  # largest error of the derivative within a piece, relative to its largest value there
 NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the place where the law ends
 LARGEST = 1e16  # a slope beyond counts as infinite: in Pa six decades above the pressure of any collapse
+STEEP = 1e14  # a slope of the last piece, from which its end is not sought more closely
 MOST = 20_000  # pieces
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)  # exact far beyond the quintic that must represent the piece
 _POINTS, _WEIGHTS = (_POINTS + 1) / 2, _WEIGHTS / 2
@@ -84,7 +85,7 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
         narrow = h <= NARROWEST * np.abs(b)
         good = (error <= 1) | (narrow & np.isfinite(error))
         done.append(np.column_stack([a, b, rise, pieces])[good])
-        left = ~good & ~narrow & np.isfinite(slopes).any(axis=1)
+        left = ~good & ~narrow & (np.nanmin(np.abs(slopes), axis=1, initial=LARGEST, where=np.isfinite(slopes)) < STEEP)
         # the error falls with the fifth power of h; where the law ends within, as many as there may be
         with np.errstate(over="ignore"):
             parts = np.clip(np.nan_to_num(1.2 * error[left] ** 0.2, nan=MOST_PARTS, posinf=MOST_PARTS), 2, MOST_PARTS)

@@ -12,7 +12,7 @@ from importlib.resources import files
 from typing import NamedTuple
 
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.laws import LAWS
+from cavirheo.physics.materials import LAWS
 from cavirheo.physics.media import MEDIA as KNOWN
 from cavirheo.reporting.answer import CurveRecord, in_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord

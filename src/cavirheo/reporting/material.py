@@ -225,7 +225,7 @@ def population_record(population: Population | None, column: str = "") -> Popula
 
 def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]:
     """'with concentration G rises by 0.20 [0.15, 0.25] decades per unit (a factor of 1.6); ...'."""
-    from cavirheo.io.column import LOG_SIZE
+    from cavirheo.io.option_tables import LOG_SIZE
     from cavirheo.reporting.answer import described
 
     if column == LOG_SIZE:

@@ -56,7 +56,9 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         self.validation = film(curves, self.held, 2**31 - 1)
 
     def rate(self, step: int) -> float:
-        return self.schedule.rate_at(step)
+        schedule = self.schedule
+        left = (self.steps - step) / max(schedule.falling * self.steps, 1.0)
+        return schedule.rate * min(1.0, (step + 1) / schedule.warm_up) * min(1.0, max(left, 0.0) + 0.003)
 
     def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
         batch = self._batch(step)

@@ -53,7 +53,7 @@ class Measurement:
     um_per_px: Stated
     exposure: Stated
     options: dict[str, Any]
-    told: tuple[str, ...]  # by the recording
+    footage_notes: tuple[str, ...]
     warnings: tuple[Message, ...]
     first: int = 1
     corner: tuple[int, int] = (0, 0)
@@ -67,7 +67,7 @@ class Measurement:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the recording tells, and what became of its frames."""
-        return (*self.told, *_counted(self))
+        return (*self.footage_notes, *_counted(self))
 
     @property
     def cut(self) -> str:
@@ -83,8 +83,8 @@ class Measurement:
         left = np.isin(np.arange(self.first, last + 1), listed)
         arrays = {name: array for name, array in vars(self.track).items() if isinstance(array, np.ndarray)}
         del arrays["flags"]
-        rest: dict[str, Any] = {name: np.where(left, np.nan, array) for name, array in arrays.items()}
-        track = replace(self.track, **rest, flags=np.where(left, "excluded", self.track.flags))
+        remaining: dict[str, Any] = {name: np.where(left, np.nan, array) for name, array in arrays.items()}
+        track = replace(self.track, **remaining, flags=np.where(left, "excluded", self.track.flags))
         require(bool(np.isfinite(track.radius).any()), "all measured frames are excluded", "video.exclude")
         listed = (np.flatnonzero(track.flags == "excluded") + self.first).tolist()
         return replace(self, track=track, options={**self.options, "exclude": digits.ranges(listed)})

@@ -17,7 +17,7 @@ from cavirheo.inference.budget import Budget
 from cavirheo.inference.input_checks import ERRORS, warned
 from cavirheo.inference.law import Family
 from cavirheo.inference.law_average import averaged_over_laws, comparable
-from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.model_average import answers_of
 from cavirheo.inference.verify.tuning import TUNING

@@ -129,7 +129,7 @@ def models(laws: Sequence[str], bubbles: Sequence[Bubble] = (REAL,)) -> dict[str
 def by_network(model: Model, stretch: float | str | None = None) -> bool:
     """Whether `infer_many` weighs this model from the draws of the shipped network, which takes a fraction of a fit and
     what follows it."""
-    from cavirheo.inference.posterior_model import PosteriorModel, network_of
+    from cavirheo.inference.posterior_network import PosteriorModel, network_of
 
     network = network_of(DEFAULT)
     return isinstance(network, PosteriorModel) and network.knows(*model) and stretch != "plateau"
