@@ -72,7 +72,7 @@ PLANTED = (
     Planted("noise of a curve is overestimated", "landmarks.py",
             "np.diff(radius, 3))) / np.sqrt(20.0)", "np.diff(radius, 3))) / np.sqrt(6.0)", ("test_curve",)),
     Planted("scale given later leaves the deviations", "curve.py",
-            "radius_std=self.radius_std * scale", "radius_std=self.radius_std", ("test_curve",)),
+            '"radius_std": self.radius_std * scale', '"radius_std": self.radius_std', ("test_curve",)),
     Planted("kHz taken for MHz", "io/curve_tables.py",
             'unit = 1e3 if re.search', 'unit = 1e6 if re.search', ("test_reading",)),
     Planted("two semi-axes, one counted", "io/curve_tables.py",

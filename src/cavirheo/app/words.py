@@ -12,7 +12,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
-from cavirheo.inference.what_if import seen
+from cavirheo.inference.what_if import compared_window
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
@@ -120,7 +120,7 @@ def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     it."""
     picture, said = "", warnings([curve])
     try:
-        picture = curve_svg(preview_panels(curve, seen(curve, settings.analysis).curve))
+        picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
         said = {str(error): [curve.name]}
     return part("prepared", picture, {told(text): names for text, names in said.items()}, notes([curve]))

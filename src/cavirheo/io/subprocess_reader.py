@@ -28,14 +28,15 @@ from cavirheo.io.shots import CurveSet, read_shots
 from cavirheo.io.videos import examine
 from cavirheo.messages import Message
 from cavirheo.video.frames import Footage
-from cavirheo.video.measurement import Measurement, Stated
+from cavirheo.video.measurement import Measurement, StatedNumber
 from cavirheo.video.track import Track
 from cavirheo.writing.export import pack, unpack
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
 
 _KINDS: dict[str, Any] = {
-    kind.__name__: kind for kind in (RadiusCurve, Message, CurveSet, Footage, Measurement, Stated, Track, InputError)
+    kind.__name__: kind
+    for kind in (RadiusCurve, Message, CurveSet, Footage, Measurement, StatedNumber, Track, InputError)
 }
 _SPAWN = multiprocessing.get_context("spawn")
 
