@@ -237,7 +237,7 @@ def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
     spreads = [record.spreads_decades[name].median for name in NHKV.parameters]
     assert list(plan.spreads_decades.values()) == pytest.approx(spreads)
     assert plan.spread_decades == pytest.approx(np.sqrt(np.mean(np.square(spreads))))
-    more = record.still_wanted(made.curves, 0.2)
+    more = record.still_needed(made.curves, 0.2)
     assert plan.settings[0].shots == pytest.approx(more, abs=2)  # 0.05 and 0.025 decades of a shot, against 0.05
     assert cavirheo.design(made, spread=0.0, **one_setting).settings[0].shots < 0.5 * more
     truths = CENTRE + 0.15 * np.random.default_rng(4).standard_normal((more, 2))
@@ -251,12 +251,12 @@ def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
 def test_shots_that_do_not_count_are_counted_for(quick):
     answers = shots(6, 0.1, 0.05, seed=5)
     good = result([(bubble(f"shot {k}"), one) for k, one in enumerate(answers)], "x")
-    more = good.groups[0].population.still_wanted(good.curves, 0.15)
+    more = good.groups[0].population.still_needed(good.curves, 0.15)
     half = [row.model_copy(update={"verdict": "failed"}) for row in good.curves]
-    twice = good.groups[0].population.still_wanted([*good.curves, *half], 0.15)
+    twice = good.groups[0].population.still_needed([*good.curves, *half], 0.15)
     assert twice == pytest.approx(2 * more, abs=1)
-    assert good.groups[0].population.still_wanted(half, 0.15) is None
-    assert good.groups[0].population.still_wanted(good.curves, 0.95) == 0
+    assert good.groups[0].population.still_needed(half, 0.15) is None
+    assert good.groups[0].population.still_needed(good.curves, 0.95) == 0
 
 
 class Wide:

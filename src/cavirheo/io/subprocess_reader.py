@@ -30,7 +30,7 @@ from cavirheo.messages import Message
 from cavirheo.video.frames import Footage
 from cavirheo.video.measurement import Measurement, StatedNumber
 from cavirheo.video.track import Track
-from cavirheo.writing.packing import pack, unpack
+from cavirheo.writing.export import pack, unpack
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
 
@@ -195,7 +195,7 @@ def _measure(pipe: Connection, path: str, images: str, most: float, options: dic
 
 
 def encode(value: Any) -> bytes:
-    """What writing/packing.py packs. Raises TypeError: it holds something else."""
+    """What writing/export.py packs. Raises TypeError: it holds something else."""
     arrays: list[np.ndarray] = []
     text = json.dumps(pack(value, arrays))
     stream = BytesIO()
