@@ -12,21 +12,20 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cavirheo.companions.panels import headed, named_curves, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import input_checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
-from cavirheo.io.files import guarded, sha256, shown
+from cavirheo.io.files import file_label, guarded, sha256
+from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
 from cavirheo.io.matlab import read_variables
 from cavirheo.io.shots import Chosen, read_shots, selected
 from cavirheo.io.tables import Term, Vocabulary, read_columns
-from cavirheo.io.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
-from cavirheo.writing.style import BLUE, INK, VERMILLION, write
+from cavirheo.writing.style import BLUE, INK, VERMILLION, headed, named_curves, one_panel, two_panels, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,6 +114,11 @@ class CollapseGroup(Record):
     def best(self) -> CollapseEstimate | None:
         """The exact answer where there is one."""
         return self.exact or self.analytic
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether a shot was left out, its input is doubtful, or there is no answer."""
+        return bool(self.unusable or self.doubts) or self.best is None or not self.best.answered
 
     def measured(self) -> Shots:
         """Of the usable shots."""
@@ -237,7 +241,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         names = names or [str(k) for k in range(1, len(rows) + 1)]
         origin = "given" if given is None else "table"
         shots = [_shot(name, of, origin) for name, of in zip(names, rows, strict=True)]
-        about: Any = {"source": shown(path), "source_sha256": sha256(path), "notes": notes}
+        about: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **about)
 
 

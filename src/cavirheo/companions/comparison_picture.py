@@ -5,21 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.companions.panels import plain_ticks
 from cavirheo.reporting.comparison import ALL, MU, TRUSTED, ComparedParameter, Comparison, G
 from cavirheo.reporting.group import OURS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import Spread
-from cavirheo.writing.style import BLUE, INK, VERMILLION
+from cavirheo.writing.style import BLUE, INK, VERMILLION, plain_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _STYLES = (  # Okabe and Ito's colours, and a shape each for those who do not see them
-    (BLUE, "s"), ("#009e73", "D"), ("#7f7f7f", "^"), ("#cc79a7", "v"), ("#e69f00", "P"), ("#56b4e9", "X"),
-)  # fmt: skip
+    (BLUE, "s"),
+    ("#009e73", "D"),
+    ("#7f7f7f", "^"),
+    ("#cc79a7", "v"),
+    ("#e69f00", "P"),
+    ("#56b4e9", "X"),
+)
 _ROOM = 0.78  # of the height of a set, for its methods
 
 

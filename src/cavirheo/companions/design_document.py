@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cavirheo.companions.panels import plain_ticks
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.reporting.answer import StoredMedium, described
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
-from cavirheo.writing.style import INK, new_axes, new_figure, shades, write
+from cavirheo.writing.style import INK, new_axes, new_figure, plain_ticks, shades, write
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""`cavirheo simulate`: parameters in, one simulated radius history out."""
+"""`cavirheo simulate`: parameters in, one simulated radius history out; `cavirheo laws`: every law's parameters."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Simulate(options.Documents, options.Liquid):
     def __call__(self, run: Run) -> None:
         import numpy as np
 
-        from cavirheo.io.trace import read_trace
+        from cavirheo.io.option_tables import read_trace
         from cavirheo.physics import simulate as forward
         from cavirheo.physics.accuracy import DEFAULT, PRECISE
         from cavirheo.physics.driving import Pulse, Trace
@@ -150,8 +150,7 @@ class Simulate(options.Documents, options.Liquid):
         """A name whose parameters are options of the command, or a sum of laws that holds its own."""
         from inspect import signature
 
-        from cavirheo.physics.laws import LAWS, parse
-        from cavirheo.physics.materials import MATERIALS
+        from cavirheo.physics.materials import LAWS, MATERIALS, parse
 
         names = ("shear_modulus", "viscosity", "stiffening")
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
@@ -195,3 +194,19 @@ def _write_fields(path: Path, run: Simulation) -> None:
         file["time_s"], file["radius_m"] = run.time, run.radius
         file["position"] = run.contents.position
         file["temperature_K"], file["vapour_mass_fraction"] = run.contents.temperature, run.contents.vapour
+
+
+def laws() -> None:
+    """All laws for `simulate --material`: parameters with units, and the energy or viscosity function."""
+    from cavirheo.physics.materials import EXAMPLE, KINDS, summary, usage
+
+    for kind, names in KINDS.items():
+        print(f"{kind}:")
+        for name in names:
+            print(f"  {usage(name)}\n      {summary(name)}")
+        print()
+    print(
+        "A material is one law, or a sum of one elastic part, one viscous part and any with memory:\n"
+        f"  --material '{EXAMPLE}'"
+    )
+    print("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")

@@ -17,7 +17,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.errors import InputError, printable, require
-from cavirheo.io.files import guarded, sha256, shown
+from cavirheo.io.files import file_label, guarded, sha256
 from cavirheo.io.tables import Table, Term, Vocabulary, read_columns
 from cavirheo.writing.digits import counted
 
@@ -107,7 +107,7 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     for sweep in found:
         stem = printable(path.stem)
         sweep.name = f"{stem}[{sweep.name}]" if len(found) > 1 and sweep.name else stem
-        sweep.source, sweep.source_sha256 = shown(path), digest
+        sweep.source, sweep.source_sha256 = file_label(path), digest
         sweep.notes += [f"left out of the file: {'; '.join(dict.fromkeys(others))}"] if others else []
     return found
 
