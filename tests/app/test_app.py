@@ -24,10 +24,10 @@ if find_spec("gradio") is None:
 
 from bombs import FILES
 
-from cavirheo.app.endpoint import uploaded
+from cavirheo.app.events import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
-from cavirheo.app.steps import examples, export, glance, infer, name_materials, sliders, trial
-from cavirheo.app.words import answers, facts, found
+from cavirheo.app.steps import examples, export, infer, name_materials, preview, sliders, what_if
+from cavirheo.app.words import answers, facts, files_table
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
@@ -375,7 +375,7 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     ]
     assert then.document.notes == ["materials that were typed: a = soft_gel, c = <gel>"]
     assert [answer for _, answer in then.pairs] == [answer for _, answer in first.pairs]
-    assert "&lt;gel&gt;" in found(session)
+    assert "&lt;gel&gt;" in files_table(session)
     assert not session.stale
     name_materials(session, [""] * 8)
     assert session.answers.document.groups == first.document.groups
@@ -401,7 +401,7 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path):
     assert document.command.endswith(f"(2 of {len(names)} shots) ('a gel': --density 1050)")
     assert "density 998 kg/m3" in answers(session)
     assert "of a gel are those of water with changes: density 1050 kg/m3" in answers(session)
-    assert 'value="1050"' in found(session)
+    assert 'value="1050"' in files_table(session)
     name_materials(session, ["light", "a gel", *blank[2:]], ["", "1060", *blank[2:]])
     assert session.stale
     with refused("physics.unusual_density"):
@@ -409,7 +409,7 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path):
     assert session.densities == {"dense": 1060.0}
     name_materials(session, blank, ["", "1050", "1100", *blank[3:]])
     assert not session.stale
-    trial(session, "dense", [5.0, 0.03, 6.0])
+    what_if(session, "dense", [5.0, 0.03, 6.0])
 
 
 def test_the_command_can_be_typed(session, tmp_path):
@@ -436,21 +436,21 @@ def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
     session.add([single(tmp_path / "one.csv"), tmp_path / "short.csv"], PageSettings())
     for settings in (PageSettings(material="auto"), PageSettings(model="bdt-viscous"), PageSettings(verify="none")):
         session.prepare(settings)
-        glance(session, ["one"])
-        assert session.soon == {}  # these wait for their answers
+        preview(session, ["one"])
+        assert session.previews == {}  # these wait for their answers
     session.prepare(PageSettings())
-    glance(session, ["one", "short"])
-    assert list(session.soon) == ["one"]  # of a shot that it cannot answer it says nothing
+    preview(session, ["one", "short"])
+    assert list(session.previews) == ["one"]  # of a shot that it cannot answer it says nothing
     name_materials(session, ["gel", ""])
-    glance(session, ["one"])
-    assert session.soon["one"].group == "gel"
-    row = session.soon["one"]
+    preview(session, ["one"])
+    assert session.previews["one"].group == "gel"
+    row = session.previews["one"]
     assert row.shear_modulus_Pa.q05 < row.shear_modulus_Pa.median < row.shear_modulus_Pa.q95
     assert not row.trusted
     assert "Answers marked" in answers(session)
     assert session.answers is None
     assert [record.verdict for record in infer(session, ["one", "short"]).document.curves] == ["ok", "failed"]
-    assert session.soon == {}
+    assert session.previews == {}
     assert "Answers marked" not in answers(session)
 
 
@@ -550,12 +550,12 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
     _, curve, answer, _ = session.find("soft_gel[1]")
     assert start["shear_modulus"]["value"] == pytest.approx(answer.best["shear_modulus"] / 1000, rel=1e-3)
     assert start["stretch"]["value"] == pytest.approx(answer.best["stretch"], rel=1e-3)
-    found, same = trial(session, "soft_gel[1]", [start[key]["value"] for key in start])
+    found, same = what_if(session, "soft_gel[1]", [start[key]["value"] for key in start])
     assert found.rmse_over_rmax == pytest.approx(answer.checks.rmse_over_rmax, rel=0.01)
     time, radius = answer.checks.reconstruction_time, answer.checks.reconstruction_radius
     drawn = np.interp(time, np.array(same["x"][0]) * 1e-6 + curve.time_of_max, np.array(same["y"][0]) * 1e-6)
     assert np.max(np.abs(drawn - radius)) < 0.02 * radius[0]
-    found, failed = trial(session, "soft_gel[1]", [5.0, 0.03, 0.5])
+    found, failed = what_if(session, "soft_gel[1]", [5.0, 0.03, 0.5])
     assert (found.verdict, "stretch" in found.message) == ("failed", True)
     assert failed == {"x": [[], []], "y": [[], []]}
 
@@ -575,7 +575,7 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     path = folder / "simulated" / "soft_gel_1-best-draw.csv"
     said = path.read_text(encoding="utf-8").splitlines()[0]
     typed = [float(re.search(rf"{symbol} = ([\d.]+)", said)[1]) for symbol in ("G", "µ", "λ")]
-    found, _ = trial(session, "soft_gel[1]", typed)
+    found, _ = what_if(session, "soft_gel[1]", typed)
     (record,) = kept.document.curves
     assert found.rmse_over_rmax == pytest.approx(record.rmse_over_rmax, rel=0.005)
     assert said.partition(", ")[2] in facts(session, "soft_gel[1]")

@@ -15,14 +15,14 @@ from cavirheo.app import words
 from cavirheo.app.film import (
     confirm,
     curve,
-    left_out,
+    excluded,
     measure,
     toggle,
-    typed,
+    typed_camera,
     unlisted,
     unready,
 )
-from cavirheo.app.film import said as said_of
+from cavirheo.app.film import summary as said_of
 from cavirheo.app.session import PageSettings, Session, VisitorLimits
 from cavirheo.errors import InputError, number_of
 from cavirheo.io import read_curves
@@ -71,7 +71,7 @@ def test_a_recording_waits_until_it_is_confirmed(session):
     with pytest.raises(InputError) as error:
         confirm(session)
     assert error.value.code == "app.not_measured"
-    assert "shot.tif" in words.found(session)
+    assert "shot.tif" in words.files_table(session)
 
 
 def test_the_confirmed_curve_is_that_of_the_command_line(session, seen, tmp_path):
@@ -115,7 +115,7 @@ def test_frames_are_left_out_and_brought_back(seen):
     assert seen.exclude == "12"
     assert np.isnan(curve(seen).radius[11])
     assert unlisted(seen, "12, 3-5,") == [""]  # while it is typed
-    assert np.flatnonzero(left_out(seen)).tolist() == [2, 3, 4, 11]
+    assert np.flatnonzero(excluded(seen)).tolist() == [2, 3, 4, 11]
     toggle(seen)
     assert seen.exclude == "3-5"
     (wrong,) = unlisted(seen, "3, 99")
@@ -124,11 +124,11 @@ def test_frames_are_left_out_and_brought_back(seen):
     (wrong,) = unlisted(seen, "1-34")
     assert "all measured frames" in wrong
     assert unlisted(seen, "") == [""]
-    assert not left_out(seen).any()
+    assert not excluded(seen).any()
 
 
 def test_what_is_missing_is_said_at_its_field(session, seen):
-    camera, wrong = typed(seen, TYPED)
+    camera, wrong = typed_camera(seen, TYPED)
     assert (camera, wrong) == (CAMERA, ["", "", ""])
     for texts, at, said in (
         (("", "5.5", ""), 0, "missing"),
@@ -136,7 +136,7 @@ def test_what_is_missing_is_said_at_its_field(session, seen):
         (("5e5", "-1", ""), 1, "positive"),
         (("5e5", "5.5", "x"), 2, "number"),
     ):
-        wrong = typed(seen, texts)[1]
+        wrong = typed_camera(seen, texts)[1]
         assert said in wrong[at]
         assert [bool(why) for why in wrong] == [k == at for k in range(3)]
     assert unready(seen, *TYPED, "6") == ["", "", "", ""]
@@ -158,7 +158,7 @@ def test_a_recording_that_cannot_be_measured_is_said_in_one_sentence(session, sh
     for session.film, said in zip(names[:4], ("no bubble", "one frame", "empty.mp4", "can be decoded"), strict=True):
         with pytest.raises(InputError) as error:
             measure(session, CAMERA, lambda *_: None)
-        told = words.told(error.value)
+        told = words.for_page(error.value)
         assert said in told
         assert str(session.folder) not in told
         assert "Type how it was recorded" in said_of(session.current)
