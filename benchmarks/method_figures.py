@@ -16,7 +16,7 @@ import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, infer, infer_many, population, simulate
 from cavirheo.physics.bubble import FIELD, Bubble, Damage
-from cavirheo.physics.laws import parse
+from cavirheo.physics.materials import parse
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.material import population_record
 from cavirheo.writing import style

@@ -168,9 +168,9 @@ def test_what_pages_and_examples_import_is_in_the_reference(listed):
 
 
 def test_what_an_example_imports_is_seen():
-    assert imported("import numpy\nfrom cavirheo.physics.laws import parse, usage\n") == {
-        "cavirheo.physics.laws.parse",
-        "cavirheo.physics.laws.usage",
+    assert imported("import numpy\nfrom cavirheo.physics.materials import parse, usage\n") == {
+        "cavirheo.physics.materials.parse",
+        "cavirheo.physics.materials.usage",
     }
 
 

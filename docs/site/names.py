@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cavirheo.physics.laws import KINDS
+from cavirheo.physics.materials import KINDS
 
 
 class Group(NamedTuple):
@@ -86,7 +86,8 @@ ANSWERS = Page(
                 "cavirheo.companions.network_design": "NetworkDesign WeakRange",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
                 "cavirheo.companions.rheometer_document": "Rheometry",
-                "cavirheo.video.document": "Measured StatedNumber",
+                "cavirheo.video.document": "Measured",
+                "cavirheo.video.measurement": "StatedNumber",
                 "cavirheo.writing.document": "Document Quantity Spread",
             },
             "`cavirheo.load` gives them; [File formats](../docs/file-formats.md) says which file is which.",
@@ -105,7 +106,7 @@ LAWS = Page(
     "Laws, media and driving",
     "What surrounds the bubble, for `simulate`, `fit` and [a law of your own](../docs/how-to/add-a-law.md).",
     (
-        Group("By text", {"cavirheo.physics.laws": "parse LAWS"}, "As on the command line."),
+        Group("By text", {"cavirheo.physics.materials": "parse LAWS"}, "As on the command line."),
         *map(laws, KINDS),
         Group("Sums of laws", {"cavirheo.physics.materials": "Viscoelastic"}),
         Group(

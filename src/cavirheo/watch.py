@@ -17,12 +17,12 @@ from pathlib import Path
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io.column import is_size, listed, read_column, with_given_values, with_size
-from cavirheo.io.files import header_of, measurements, pixels_of, shown
-from cavirheo.io.shots import Recordings, read_shots, samples_of
+from cavirheo.io.files import file_label, header_of, measurements, pixels_of
+from cavirheo.io.option_tables import is_size, listed, read_column, with_given_values, with_size
+from cavirheo.io.shots import CurveSet, read_shots, samples_of
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import DOCUMENTS, table, wall_page
+from cavirheo.reporting import DOCUMENTS, html, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result, result_of
 from cavirheo.workflow.analyse import analyse, of_file
@@ -70,22 +70,22 @@ class Watch:
 
     analysis: how curves are answered. read: the curves of one file. reading: all that `read` depends on besides the
     medium. group: as in `read_shots`. column: a table as of `read_column`, which may grow while shots arrive, or the
-    word R_max. wanted: as for `wall_page.page`. say: told one line of what goes wrong. show: told each row as it is
+    word R_max. half_width: as for `html.live_page`. say: told one line of what goes wrong. show: told each row as it is
     found.
     """
 
     def __init__(
-        self, folder: Path, out: Path, analysis: Analysis, read: Callable[[Path], Recordings], reading: object = None,
+        self, folder: Path, out: Path, analysis: Analysis, read: Callable[[Path], CurveSet], reading: object = None,
         *, group: str = "auto", column: Path | None = None, command: str = "", date: str | None = None,
         say: Callable[[str], None] = lambda _: None, show: Callable[[CurveRecord], None] = lambda _: None,
-        patience: float = PATIENCE, wanted: float = wall_page.WANTED,
+        patience: float = PATIENCE, half_width: float = html.HALF_WIDTH,
     ) -> None:  # fmt: skip
         self.folder, self.analysis, self.read, self.group, self.patience = folder, analysis, read, group, patience
         self.sizes = column is not None and is_size(column)
         self.column = None if self.sizes else column
         self._column_then = _state(self.column)
-        self.say, self.show, self.command, self.date, self.wanted = say, show, command, date, wanted
-        self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, wall_page.PAGE)
+        self.say, self.show, self.command, self.date, self.half_width = say, show, command, date, half_width
+        self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, html.LIVE)
         self.store = Store(out / "watched", most=0)
         how = key_of([version("cavirheo"), reading, analysis.medium])[:16]  # read otherwise, other curves
         self.records = Store(out / "watched" / how, most=0)
@@ -163,9 +163,9 @@ class Watch:
             self.outputs.write("result.json", write_json, result)
             self.outputs.write("result.csv", table.write_csv, result)
         latest = next((k for k, (_, answer) in enumerate(pairs) if answer is self._latest), len(pairs) - 1)
-        self.page.write(
-            wall_page.PAGE, wall_page.write, result, latest, *(pairs[latest] if pairs else ()), wanted=self.wanted
-        )
+        curve, answer = pairs[latest] if pairs else (None, None)
+        page = html.live_page(result, latest, curve, answer, self.half_width)
+        self.page.write(html.LIVE, Path.write_text, page, encoding="utf-8")
         now = time.monotonic()
         self._due = now + PACE * (now - began)
         return result
@@ -225,7 +225,7 @@ class Watch:
         try:
             curves, problems, remarks, _ = self.read(path)  # hints are said once, of all curves
         except InputError as error:  # a setting that is wrong for this file
-            curves, problems, remarks, _ = Recordings([], [f"{path}: {error}"], [], [])
+            curves, problems, remarks, _ = CurveSet([], [f"{path}: {error}"], [], [])
         if _state(path) != state:
             return None  # it is being written
         known = self.files.get(str(path))
@@ -239,7 +239,7 @@ class Watch:
             if now - trial.since < self.patience:
                 trial.again = min(trial.again, trial.since + self.patience)
                 return None
-            stem = {"name": path.stem, "group": path.stem, "source": shown(path)}
+            stem = {"name": path.stem, "group": path.stem, "source": file_label(path)}
             curves, one.unreadable = [RadiusCurve([], [], meta=stem, unusable=problems[0])], True  # type: ignore[arg-type]
         self._trials.pop(path, None)
         one.remarks = list(remarks)

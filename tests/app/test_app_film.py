@@ -26,8 +26,8 @@ from cavirheo.app.film import summary as said_of
 from cavirheo.app.session import PageSettings, Session, VisitorLimits
 from cavirheo.errors import InputError, number_of
 from cavirheo.io import read_curves
-from cavirheo.io.camera import Camera
 from cavirheo.io.subprocess_reader import Reader
+from cavirheo.io.videos import Camera
 
 CAMERA = Camera(RATE, SCALE)
 TYPED = (str(RATE), str(SCALE), "")

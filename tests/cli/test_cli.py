@@ -15,7 +15,7 @@ from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
 from cavirheo.io import write_csv
-from cavirheo.physics import laws
+from cavirheo.physics import materials
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Trace
@@ -160,7 +160,7 @@ def test_simulate_writes_what_read_curves_reads(run, tmp_path):
 
 def test_simulate_any_sum_of_laws(run, tmp_path):
     status, _, err = run(
-        "simulate", "--material", laws.EXAMPLE, "--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a"
+        "simulate", "--material", materials.EXAMPLE, "--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a"
     )
     assert status == 0, err
     law = Viscoelastic(Yeoh(1e3, 20.0), Cross(0.5, 0.01, 1e-4))
@@ -181,7 +181,7 @@ def test_simulate_all_options(run, tmp_path):
     status, _, err = run("simulate", "--material", law, *words.split(), *["--driving", "p.csv", "--fields", "-o", "a"])
     assert status == 0, err
     expected = simulate(
-        laws.parse(law),
+        materials.parse(law),
         max_radius=2e-6,
         stretch=1.0,
         time=np.arange(101) / 1e7,

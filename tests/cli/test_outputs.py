@@ -284,14 +284,14 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     answers(curves, seed=1)
     assert len(asked) == 10  # another setting
     answers([replace(curves[0], radius=curves[0].radius * 1.001)])
-    answers([curves[0].with_exposure(1e-7)])
+    answers([curves[0].labelled(exposure_s=1e-7)])
     assert asked[10:] == ["1", "1"]  # another curve
     (tmp_path / "unfinished" / "notes.txt").write_text("mine")
     before = len(contents(tmp_path))
     run.remove()
     assert len(contents(tmp_path)) == before - 5  # what the other runs kept is theirs
     answers(curves, seed=1)[0].remove()
-    answers([replace(curves[0], radius=curves[0].radius * 1.001), curves[0].with_exposure(1e-7)])[0].remove()
+    answers([replace(curves[0], radius=curves[0].radius * 1.001), curves[0].labelled(exposure_s=1e-7)])[0].remove()
     assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
     (tmp_path / "unfinished" / "notes.txt").unlink()
     run.remove()

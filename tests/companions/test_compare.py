@@ -16,7 +16,7 @@ from cavirheo.companions import comparison
 from cavirheo.companions.comparison import Answering, compare, figure
 from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.errors import InputError
-from cavirheo.inference import analysis, posterior_model
+from cavirheo.inference import analysis, posterior_network
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD
@@ -91,7 +91,7 @@ def fake(monkeypatch):
         law = "newtonian" if "viscous" in str(path) else "nhkv"
         return {"kind": "posterior" if "posterior" in str(path) else "point", "material": law}
 
-    for module in (comparison, posterior_model):
+    for module in (comparison, posterior_network):
         monkeypatch.setattr(module, "network_of", lambda name: SimpleNamespace(sha256="", card=card(name)))
     monkeypatch.setattr(analysis, "path_of", Path)
     monkeypatch.setattr(analysis, "card", card)

@@ -17,7 +17,7 @@ from cavirheo.inference import design
 from cavirheo.inference.design import NORMAL_90, Setting, expected, gain, linearised, shared, shots_wanted
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
-from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import result, result_of

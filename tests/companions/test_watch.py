@@ -25,7 +25,8 @@ from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
 from cavirheo.parallel import Threads
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting import read_json, wall_page
+from cavirheo.reporting import read_json
+from cavirheo.reporting.html import LIVE
 from cavirheo.watch import Watch
 
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
@@ -99,7 +100,7 @@ def test_each_file_is_answered_once_also_after_a_restart_and_stays_when_it_is_mo
     assert bench.rows == [(name, "ok") for name in bench.asked]
     (group,) = read_json(bench.place / "out" / "result.json").groups
     assert group.n_trusted == 3  # a folder of single shots is one material, as for infer
-    page = (bench.place / "out" / wall_page.PAGE).read_text()
+    page = (bench.place / "out" / LIVE).read_text()
     assert "<h1>shot003</h1>" in page
     assert not re.search("https?://|<script", page)
     bench.seed = 1  # other settings are other answers

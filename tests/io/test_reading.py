@@ -30,9 +30,9 @@ from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
 from cavirheo.io import read_curves, write_csv
 from cavirheo.io.files import expand, tidy
-from cavirheo.io.shots import Recordings, read_shots
+from cavirheo.io.option_tables import read_trace
+from cavirheo.io.shots import CurveSet, read_shots
 from cavirheo.io.subprocess_reader import decode, encode
-from cavirheo.io.trace import read_trace
 from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
 
@@ -600,7 +600,7 @@ def test_a_message_of_a_reader_is_arrays_and_json(tmp_path):
     message = encode(sent)
     assert b"pickle" not in message
     back = decode(message)
-    assert isinstance(back, Recordings)
+    assert isinstance(back, CurveSet)
     assert back.problems == sent.problems
     (one,), (other,) = back.curves, sent.curves
     assert np.array_equal(one.radius, other.radius)

@@ -16,8 +16,7 @@ import cavirheo
 from cavirheo import InputError, Medium, SolverError
 from cavirheo.physics import elastic, viscous
 from cavirheo.physics.driving import Pulse, Trace
-from cavirheo.physics.laws import LAWS
-from cavirheo.physics.materials import Material, Viscoelastic
+from cavirheo.physics.materials import LAWS, Material, Viscoelastic
 from cavirheo.posterior import Bubble, Checks, Evidence, Posterior, WindowAnswer
 from cavirheo.reporting import result
 from cavirheo.reporting.table import write_csv

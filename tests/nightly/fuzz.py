@@ -91,7 +91,7 @@ def sweeps(path: Path) -> None:
 
 
 def pressure(path: Path) -> None:
-    from cavirheo.io.trace import read_trace
+    from cavirheo.io.option_tables import read_trace
     from cavirheo.physics.driving import Trace
 
     trace = read_trace(path)

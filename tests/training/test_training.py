@@ -201,7 +201,7 @@ def test_recordings_are_what_they_say(filmed):
     everything = np.arange(len(theta))
     R_max = problem.reference_max_radius
     by_name = {}
-    for recording in robustness.RECORDINGS:
+    for recording in robustness.DEGRADATIONS:
         true = robustness.film(problem, theta, everything, recording)
         curves = [robustness.degrade(*true[i], R_max, recording, i) for i in everything]
         ((time, radius),) = robustness.film(problem, theta, everything[2:3], recording)
@@ -230,8 +230,8 @@ def test_recordings_are_what_they_say(filmed):
 def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
     problem, _ = filmed
     generate(problem, 4, tmp_path / "data", workers=1, progress=False)
-    ways = (robustness.RECORDINGS[0], robustness.Recording("blind", missing=1.0))
-    monkeypatch.setattr(robustness, "RECORDINGS", ways)
+    ways = (robustness.DEGRADATIONS[0], robustness.Degradation("blind", missing=1.0))
+    monkeypatch.setattr(robustness, "DEGRADATIONS", ways)
     monkeypatch.setattr(robustness, "ANSWERS", 3)
     monkeypatch.setattr(figures, "draw", lambda *_: [])  # in other tests
     found = judge.evaluate(path_of("bdt-viscoelastic"), tmp_path / "data", tmp_path / "out", robust=True)

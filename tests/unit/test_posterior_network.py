@@ -19,7 +19,7 @@ from cavirheo.inference.latent import CAMERA, SLOTS, damping, damping_to_slot, f
 from cavirheo.inference.law import Family
 from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.inference.verify import adaptive_sampling, verify_many
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.mode import Target

@@ -15,7 +15,7 @@ from cavirheo import InputError, Newtonian
 from cavirheo.inference.alternatives import contenders
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.model import shipped
-from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.inference.verify import adaptive_sampling, model_average, verify_many
 from cavirheo.inference.verify import mode as mode_of
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, TwoFidelityTarget

@@ -18,11 +18,9 @@ from cavirheo.app.session import Clip, Session
 from cavirheo.arrays import Bools
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.io import camera
-from cavirheo.io.camera import Camera
-from cavirheo.io.recordings import history
-from cavirheo.io.shots import noted
+from cavirheo.io.shots import with_maximum_notes
 from cavirheo.io.subprocess_reader import Report
+from cavirheo.io.videos import Camera, history, parse_camera
 from cavirheo.reporting.browser_figures import filmed
 from cavirheo.reporting.input_remarks import cells, notes, warnings
 from cavirheo.video.measurement import Measurement
@@ -37,7 +35,7 @@ _CAMERA = {"Frames per second": "as the camera was set", "µm per pixel": "4.0",
 def typed_camera(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
     """Frame rate, scale and exposure; why the film cannot be measured so, field by field, empty where it can."""
     unscaled = film.measurement is not None and film.measurement.um_per_px.value is None
-    return camera.typed(texts, film.path.suffix.lower(), unscaled=unscaled)
+    return parse_camera(texts, film.path.suffix.lower(), unscaled=unscaled)
 
 
 def unready(film: Clip, *texts: str) -> list[str]:
@@ -99,7 +97,7 @@ def toggle(film: Clip) -> None:
 
 def curve(film: Clip, *, sheet: bool = False) -> RadiusCurve:
     """As `read_curves` gives it. Raises InputError: not measured."""
-    return noted(history(film.used or measured(film), film.path, sheet=sheet))
+    return with_maximum_notes(history(film.used or measured(film), film.path, sheet=sheet))
 
 
 def options(film: Clip) -> str:

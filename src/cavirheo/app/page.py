@@ -17,7 +17,7 @@ from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
 from cavirheo.inference.what_if import band
-from cavirheo.io.camera import Camera
+from cavirheo.io.videos import Camera
 from cavirheo.physics.media import MEDIA
 from cavirheo.reporting import browser_figures as plots
 from cavirheo.writing import digits

@@ -31,7 +31,7 @@ from cavirheo.app.session import VisitorLimits, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import of_memory
 from cavirheo.physics.simulate import load_solver
-from cavirheo.reporting import wall_page
+from cavirheo.reporting.html import LIVE, live_page
 
 _FONTS = ["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "Arial", "sans-serif"]
 _THEME = gr.themes.Default(
@@ -89,10 +89,12 @@ def _wall(visitors: Visitors, folder: Path | None) -> Route:
 
     def live(request: Request) -> HTMLResponse:
         if folder:
-            return HTMLResponse(wall_page.read(folder))
+            with suppress(OSError):
+                return HTMLResponse((folder / LIVE).read_text(encoding="utf-8"))
+            return HTMLResponse(live_page())
         answers = visitors.answers(request.query_params.get("session", ""))
         latest = (answers.document, len(answers.pairs) - 1, *answers.pairs[-1]) if answers else ()
-        return HTMLResponse(wall_page.page(*latest))
+        return HTMLResponse(live_page(*latest))
 
     return Route("/live", live)
 

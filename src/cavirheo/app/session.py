@@ -19,10 +19,9 @@ from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.io.camera import Camera
-from cavirheo.io.recordings import is_recording
 from cavirheo.io.shots import check_max_radius
 from cavirheo.io.subprocess_reader import Found, Reader
+from cavirheo.io.videos import Camera
 from cavirheo.parallel import Stoppable
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
@@ -30,6 +29,7 @@ from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import Published
 from cavirheo.reporting.material import kept_material_of
 from cavirheo.reporting.record import Pairs, Result
+from cavirheo.video.frames import is_video
 from cavirheo.video.measurement import Measurement
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name
@@ -210,7 +210,7 @@ class Session:
         for path in files:
             taken.append(self._free(path.name))
             (shutil.copyfile if copy else shutil.move)(path, taken[-1])
-        films = {path.name: Clip(path) for path in taken if is_recording(path)}
+        films = {path.name: Clip(path) for path in taken if is_video(path)}
         try:
             tables = [path for path in taken if path.name not in films]
             if tables or not films:

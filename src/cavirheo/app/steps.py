@@ -18,7 +18,7 @@ from cavirheo.companions.published_values import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT
-from cavirheo.inference.what_if import reach, seen, tried
+from cavirheo.inference.what_if import checks_with, compared_window, slider
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import browser_figures as plots
@@ -136,7 +136,7 @@ def fit(session: Session, name: str | None) -> None:
         (answers, curve, posterior, _), settings = session.find(name), session.settings_of(name or "")
     end = None
     if settings.material is None:  # a network that reads its own window
-        end = seen(curve, settings.analysis).end * (1.0 + 1e-9)
+        end = compared_window(curve, settings.analysis).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
     analysis = replace(settings.analysis, method="fit", free=None, verify="auto", end=end, **model)
     (answer,) = session.work.each(analysis.answer, [curve])
@@ -149,7 +149,7 @@ def fit(session: Session, name: str | None) -> None:
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     """Where the sliders start and end, in kPa, Pa s and 1; None for a parameter that the law does not have."""
     posterior = session.find(name)[2]
-    return {key: reach(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
+    return {key: slider(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
 
 
 def what_if(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
@@ -157,7 +157,7 @@ def what_if(session: Session, name: str, values: Sequence[float | None]) -> tupl
     where it fails, why, and nothing to draw."""
     _, curve, posterior, _ = session.find(name)
     changed = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-    checks = tried(curve, posterior, changed, session.settings_of(name).analysis)
+    checks = checks_with(curve, posterior, changed, session.settings_of(name).analysis)
     return checks, plots.lines(checks, 0.0 if checks.verdict == "failed" else curve.time_of_max)
 
 

@@ -12,11 +12,11 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
-from cavirheo.inference.what_if import seen
+from cavirheo.inference.what_if import compared_window
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
-from cavirheo.reporting.citation import TITLE, methods_if_any
-from cavirheo.reporting.curve_lines import preview_lines
+from cavirheo.reporting.citation import TITLE, methods
+from cavirheo.reporting.curve_panels import preview_panels
 from cavirheo.reporting.input_remarks import causes, cells, notes, pooled, warnings
 from cavirheo.reporting.record import result_of
 from cavirheo.reporting.svg import curve_svg
@@ -148,7 +148,7 @@ def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     it."""
     picture, remarks = "", warnings([curve])
     try:
-        picture = curve_svg(preview_lines(curve, seen(curve, settings.analysis).curve))
+        picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
         remarks = {str(error): [curve.name]}
     return part("prepared", picture, {for_page(text): names for text, names in remarks.items()}, notes([curve]))
@@ -166,12 +166,12 @@ def answers(session: Session) -> str:
         return part("quiet", NONE)
     document = answered.document
     factor, unit = document.modulus_unit
-    groups = html.groups_table(document.groups, factor, unit), [difference.words for difference in document.differences]
+    groups = html.part("groups_table", document.groups, factor, unit), [one.words for one in document.differences]
     rows, models = _rows_for_page(document.curves), {row.itself.in_words for row in document.curves if row.answered}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
-    shots = html.curves_table(rows, factor, unit, title=title, linked=False)
+    shots = html.part("curves_table", rows, factor, unit, title, False)
     remarks = causes(rows)
-    explanation = html.reading(document.curves), *methods_if_any(document)
+    explanation = html.part("reading", document.curves), *methods(document)
     progress = (verified, len(previews)), len(document.curves), answered.not_run, pooled(document)
     return part("answers", session.stale and not previews, *progress, *groups, shots, remarks, *explanation)
 
@@ -185,7 +185,7 @@ def facts(session: Session, name: str) -> str:
     if posterior := answers.fits.get(name):
         rows = {"answer": record, "least squares": curve_record(curve, posterior)}
         records = [row.model_copy(update={"name": what}) for what, row in rows.items()]
-        table = html.curves_table(records, factor, unit, title="Answer and conventional fit", linked=False)
+        table = html.part("curves_table", records, factor, unit, "Answer and conventional fit", False)
         failed = once((row.name, row.message) for row in records[1:] if not row.answered)
         times = (one.checks.compared_time for one in (answer, posterior))
         frames = [len(time) for time in times if time is not None]

@@ -16,11 +16,11 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import input_checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
-from cavirheo.io.files import guarded, sha256, shown
+from cavirheo.io.files import file_label, guarded, sha256
+from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
 from cavirheo.io.matlab import read_variables
 from cavirheo.io.shots import Chosen, read_shots, selected
 from cavirheo.io.tables import Term, Vocabulary, read_columns
-from cavirheo.io.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, terminal
@@ -242,7 +242,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         names = names or [str(k) for k in range(1, len(rows) + 1)]
         origin = "given" if stretches is None else "table"
         shots = [_shot(name, of, origin) for name, of in zip(names, rows, strict=True)]
-        head: Any = {"source": shown(path), "source_sha256": sha256(path), "notes": notes}
+        head: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
 
 

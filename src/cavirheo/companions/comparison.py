@@ -16,7 +16,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.law import Family
 from cavirheo.inference.model import Network
-from cavirheo.inference.posterior_model import network_of
+from cavirheo.inference.posterior_network import network_of
 from cavirheo.io.files import expand
 from cavirheo.io.shots import read_shots, shot_numbers
 from cavirheo.parallel import aside

@@ -18,7 +18,7 @@ from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference.design import Setting, expected
 from cavirheo.inference.law import Family
 from cavirheo.inference.network_answer import Networked
-from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.parallel import each
 from cavirheo.parameters import PARAMETERS, RADIUS
 from cavirheo.physics.bubble import FIELD

@@ -19,7 +19,7 @@ from scipy.ndimage import median_filter
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, printable, require
-from cavirheo.io.files import guarded, sha256, shown
+from cavirheo.io.files import file_label, guarded, sha256
 from cavirheo.io.tables import Table, Term, Vocabulary, read_columns
 from cavirheo.writing.digits import counted
 from cavirheo.writing.document import Finite, Record
@@ -301,7 +301,7 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     for sweep in sweeps:
         stem = printable(path.stem)
         sweep.name = f"{stem}[{sweep.name}]" if len(sweeps) > 1 and sweep.name else stem
-        sweep.source, sweep.source_sha256 = shown(path), digest
+        sweep.source, sweep.source_sha256 = file_label(path), digest
         sweep.notes += [f"left out of the file: {'; '.join(dict.fromkeys(refusals))}"] if refusals else []
     return sweeps
 

@@ -1,7 +1,7 @@
 """A posterior network's answer for any recording that is within what it was trained on; else where to start a search.
 
-The draws of the network (flow.py) are an answer by themselves, in milliseconds, and its interval is as good as its
-training. WeightedDraws by simulations (inference/verify, level "auto") they are the answer that `infer` gives.
+The draws of the network (posterior_network.py) are an answer by themselves, in milliseconds, and its interval is as
+good as its training. Weighed by simulations (inference/verify, level "auto") they are the answer that `infer` gives.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.flow import NetworkProposal
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.inference.posterior_network import NetworkProposal, PosteriorModel
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, natural_name, units
 from cavirheo.physics.accuracy import ROUGH

@@ -24,18 +24,19 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.io.recordings import examine
-from cavirheo.io.shots import Recordings, read_shots
+from cavirheo.io.shots import CurveSet, read_shots
+from cavirheo.io.videos import examine
 from cavirheo.messages import Message
 from cavirheo.video.frames import Footage
-from cavirheo.video.measurement import Measurement, Stated
+from cavirheo.video.measurement import Measurement, StatedNumber
 from cavirheo.video.track import Track
 from cavirheo.writing.packing import pack, unpack
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
 
 _KINDS: dict[str, Any] = {
-    kind.__name__: kind for kind in (RadiusCurve, Message, Recordings, Footage, Measurement, Stated, Track, InputError)
+    kind.__name__: kind
+    for kind in (RadiusCurve, Message, CurveSet, Footage, Measurement, StatedNumber, Track, InputError)
 }
 _SPAWN = multiprocessing.get_context("spawn")
 
@@ -82,8 +83,8 @@ class Reader:
         footage = replace(measurement.recording, frames=np.load(images, mmap_mode="r"))
         return replace(measurement, recording=footage)
 
-    def ask(self, paths: Sequence[Path], work: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
-        """What `work` gives there, a function of a module with its arguments after the first, the pipe to this process.
+    def ask(self, paths: Sequence[Path], call: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
+        """What `call` gives there, a function of a module with its arguments after the first, the pipe to this process.
 
         Raises InputError: as `read`.
         """
@@ -93,7 +94,7 @@ class Reader:
         try:
             if not child.alive:
                 child.begin()
-            function, *arguments = work
+            function, *arguments = call
             child.pipe.send_bytes(encode((function.__module__, function.__name__, *arguments)))
             end, answer = monotonic() + self.seconds, 0.0
             while isinstance(answer, float):
@@ -176,14 +177,14 @@ def _serve(pipe: Connection) -> None:
             pipe.send_bytes(answer)
 
 
-def _read(_: Connection, files: list[str | RadiusCurve], options: dict[str, Any]) -> Recordings:
+def _read(_: Connection, files: list[str | RadiusCurve], options: dict[str, Any]) -> CurveSet:
     return read_shots(files, **options)
 
 
 def _measure(pipe: Connection, path: str, images: str, most: float, options: dict[str, Any]) -> Measurement:
     def begin(frames: int) -> Callable[[], None]:
-        done = count(1)
-        return lambda: pipe.send_bytes(encode(next(done) / frames))
+        frame = count(1)
+        return lambda: pipe.send_bytes(encode(next(frame) / frames))
 
     measurement, _ = examine(path, begin=begin, **options)
     frames = measurement.recording.frames

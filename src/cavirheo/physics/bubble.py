@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 
 from cavirheo.errors import brief, require
-from cavirheo.physics.domain import NOT_NEGATIVE, check, domain, within
+from cavirheo.parameters import NOT_NEGATIVE, check, domain, within
 
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
 CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.physics.domain import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, within
+from cavirheo.parameters import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, within
 from cavirheo.physics.law import Elastic, nodes
 from cavirheo.physics.table import hermite
 

@@ -11,8 +11,16 @@ from math import exp, sqrt
 from typing import Any
 
 from cavirheo.errors import expect, require
-from cavirheo.parameters import Plausible
-from cavirheo.physics.domain import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Domain, check, check_plausible
+from cavirheo.parameters import (
+    FINITE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    POSITIVE_OR_INFINITE,
+    Domain,
+    Plausible,
+    check,
+    check_plausible,
+)
 
 _INSIST = " (if it is meant: Medium(..., unusual=True), --trust-input)"
 

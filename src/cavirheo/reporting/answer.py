@@ -344,7 +344,7 @@ def _given(posterior: Posterior) -> dict[str, float]:
 
 def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     """The viscosity at 1e5 1/s of a law that has not one."""
-    from cavirheo.physics.laws import viscosity_at
+    from cavirheo.physics.materials import viscosity_at
 
     names = list(posterior.parameters)
     rows = zip(*(posterior.draws(name) for name in names), strict=True)
@@ -359,7 +359,7 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
 
 
 def _other(one: OtherAnswer) -> OtherModel:
-    from cavirheo.physics.laws import viscosity_at
+    from cavirheo.physics.materials import viscosity_at
 
     names = dict.fromkeys((*one.intervals, *(name for name in BUBBLE if one.best.get(name))))
     values = {name: Quantity(median=finite(one.best.get(name))) for name in names}

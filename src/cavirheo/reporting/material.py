@@ -99,19 +99,19 @@ class PopulationRecord(Record):
         rho = [[1.0 if a == b else both.get(frozenset((a, b)), 0.0) for b in names] for a in names]
         return ends[:, 1], np.diag(variance(ends)), np.outer(spread, spread) * np.array(rho)
 
-    def still_wanted(self, shots: Sequence[CurveRecord], wanted: float) -> int | None:
+    def still_needed(self, shots: Sequence[CurveRecord], half_width: float) -> int | None:
         """How many more shots like these, of which as many count, bring the 90 % intervals of G and mu, as far as these
-        are determined, to +- `wanted` of the value; None: more than 10,000, or neither is."""
+        are determined, to +- `half_width` of the value; None: more than 10,000, or neither is."""
         from cavirheo.inference.design import shared, shots_wanted, variance
 
         names = [name for name in _KEYS if self.centre(name).determined is not None]
-        seen = [row.logs(names) for row in shots if row.trusted]
-        if not (names and (seen := [logs for logs in seen if np.all(np.isfinite(logs))])):
+        logs = [row.logs(names) for row in shots if row.trusted]
+        if not (names and (logs := [one for one in logs if np.all(np.isfinite(one))])):
             return None
         _, covariance, scatter = self.known(names)
-        told = np.sum([shared(np.diag(1.0 / variance(logs)), scatter) for logs in seen], axis=0)
-        belong = 1.0 - len(self.strays) / self.n
-        return shots_wanted(belong / len(shots) * told, covariance, float(np.log10(1.0 + wanted)))
+        information = np.sum([shared(np.diag(1.0 / variance(one)), scatter) for one in logs], axis=0)
+        inliers = 1.0 - len(self.strays) / self.n
+        return shots_wanted(inliers / len(shots) * information, covariance, float(np.log10(1.0 + half_width)))
 
     def contour(self, level: float = 0.9) -> Floats | None:
         """(n, 2) mu and G, SI, around this part of all shots that belong, at the medians of centre, spread and
@@ -215,7 +215,7 @@ def population_record(found: Population | None, column: str = "") -> PopulationR
 
 def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]:
     """'with concentration G rises by 0.20 [0.15, 0.25] decades per unit (a factor of 1.6); ...'."""
-    from cavirheo.io.column import LOG_SIZE
+    from cavirheo.io.option_tables import LOG_SIZE
     from cavirheo.reporting.answer import described
 
     if column == LOG_SIZE:

@@ -254,7 +254,7 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
 
     def _network(self, model: str, run: Run) -> None:
         from cavirheo.companions.network_design import network_design, print_table, recipe
-        from cavirheo.inference.posterior_model import load_posterior
+        from cavirheo.inference.posterior_network import load_posterior
         from cavirheo.parallel import aside
         from cavirheo.physics.simulate import load_solver
         from cavirheo.writing.document import Outputs, write_json

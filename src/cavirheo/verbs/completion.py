@@ -29,7 +29,7 @@ def many_law_names(incomplete: str) -> list[str]:
 
 def any_law_names(incomplete: str) -> list[str]:
     """All laws, also as the next part of a sum."""
-    from cavirheo.physics.laws import LAWS
+    from cavirheo.physics.materials import LAWS
 
     return _begun(incomplete, LAWS, "+")
 
@@ -49,7 +49,7 @@ def medium_names(incomplete: str) -> list[str]:
 def _laws() -> list[str]:
     """`ABLE` of inference/law, which takes a second to import: those whose parameters have a range or a default."""
     from cavirheo.parameters import PARAMETERS, inferred_as
-    from cavirheo.physics.laws import LAWS
+    from cavirheo.physics.materials import LAWS
 
     takes = {name: inspect.signature(law).parameters.values() for name, law in LAWS.items()}
     return [

@@ -146,15 +146,15 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
         from cavirheo.parallel import cores
         from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting.figures import laws_figure, paper_names, save
+        from cavirheo.reporting.figures import laws_figure, names, save
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
         from cavirheo.workflow.analyse import Unfinished
         from cavirheo.workflow.cluster import connected
         from cavirheo.writing import digits, document
 
         files, liquid, out, figures = run.files(self.files), self.liquid, self.out, self.figure_kinds
-        names = [name.strip() for name in self.laws.split(",") if name.strip()]
-        candidates = models(names, self.bubbles or (REAL,))
+        materials = [name.strip() for name in self.laws.split(",") if name.strip()]
+        candidates = models(materials, self.bubbles or (REAL,))
         Options(window=self.window, stretch=self.stretch)
         outputs = document.Outputs(out, "laws.json", inputs=files)
         report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
@@ -178,7 +178,7 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         if note:
             run.stop(note, out / "laws.json" if answered else None)
         if "paper" in figures:
-            stems = paper_names([one.name for one in laws.curves], [one.name for one in laws.groups], "laws-")
+            stems = names([one.name for one in laws.curves], [one.name for one in laws.groups], "paper-laws-")
             undrawn: list[str] = []
             for stem, record in zip(stems, [*laws.curves, *laws.groups], strict=True):
                 with document.drawing(stem, undrawn):
@@ -210,10 +210,10 @@ class Watch(options.Inference):
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
-        from cavirheo.io.column import is_size, read_column
+        from cavirheo.io.option_tables import is_size, read_column
         from cavirheo.parallel import aside, cores
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.reporting import wall_page, write_report
+        from cavirheo.reporting import html, write_report
         from cavirheo.reporting.table import print_line, print_table
         from cavirheo.writing import digits
 
@@ -237,11 +237,11 @@ class Watch(options.Inference):
             say=run.say,
             show=print_line if not run.quiet else lambda _: None,
             patience=self.patience,
-            wanted=0.01 * self.wanted_percent,
+            half_width=0.01 * self.wanted_percent,
         )
         aside(load_solver)
         result = watched.write()
-        page = f"{out / wall_page.PAGE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
+        page = f"{out / html.LIVE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
         run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
         try:
             while watched.once() or watched.pause() or not self.once:

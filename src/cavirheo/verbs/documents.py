@@ -182,4 +182,5 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
         message = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
         raise InputError(message, "cite.kind")
     paragraph, sources = methods(document)
+    require(bool(paragraph), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
     print("\n\n".join([paragraph, *(source.bibtex for source in sources)]))

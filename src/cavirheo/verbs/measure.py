@@ -37,7 +37,7 @@ class Measure(options.Printing, options.Documents):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.inference import input_checks
-        from cavirheo.io.recordings import examine
+        from cavirheo.io.videos import examine
         from cavirheo.physics.media import WATER
         from cavirheo.video import document
         from cavirheo.video.frames import need

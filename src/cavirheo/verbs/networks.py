@@ -142,8 +142,8 @@ class Evaluate(options.Cluster, options.Documents):
 
 
 def _draws_in_short(content: dict[str, Any]) -> Iterator[str]:
-    from cavirheo.inference.card import PosteriorCard
-    from cavirheo.inference.posterior_model import describe
+    from cavirheo.inference.model import PosteriorCard
+    from cavirheo.inference.posterior_network import describe
 
     yield "draws of the parameters, for any camera"
     yield from describe(PosteriorCard.model_validate(content))

@@ -17,7 +17,7 @@ from cavirheo.verbs import completion
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
     from cavirheo.inference.analysis import Analysis
-    from cavirheo.io.shots import Recordings
+    from cavirheo.io.shots import CurveSet
     from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.media import Medium
     from cavirheo.verbs.run import Run
@@ -316,7 +316,7 @@ class Question:
 class Answering(Printing, Documents, Pictures, Seed, Liquid, Reading):
     """What all verbs share that answer measured curves."""
 
-    def recordings(self, files: list[Path], exclude: str | None = None) -> "Recordings":
+    def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """`read_shots` with these settings."""
         from cavirheo.io.shots import read_shots
 
@@ -337,7 +337,7 @@ class Answering(Printing, Documents, Pictures, Seed, Liquid, Reading):
         )
         if exposure is None:
             return found
-        return found._replace(curves=[curve.with_exposure(exposure) for curve in found.curves])
+        return found._replace(curves=[curve.labelled(exposure_s=exposure) for curve in found.curves])
 
 
 @dataclass(kw_only=True)
@@ -359,7 +359,7 @@ class Measured(Answering):
         curves = recordings.curves
         run.need(curves, "curve")
         if self.column is not None:
-            from cavirheo.io.column import with_column
+            from cavirheo.io.option_tables import with_column
 
             curves = with_column(curves, self.column)
         aside(load_solver)
@@ -383,9 +383,9 @@ class Inference(Answering, OneBubble, Question):
         """Raises InputError for an option that only --verify would use, before hours are spent.
 
         Videos among the files use the exposure, too."""
-        from cavirheo.io.recordings import is_recording
+        from cavirheo.video.frames import is_video
 
-        exposed = self.exposure_us is not None and not any(map(is_recording, files))
+        exposed = self.exposure_us is not None and not any(map(is_video, files))
         idle = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
         message = f"{' and '.join(idle)} would change nothing without --verify map or full: give that too"
         require(self.verify != "none" or not idle, message)

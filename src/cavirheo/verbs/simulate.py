@@ -75,7 +75,7 @@ class Simulate(options.Documents, options.Liquid):
     def __call__(self, run: Run) -> None:
         import numpy as np
 
-        from cavirheo.io.trace import read_trace
+        from cavirheo.io.option_tables import read_trace
         from cavirheo.physics import simulate as forward
         from cavirheo.physics.accuracy import DEFAULT, PRECISE
         from cavirheo.physics.driving import Pulse, Trace
@@ -150,8 +150,7 @@ class Simulate(options.Documents, options.Liquid):
         """A name whose parameters are options of the command, or a sum of laws that holds its own."""
         from inspect import signature
 
-        from cavirheo.physics.laws import LAWS, parse
-        from cavirheo.physics.materials import MATERIALS
+        from cavirheo.physics.materials import LAWS, MATERIALS, parse
 
         names = ("shear_modulus", "viscosity", "stiffening")
         values = {name: value for name in names if (value := getattr(self, name)) is not None}
@@ -199,7 +198,7 @@ def _write_fields(path: Path, run: Simulation) -> None:
 
 def laws() -> None:
     """All laws for `simulate --material`: parameters with units, and the energy or viscosity function."""
-    from cavirheo.physics.laws import EXAMPLE, KINDS, summary, usage
+    from cavirheo.physics.materials import EXAMPLE, KINDS, summary, usage
 
     for kind, names in KINDS.items():
         print(f"{kind}:")

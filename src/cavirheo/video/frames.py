@@ -69,7 +69,7 @@ class Footage:
         return replace(self, **{name: array[chosen] for name, array in arrays.items() if array is not None})
 
 
-def is_recording(path: Path) -> bool:
+def is_video(path: Path) -> bool:
     """Whether the name is that of a recording: a video, or a folder with images."""
     try:
         folder = path.is_dir()

@@ -21,6 +21,7 @@ def pack(value: Any, arrays: list[np.ndarray]) -> Any:
     if isinstance(value, InputError):
         return {"InputError": {"message": value.message, "code": value.code, "where": value.where}}
     names = [field.name for field in fields(value)] if is_dataclass(value) else getattr(value, "_fields", None)
+    names = getattr(type(value), "model_fields", names)
     if names is not None and not isinstance(value, type):
         return {type(value).__name__: {name: pack(getattr(value, name), arrays) for name in names}}
     if isinstance(value, Mapping):

@@ -62,7 +62,7 @@ def code_of(package: Path) -> str:
 def _simulated(count: int = 4) -> str:
     """SHA-256 of the radii of so many different bubbles: a solid with memory and a liquid, both contents."""
     from cavirheo.physics.bubble import ACCOMMODATION, FIELD, Bubble
-    from cavirheo.physics.laws import LAWS
+    from cavirheo.physics.materials import LAWS
     from cavirheo.physics.simulate import simulate
 
     time_s = np.linspace(0.0, 1e-4, 200)

@@ -9,22 +9,27 @@ trained in water; in another medium the same Cauchy and Reynolds numbers make ne
 A parameter that is not inferred (a stated stretch, an accommodation that is given, a clock that is exact) keeps its
 slot at its value: the slots after it are answered given it, and those before it as if it were free.
 
-Its draws are a proposal: what they are worth the simulations say (inference/verify).
+Its draws are a proposal: what they are worth the simulations say (inference/verify). A network ships with the package
+or is one that a user trained: an .onnx file and the card beside it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
+from cavirheo.inference import DEFAULT, KNOWN_BUBBLES
 from cavirheo.inference.bins import SCALE, cells
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import SLOTS, damping_to_slot, from_slots, slot, to_slots, used
+from cavirheo.inference.model import Network, PosteriorCard, card, checked_content, load, path_of
 from cavirheo.inference.session import started
 from cavirheo.physics.bubble import FIELD, FREE, Bubble
 from cavirheo.physics.media import WATER
@@ -34,6 +39,8 @@ _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is foun
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
 _PRESSURE = ("shear_modulus",)  # what scales with p, and what with p t_c
 _PRESSURE_TIME = ("viscosity", "reference_viscosity")
+_NEAR = 0.1  # of a constant that all its curves share: the weights allow for no more
+_VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
 
 
 class Flow:
@@ -183,3 +190,96 @@ def read(shot: Experiment, discrepancy: bool) -> Any:
     }  # fmt: skip
     given = {name: np.array([value]) for name, value in about.items()}
     return cells(np.zeros(len(time), np.int64), time, shot.measured[counted], **given)
+
+
+class PosteriorModel:
+    """name, card, sha256 of the .onnx file; flow: its densities.
+
+    Raises:
+        InputError: the file or its card is missing, damaged or of another kind, or it is not the file of its card.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.name: str = path.stem
+        content = card(path)
+        message = f"{path} is a network of another kind ({content['kind']}): a posterior network is needed"
+        require(content["kind"] == "posterior", message, "model.kind")
+        self.card: PosteriorCard = PosteriorCard.model_validate(content)
+        self.sha256: str = self.card.onnx.sha256
+        self.flow: Flow = Flow(checked_content(path, self.sha256, INPUTS), self.card.kinds)
+
+    def knows(self, material: str, bubble: Bubble) -> bool:
+        """Whether it was trained on this law and this bubble."""
+        return (plain(material), kind_of(bubble)) in self.flow.kinds
+
+    def proposal(self, shot: Experiment, prior: Prior, discrepancy: bool) -> NetworkProposal:
+        """Raises InputError: the experiment is outside the training."""
+        outside = self.beyond(shot)
+        require(not outside, f"the network cannot read it: {outside}", "network.outside")
+        return NetworkProposal(self.flow, shot, prior, discrepancy=discrepancy)
+
+    def beyond(self, shot: Experiment) -> str:
+        """What of an experiment is outside its training, in words; empty if all is inside."""
+        bubble, trained = shot.options.bubble, self.card.trained
+        if not kind_of(bubble):
+            return f"it knows {KNOWN_BUBBLES}"
+        if not self.knows(shot.family.name, bubble):
+            return f"it was not trained on {shot.family.name} with the {kind_of(bubble)} bubble"
+        frames = int((shot.counted & (shot.since >= 0)).sum())
+        here: dict[str, tuple[float, str]] = {
+            "max_radius_um": (shot.max_radius * 1e6, "R_max of {:.4g} um"),
+            "frame_interval_us": (shot.frame * 1e6, "{:.4g} us between frames"),
+            "frames": (frames, "{:.0f} frames in the window"),
+            "noise_over_rmax": (shot.curve.noise / shot.max_radius, "noise of {:.2g} of R_max"),
+            "density": (shot.medium.density, "a density of {:.4g} kg/m3"),
+            "pressure": (shot.medium.pressure, "a pressure of {:.4g} Pa"),
+        }
+        for name, (value, words) in here.items():
+            low, high = trained[name]
+            if not low <= value <= high:
+                return f"{words.format(value)} is outside its training ({low:g} to {high:g})"
+        for constant in fields(WATER):
+            if constant.name not in (*trained, "name", *_OF_VAPOUR):
+                value, usual = getattr(shot.medium, constant.name), getattr(WATER, constant.name)
+                if not abs(value - usual) <= _NEAR * abs(usual):
+                    return f"{constant.name} = {value:.4g} is more than {_NEAR:.0%} from its training ({usual:.4g})"
+        vapour, usual = shot.medium.vapour_pressure, WATER.vapour_pressure
+        if not usual / _VAPOUR <= vapour <= usual * _VAPOUR:
+            return f"a vapour pressure of {vapour:.4g} Pa is beyond twice or half of its training ({usual:.4g} Pa)"
+        return ""
+
+
+def load_posterior(name: str = DEFAULT) -> PosteriorModel:
+    """The shipped posterior network of this name, or the one in a file whose name ends in .onnx, as the file is now.
+    Raises InputError."""
+    path = path_of(name)
+    try:
+        state = path.stat()
+    except OSError:
+        return PosteriorModel(path)  # which says what is wrong
+    return _loaded(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=4)
+def _loaded(path: Path, *_: int) -> PosteriorModel:
+    """The model in a file of this time and size."""
+    return PosteriorModel(path)
+
+
+def network_of(name: str) -> Network | PosteriorModel:
+    """The shipped model of this name, or the one in a file whose name ends in .onnx, of either kind. Raises
+    InputError."""
+    return load(name) if card(path_of(name))["kind"] == "point" else load_posterior(name)
+
+
+def describe(card: PosteriorCard) -> list[str]:
+    """Lines of what the network knows, for `cavirheo models`."""
+    laws: dict[str, list[str]] = {}
+    for law, bubble in card.kinds:
+        laws.setdefault(law, []).append(bubble)
+    lines = [f"  {law}, bubble {' or '.join(bubbles)}" for law, bubbles in laws.items()]
+    words: Any = {name: f"{low:g} to {high:g}" for name, (low, high) in card.trained.items()}
+    inside = card.coverage.get("by_slot", {})
+    shown = ", ".join(f"{name.replace('_', ' ')} {share['90']:.0%}" for name, share in inside.items())
+    lines += [f"  truth within its 90 % interval, without simulations: {shown}"] if shown else []
+    return [*lines, f"  R_max {words['max_radius_um']} um, {words['frames']} frames of {words['frame_interval_us']} us"]
