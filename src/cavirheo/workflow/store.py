@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
@@ -12,15 +11,13 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
-import numpy as np
-
 from cavirheo.curve import RadiusCurve
 from cavirheo.messages import Message
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
-from cavirheo.writing.export import pack, unpack
+from cavirheo.writing.packing import decode, encode
 
 _TYPES = (Posterior, Checks, Message, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
@@ -115,18 +112,14 @@ class Store:
 
 
 def keep(path: Path, value: Any) -> None:
-    """An answer, a curve, or several of them in a tuple or a dict: arrays as such, all else as JSON. Numbers come back
-    to the last bit. Raises OSError."""
-    arrays: list[np.ndarray] = []
-    text = json.dumps(pack(value, arrays), default=str)
+    """An answer, a curve, or several of them in a tuple or a dict. Raises OSError."""
     with whole(path) as temporary:
-        np.savez(temporary, np.frombuffer(text.encode(), np.uint8), *arrays)
+        temporary.write_bytes(encode(value, default=str))
 
 
 def read_kept(path: Path, kind: type[_Value]) -> _Value | None:
     """What `keep` wrote; None where there is nothing, or nothing of this kind that can be read."""
-    with suppress(Exception), np.load(path) as file:  # whatever is wrong with it, the answer is found anew
-        arrays = [file[name] for name in file.files]
-        value = unpack(json.loads(arrays[0].tobytes()), arrays[1:], _KINDS)
+    with suppress(EOFError, OSError):  # whatever is wrong with it, the answer is found anew
+        value = decode(path.read_bytes(), _KINDS)
         return value if isinstance(value, kind) else None
     return None
