@@ -163,7 +163,7 @@ def test_the_networks_own_answer_says_that_it_is_not_verified():
 )
 def test_what_is_outside_the_training_is_not_sent_through_the_network(curve, what):
     here = experiment(curve)
-    assert what in load_posterior().beyond(here)
+    assert what in load_posterior().outside(here)
     with pytest.raises(InputError) as error:
         load_posterior().proposal(here, here.prior(), True)
     assert error.value.code == "network.outside"
@@ -184,7 +184,7 @@ def test_what_is_outside_the_training_is_not_sent_through_the_network(curve, wha
 )
 def test_a_medium_that_it_does_not_know_is_not_sent_through_the_network(constants, what):
     medium = replace(WATER, **constants)
-    said = load_posterior().beyond(Experiment(shot(), Family("nhkv"), medium, Options()))
+    said = load_posterior().outside(Experiment(shot(), Family("nhkv"), medium, Options()))
     assert said.startswith(what)
     assert bool(said) == bool(what)
 

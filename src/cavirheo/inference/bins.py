@@ -32,9 +32,17 @@ def half_widths(frame: Floats, noise: Floats, late: Floats) -> tuple[Floats, Flo
 
 
 def cells(
-    sample: NDArray[np.int64], time: Floats, radius: Floats, *, max_radius: Floats, frame: Floats, exposure: Floats,
-    noise: Floats, discrepancy: Floats, late: Floats,
-) -> NDArray[np.float32]:  # fmt: skip
+    sample: NDArray[np.int64],
+    time: Floats,
+    radius: Floats,
+    *,
+    max_radius: Floats,
+    frame: Floats,
+    exposure: Floats,
+    noise: Floats,
+    discrepancy: Floats,
+    late: Floats,
+) -> NDArray[np.float32]:
     """(m, SIZE) inputs of m recordings.
 
     sample: (n,) to which of them a frame belongs. time: (n,) t* after R_max, from 0, ascending in each recording.
@@ -54,32 +62,27 @@ def cells(
         return np.bincount(at, values, m * CELLS).reshape(m, CELLS).astype(float)
 
     count = summed()
-    known = count > 0
+    filled = count > 0
     several = np.maximum(count, 1.0)
     mean, middle = summed(radius) / several, summed(np.asarray(offset)) / several
     together = np.where(count > 1, summed(radius * offset) / several - mean * middle, 0.0)
     spread = np.sqrt(np.maximum(summed(radius**2) / several - mean**2, 0.0))
     index = np.arange(CELLS)
-    before = np.maximum.accumulate(np.where(known, index, -1), axis=1)
-    after = np.minimum.accumulate(np.where(known, index, CELLS)[:, ::-1], axis=1)[:, ::-1]
+    before = np.maximum.accumulate(np.where(filled, index, -1), axis=1)
+    after = np.minimum.accumulate(np.where(filled, index, CELLS)[:, ::-1], axis=1)[:, ::-1]
     within = (before >= 0) & (after < CELLS)
     rows = np.arange(m)[:, None]
     a, b = np.clip(before, 0, CELLS - 1), np.clip(after, 0, CELLS - 1)
     start, stop = a + 0.5 + middle[rows, a], b + 0.5 + middle[rows, b]
     share = np.clip((index + 0.5 - start) / np.maximum(stop - start, 1e-9), 0.0, 1.0)
-    line = np.where(known, mean, (1.0 - share) * mean[rows, a] + share * mean[rows, b])
-    channels = [
-        np.where(within, 2.0 * line - 1.0, 0.0), middle, 1.0 * known, 1.0 * within, np.log1p(count), 20.0 * together,
-        10.0 * spread,
-    ]  # fmt: skip
+    line = np.where(filled, mean, (1.0 - share) * mean[rows, a] + share * mean[rows, b])
+    channels = [np.where(within, 2.0 * line - 1.0, 0.0), middle, 1.0 * filled, 1.0 * within]
+    channels += [np.log1p(count), 20.0 * together, 10.0 * spread]
     frames = np.bincount(sample, minlength=m)
     end = np.zeros(m)
     np.maximum.at(end, sample, place * (END / CELLS))
-    scalars = [
-        np.log(max_radius / 1.3e-4), np.log(frame / 0.04), exposure / frame,
-        0.7 * np.log(np.maximum(noise, 3e-4) / 0.01),
-        2.0 * discrepancy - 1.0, 0.5 * (end - 4.0), np.log(np.maximum(frames, 1) / 100.0), 1.0 * (noise < 1e-3),
-        late,
-    ]  # fmt: skip
+    scalars = [np.log(max_radius / 1.3e-4), np.log(frame / 0.04), exposure / frame]
+    scalars += [0.7 * np.log(np.maximum(noise, 3e-4) / 0.01), 2.0 * discrepancy - 1.0, 0.5 * (end - 4.0)]
+    scalars += [np.log(np.maximum(frames, 1) / 100.0), 1.0 * (noise < 1e-3), late]
     flat = np.stack(channels, axis=1).reshape(m, -1)
     return np.concatenate([flat, np.column_stack(scalars)], axis=1, dtype=np.float32, casting="same_kind")
