@@ -26,7 +26,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, KNOWN_BUBBLES
-from cavirheo.inference.bins import SCALE, cells
+from cavirheo.inference.bins import SCALE, binned
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import SLOTS, damping_to_slot, from_slots, slot, to_slots, used
 from cavirheo.inference.model import Network, PosteriorCard, card, checked_content, load, path_of
@@ -184,7 +184,7 @@ def read(shot: Experiment, discrepancy: bool) -> Any:
     numbers |= {"frame": shot.frame / shot.time_scale, "exposure": shot.exposure / shot.time_scale}
     numbers |= {"discrepancy": float(discrepancy), "late": float(shot.curve.begins_late)}
     arrays = {name: np.array([value]) for name, value in numbers.items()}
-    return cells(np.zeros(len(time), np.int64), time, shot.measured[counted], **arrays)
+    return binned(np.zeros(len(time), np.int64), time, shot.measured[counted], **arrays)
 
 
 class PosteriorModel:
