@@ -1,7 +1,7 @@
 """Which names of Python the reference shows: by page and group, those of each room; the laws are those that are known.
 
-tests/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a public
-object holds or returns.
+tests/meta/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a
+public object holds or returns.
 """
 
 from __future__ import annotations
@@ -86,7 +86,8 @@ ANSWERS = Page(
                 "cavirheo.companions.network_design": "NetworkDesign WeakRange",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
                 "cavirheo.companions.rheometer.document": "Rheometry",
-                "cavirheo.video.document": "Measured StatedNumber",
+                "cavirheo.video.document": "Measured",
+                "cavirheo.video.measurement": "StatedNumber",
                 "cavirheo.writing.document": "Document Quantity Spread",
             },
             "`cavirheo.load` gives them; [File formats](../docs/file-formats.md) says which file is which.",

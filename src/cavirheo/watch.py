@@ -28,7 +28,7 @@ from cavirheo.reporting.record import Result, result_of
 from cavirheo.workflow.analyse import analyse, of_file
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import Outputs, write_json
-from cavirheo.writing.packing import key_of
+from cavirheo.writing.export import key_of
 
 LOOK = 0.4  # s between two looks at the folder; a file that did not change from one to the next may be complete
 PATIENCE = 10.0  # s for which a file that cannot be read may still be in the making

@@ -18,7 +18,7 @@ from cavirheo.app.session import Clip, Session
 from cavirheo.arrays import Bools
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.io.shots import noted
+from cavirheo.io.shots import with_maximum_notes
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.io.videos import Camera, history, parse_camera
 from cavirheo.reporting.browser_figures import filmed
@@ -97,7 +97,7 @@ def toggle(film: Clip) -> None:
 
 def curve(film: Clip, *, sheet: bool = False) -> RadiusCurve:
     """As `read_curves` gives it. Raises InputError: not measured."""
-    return noted(history(film.kept or measured(film), film.path, sheet=sheet))
+    return with_maximum_notes(history(film.kept or measured(film), film.path, sheet=sheet))
 
 
 def options(film: Clip) -> str:

@@ -139,7 +139,7 @@ def answers(session: Session) -> str:
     document = found.document
     factor, unit = document.modulus_unit
     groups = html.part("groups_table", document.groups, factor, unit), [one.words for one in document.differences]
-    rows, models = _told(document.curves), {row.itself.in_words for row in document.curves if row.answered}
+    rows, models = _told(document.curves), {row.in_words for row in document.curves if row.answered}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.part("curves_table", rows, factor, unit, title, False)
     said = causes(rows)

@@ -193,7 +193,7 @@ def compare(
 def _write_tables(outputs: Outputs, document: Result, drawing: bool) -> None:
     """The comparison as tables and a picture, beside result.json."""
     if drawing:
-        document.notes += outputs.picture("comparison.png", style.save_png, figure, document)
+        document.notes += outputs.picture("comparison.png", style.save, figure, document)
     outputs.write("comparison.csv", tables.write_csv, document)
     outputs.write("comparison.md", Path.write_text, tables.markdown(document), encoding="utf-8")
     outputs.finish()

@@ -76,7 +76,7 @@ def read_curves(
 
         options: MeasureOptions = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px}
         options |= {"exposure": exposure, "exclude": exclude}
-        return [noted(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
+        return [with_maximum_notes(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
     message = f"{file_label(path)}: frames are excluded of recordings; of a table empty their radius"
     require(exclude is None, message, "reading.exclude")
     with guarded(path, _EXPECTED):
@@ -89,7 +89,7 @@ def read_curves(
         labels = [path.stem] if len(curves) == 1 else []
         labels = labels or [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
         chosen = selected(list(zip(curves, labels, strict=True)), shots)
-        return [noted(curve.labelled(name=label, **origin)) for curve, label in chosen]
+        return [with_maximum_notes(curve.labelled(name=label, **origin)) for curve, label in chosen]
 
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
@@ -104,7 +104,7 @@ def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: 
     return curve_tables.read(path, density, pressure, frame_rate)
 
 
-def noted(curve: RadiusCurve) -> RadiusCurve:
+def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
     """The curve with the notes that need its maximum."""
     try:
         start, spikes = curve.time_of_max, curve.spikes()

@@ -28,14 +28,15 @@ from cavirheo.io.shots import CurveSet, read_shots
 from cavirheo.io.videos import examine
 from cavirheo.messages import Message
 from cavirheo.video.frames import Footage
-from cavirheo.video.measurement import Measurement, Stated
+from cavirheo.video.measurement import Measurement, StatedNumber
 from cavirheo.video.track import Track
-from cavirheo.writing.packing import pack, unpack
+from cavirheo.writing.export import pack, unpack
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
 
 _KINDS: dict[str, Any] = {
-    kind.__name__: kind for kind in (RadiusCurve, Message, CurveSet, Footage, Measurement, Stated, Track, InputError)
+    kind.__name__: kind
+    for kind in (RadiusCurve, Message, CurveSet, Footage, Measurement, StatedNumber, Track, InputError)
 }
 _SPAWN = multiprocessing.get_context("spawn")
 
@@ -194,7 +195,7 @@ def _measure(pipe: Connection, path: str, images: str, most: float, options: dic
 
 
 def encode(value: Any) -> bytes:
-    """What writing/packing.py packs. Raises TypeError: it holds something else."""
+    """What writing/export.py packs. Raises TypeError: it holds something else."""
     arrays: list[np.ndarray] = []
     text = json.dumps(pack(value, arrays))
     stream = BytesIO()

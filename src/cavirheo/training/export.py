@@ -111,7 +111,7 @@ def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
 def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[str, Any]:
     """Write the model, with a free number of draws; it computes what was trained, but for its weights' precision."""
     with of_run(run / "best.safetensors"):
-        network = PosteriorNetwork(len(recipe.posterior.kinds), **recipe.network.model_dump())
+        network = PosteriorNetwork(len(recipe.posterior.kinds), recipe.network)
         network.load_state_dict(read_tensors(run / "best.safetensors")[0])
     d, kinds = len(SLOTS), len(network.kind)
     random = torch.zeros(5, d, network.parts), torch.zeros(5, d), torch.zeros(5, d), torch.zeros(d)

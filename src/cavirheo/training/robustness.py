@@ -56,7 +56,7 @@ DEGRADATIONS = (
 
 
 def robustness(
-    network: Network, data: Dataset, chosen: Indices, progress: bool = True, executor: Executor | None = None
+    network: Network, data: Dataset, chosen: Indices, progress: bool, executor: Executor | None
 ) -> dict[str, Any]:
     """Metrics of a network on the curves `chosen` of a set, filmed in every way.
 

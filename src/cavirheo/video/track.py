@@ -103,7 +103,10 @@ def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], No
         if not patches_of[i]:
             patches_of[i] = outline.patches(stage, i)
     chosen, elsewhere = _one_bubble(patches_of, n)
-    twins = sum(_is_twin(patches_of[i], patch) for i, patch in chosen.items())
+    twins = sum(
+        any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches_of[i])
+        for i, bubble in chosen.items()
+    )
     outlines: dict[int, Outline] = {}
     for i, patch in chosen.items():
         if measured := outline.measure(stage, i, patch):
@@ -144,10 +147,6 @@ def _distance(a: Patch, b: Patch) -> float:
 
 def _is_near(a: Patch, b: Patch) -> bool:
     return _distance(a, b) < RULES.jump + 0.5 * max(a.radius, b.radius)
-
-
-def _is_twin(patches: list[Patch], bubble: Patch) -> bool:
-    return any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches)
 
 
 def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
