@@ -37,14 +37,13 @@ class KnownAnalysis(Analysis):
         return self.of(curve) if begun is None else self.of(curve, begun)
 
 
-def simulated(
-    material=GEL, *, max_radius=250e-6, stretch=7.0, frames=80, frame=1e-6, noise=0.0, seed=3, within=None, **about
-) -> RadiusCurve:
+def simulated(material=GEL, *, frames=80, frame=1e-6, noise=0.0, seed=3, within=None, **given) -> RadiusCurve:
     """A bubble (`within`: the Bubble) recorded from its maximum on, with independent noise in units of R_max."""
-    time = frame * np.arange(frames)
-    run = simulate(material, max_radius=max_radius, stretch=stretch, time=time, bubble=within or Bubble())
-    scatter = noise * max_radius * np.random.default_rng(seed).standard_normal(frames)
-    return RadiusCurve(time, run.radius + scatter, **{"meta": {"name": "shot"}, **about})
+    about = {"max_radius": 250e-6, "stretch": 7.0, "time": frame * np.arange(frames), "bubble": within or Bubble()}
+    about |= {name: given.pop(name) for name in ("max_radius", "stretch", "time", "medium") if name in given}
+    run = simulate(material, **about)
+    scatter = noise * about["max_radius"] * np.random.default_rng(seed).standard_normal(len(run.time))
+    return RadiusCurve(run.time, run.radius + scatter, **{"meta": {"name": "shot"}, **given})
 
 
 def bubble(name="shot[1]", group="shots", source="data/shots.mat", top=2.6e-4, frames=160, **meta) -> RadiusCurve:
