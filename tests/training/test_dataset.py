@@ -73,15 +73,6 @@ def test_same_bytes_for_any_partition(problem, fake, tmp_path):
     assert len(files(tmp_path / "one")) == 5
 
 
-def test_same_bytes_for_any_number_of_workers(problem, monkeypatch, tmp_path):
-    """With the real solver."""
-    monkeypatch.setattr(dataset, "SHARD", 5)
-    for workers in (1, 2):
-        generate(problem, 8, tmp_path / str(workers), seed=3, workers=workers, progress=False)
-    assert files(tmp_path / "1") == files(tmp_path / "2")
-    assert load(tmp_path / "1").ok.all()
-
-
 def test_a_killed_run_goes_on_to_the_same_bytes(problem, fake, monkeypatch, tmp_path):
     generate(problem, 90, tmp_path / "whole", seed=3, progress=False)
     simulate = TrainingProblem.simulate_many
