@@ -29,6 +29,7 @@ from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.media import WATER
 
+NHKV = {"material": "nhkv", "trust_input": True}
 LAWS = ("newtonian", "power-law", "nhkv", "fung + newtonian")
 
 
@@ -107,7 +108,7 @@ def test_the_density_of_a_proposal_is_normalised(law, bubble, given, integrated)
 @pytest.mark.parametrize(("noise", "seed"), [(0.01, 1), (0.003, 2)])
 def test_the_default_answer_holds_the_truth_and_agrees_with_more_draws(noise, seed):
     curve = shot(noise=noise, seed=seed)
-    few, full = (cavirheo.infer(curve, bubble="field", verify=level, trust_input=True) for level in ("auto", "full"))
+    few, full = (cavirheo.infer(curve, bubble="field", verify=level, **NHKV) for level in ("auto", "full"))
     assert (few.method, few.checks.verdict) == ("verified", "ok")
     assert few.diagnostics.effective_sample_size >= TUNING.effective_fewest
     assert few.diagnostics.simulations < full.diagnostics.simulations
@@ -120,23 +121,23 @@ def test_the_default_answer_holds_the_truth_and_agrees_with_more_draws(noise, se
 
 
 def test_the_default_answer_depends_on_its_curve_alone():
-    one, again = cavirheo.infer_many([shot(), shot()], bubble="field", trust_input=True, workers=2)
+    one, again = cavirheo.infer_many([shot(), shot()], bubble="field", workers=2, **NHKV)
     assert np.array_equal(one.theta, again.theta)
-    assert np.array_equal(one.theta, cavirheo.infer(shot(), bubble="field", trust_input=True).theta)
+    assert np.array_equal(one.theta, cavirheo.infer(shot(), bubble="field", **NHKV).theta)
 
 
 def test_an_answer_says_how_a_wrong_scale_would_move_it():
     """Per cent of R_max, against answers of the curve that is enlarged."""
     curve = shot(NeoHookeanKelvinVoigt(6e3, 0.05), stretch=7.0)
-    answer = cavirheo.infer(curve, trust_input=True)
-    larger = cavirheo.infer(curve.with_max_radius(1.03 * curve.max_radius), trust_input=True)
+    answer = cavirheo.infer(curve, **NHKV)
+    larger = cavirheo.infer(curve.with_max_radius(1.03 * curve.max_radius), **NHKV)
     found = (larger.median("shear_modulus") / answer.median("shear_modulus") - 1.0) / 0.03
     assert answer.diagnostics.modulus_over_scale == pytest.approx(found, rel=0.4)
     assert found > 5.0
 
 
 def test_the_networks_own_answer_says_that_it_is_not_verified():
-    answer = cavirheo.infer(shot(), bubble="field", verify="none", trust_input=True)
+    answer = cavirheo.infer(shot(), bubble="field", verify="none", **NHKV)
     assert answer.method == "amortised"
     assert "not verified" in answer.checks.message
     assert answer.checks.verdict == "unverified"
@@ -163,7 +164,7 @@ def test_what_is_outside_the_training_is_not_sent_through_the_network(given, con
     with pytest.raises(InputError) as error:
         load_posterior().proposal(here, here.prior(), True)
     assert error.value.code == "network.outside"
-    assert cavirheo.infer(curve, medium=medium, verify="none").checks.verdict == "failed"
+    assert cavirheo.infer(curve, medium=medium, verify="none", **NHKV).checks.verdict == "failed"
 
 
 def test_a_medium_within_the_training_is_known():
@@ -279,7 +280,7 @@ def test_generate_and_train_a_small_network(tmp_path, run):
 def test_a_misfit_that_the_real_bubble_explains_is_said():
     true = Bubble("kinetic", accommodation=0.07)
     curve = shot(NeoHookeanKelvinVoigt(3e3, 0.02), stretch=9.0, noise=0.003, seed=1, within=true)
-    answer = cavirheo.infer(curve, bubble="field", trust_input=True)
+    answer = cavirheo.infer(curve, bubble="field", **NHKV)
     (other,) = (one for one in answer.others if one.bubble == REAL)
     assert other.evidence.log > answer.evidence.log + 8
     low, _, high = other.intervals["accommodation"]
