@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from apart import Ended, each_apart
-from cavirheo.io.trace import read_trace
 from valid import TEXTS, shard
 
 import cavirheo
@@ -30,6 +29,7 @@ from cavirheo.companions import collapse_times, published_values
 from cavirheo.companions.rheometer import document, read
 from cavirheo.errors import InputError, SolverError
 from cavirheo.io import write_csv
+from cavirheo.io.option_tables import read_trace
 from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
 from cavirheo.training.recipe import read_recipe
