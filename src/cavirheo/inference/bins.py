@@ -81,5 +81,5 @@ def cells(
         2.0 * discrepancy - 1.0, 0.5 * (end - 4.0), np.log(np.maximum(frames, 1) / 100.0), 1.0 * (noise < 1e-3),
         late,
     ]  # fmt: skip
-    flat = np.stack(channels, axis=1).reshape(m, -1)
+    flat = np.stack(channels, axis=1).reshape(m, CELLS * CHANNELS)
     return np.concatenate([flat, np.column_stack(scalars)], axis=1, dtype=np.float32, casting="same_kind")
