@@ -85,7 +85,7 @@ ANSWERS = Page(
                 "cavirheo.companions.design_document": "Design DesignedSetting CheckedSetting",
                 "cavirheo.companions.network_design": "NetworkDesign WeakRange",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
-                "cavirheo.companions.rheometer.document": "Rheometry",
+                "cavirheo.companions.rheometer_document": "Rheometry",
                 "cavirheo.video.document": "Measured",
                 "cavirheo.video.measurement": "StatedNumber",
                 "cavirheo.writing.document": "Document Quantity Spread",
@@ -150,8 +150,7 @@ MORE = Page(
         Group(
             "Rheometer",
             {
-                "cavirheo.companions.rheometer": "read_sweeps strain_sweep frequency_sweep",
-                "cavirheo.companions.rheometer.sweeps": "Sweep",
+                "cavirheo.companions.rheometer": "Sweep read_sweeps strain_sweep frequency_sweep",
             },
             "[How](../docs/how-to/rheometer.md).",
         ),

@@ -24,10 +24,10 @@ if find_spec("gradio") is None:
 import httpx
 from conftest import refusal, refused
 
-from cavirheo.app.endpoint import uploaded
+from cavirheo.app.events import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
-from cavirheo.app.steps import examples, export, glance, infer, name_materials, sliders, trial
-from cavirheo.app.words import found
+from cavirheo.app.steps import examples, export, infer, name_materials, preview, sliders, what_if
+from cavirheo.app.words import files_table
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
@@ -283,7 +283,7 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     name_materials(session, ["soft_gel", " ", "<gel>", *["soft_gel"] * 5])
     groups = [(group.name, group.n) for group in session.answers.document.groups]
     assert groups == [("soft_gel", 2), ("your files", 1), ("<gel>", 1)]
-    assert "&lt;gel&gt;" in found(session)
+    assert "&lt;gel&gt;" in files_table(session)
     assert not session.stale
     name_materials(session, [""] * 8)
     assert session.answers.document.groups == first.document.groups
@@ -305,7 +305,7 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path):
     assert [one.medium.density for one in document.curves] == [998.0, 1050.0]
     assert dense.shear_modulus_Pa.median > 1.1 * light.shear_modulus_Pa.median
     assert document.command.endswith(f"(2 of {len(names)} shots) ('a gel': --density 1050)")
-    assert 'value="1050"' in found(session)
+    assert 'value="1050"' in files_table(session)
     name_materials(session, ["light", "a gel", *blank[2:]], ["", "1060", *blank[2:]])
     assert session.stale
     with refused("physics.unusual_density"):
@@ -327,17 +327,17 @@ def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
     session.add([single(tmp_path / "one.csv"), tmp_path / "short.csv"], PageSettings())
     for settings in (PageSettings(material="auto"), PageSettings(model="bdt-viscous"), PageSettings(verify="none")):
         session.prepare(settings)
-        glance(session, ["one"])
-        assert session.soon == {}  # these wait for their answers
+        preview(session, ["one"])
+        assert session.previews == {}  # these wait for their answers
     session.prepare(PageSettings())
-    glance(session, ["one", "short"])
-    assert list(session.soon) == ["one"]  # of a shot that it cannot answer it says nothing
-    row = session.soon["one"]
+    preview(session, ["one", "short"])
+    assert list(session.previews) == ["one"]  # of a shot that it cannot answer it says nothing
+    row = session.previews["one"]
     assert row.shear_modulus_Pa.q05 < row.shear_modulus_Pa.median < row.shear_modulus_Pa.q95
     assert not row.trusted
     assert session.answers is None
     assert [record.verdict for record in infer(session, ["one", "short"]).document.curves] == ["ok", "failed"]
-    assert session.soon == {}
+    assert session.previews == {}
 
 
 def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
@@ -435,12 +435,12 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     start = sliders(session, "soft_gel[1]")
     assert [start[key]["value"] for key in start] == pytest.approx(typed, rel=1e-2)
     (record,) = kept.document.curves
-    assert trial(session, "soft_gel[1]", typed)[0].rmse_over_rmax == pytest.approx(record.rmse_over_rmax, rel=0.005)
+    assert what_if(session, "soft_gel[1]", typed)[0].rmse_over_rmax == pytest.approx(record.rmse_over_rmax, rel=0.005)
     (processed,), (simulated,) = read_curves(folder / "processed" / "soft_gel_1.csv"), read_curves(path)
     frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
     assert np.sqrt(np.mean(left**2)) / record.max_radius_m == pytest.approx(record.rmse_over_rmax, rel=0.05)
-    failed, lines = trial(session, "soft_gel[1]", [5.0, 0.03, 0.5])
+    failed, lines = what_if(session, "soft_gel[1]", [5.0, 0.03, 0.5])
     assert (failed.verdict, lines) == ("failed", {"x": [[], []], "y": [[], []]})
 
 

@@ -17,10 +17,10 @@ from cavirheo.app import words
 from cavirheo.app.film import (
     confirm,
     curve,
-    left_out,
+    excluded,
     measure,
     toggle,
-    typed,
+    typed_camera,
     unlisted,
     unready,
 )
@@ -102,13 +102,13 @@ def test_frames_are_left_out_and_brought_back(seen):
     assert seen.exclude == "12"
     assert np.isnan(curve(seen).radius[11])
     assert unlisted(seen, "12, 3-5,") == [""]  # while it is typed
-    assert np.flatnonzero(left_out(seen)).tolist() == [2, 3, 4, 11]
+    assert np.flatnonzero(excluded(seen)).tolist() == [2, 3, 4, 11]
     toggle(seen)
     for wrong, why in (("3, 99", "1 to 34"), ("1-34", "all measured frames")):
         assert why in unlisted(seen, wrong)[0]
         assert seen.exclude == "3-5"
     assert unlisted(seen, "") == [""]
-    assert not left_out(seen).any()
+    assert not excluded(seen).any()
 
 
 @pytest.mark.parametrize(
@@ -121,13 +121,13 @@ def test_frames_are_left_out_and_brought_back(seen):
     ],
 )
 def test_what_is_missing_is_said_at_its_field(seen, texts, field, why):
-    wrong = typed(seen, texts)[1]
+    wrong = typed_camera(seen, texts)[1]
     assert why in wrong[field]
     assert [bool(one) for one in wrong] == [k == field for k in range(3)]
 
 
 def test_what_changed_must_be_measured_again(session, seen):
-    assert typed(seen, TYPED) == (CAMERA, ["", "", ""])
+    assert typed_camera(seen, TYPED) == (CAMERA, ["", "", ""])
     assert unready(seen, *TYPED, "6") == ["", "", "", ""]
     assert "measure again" in unready(seen, str(RATE), "6", "", "")[1]
     assert "1 to 34" in unready(seen, *TYPED, "0")[3]

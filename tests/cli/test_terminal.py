@@ -12,8 +12,8 @@ from conftest import ROOT, messages, refusal
 
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times
-from cavirheo.companions.rheometer import document as rheometer
-from cavirheo.companions.rheometer.sweeps import Sweep
+from cavirheo.companions import rheometer_document as rheometer
+from cavirheo.companions.rheometer import Sweep
 from cavirheo.inference.model import card, path_of
 from cavirheo.io import write_csv
 from cavirheo.posterior import Checks, Posterior, WindowAnswer

@@ -14,8 +14,7 @@ from conftest import ROOT, refused
 
 from cavirheo import load, read_curves
 from cavirheo.companions import comparison
-from cavirheo.companions.comparison import Answering, compare
-from cavirheo.companions.comparison_picture import figure
+from cavirheo.companions.comparison import Answering, compare, figure
 from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.errors import InputError
 from cavirheo.inference import analysis, posterior_network

@@ -13,9 +13,7 @@ from answers import answer, bubble
 from conftest import ROOT, refusal, refused
 from files import write_xlsx
 
-from cavirheo.companions.rheometer import frequency_sweep, read_sweeps, strain_sweep
-from cavirheo.companions.rheometer.read import VOCABULARY
-from cavirheo.companions.rheometer.sweeps import Sweep
+from cavirheo.companions.rheometer import VOCABULARY, Sweep, frequency_sweep, read_sweeps, strain_sweep
 from cavirheo.errors import InputError
 from cavirheo.io.tables import Table
 from cavirheo.reporting import write_report

@@ -25,15 +25,17 @@ from cavirheo.physics.elastic import (
     Yeoh,
 )
 from cavirheo.physics.materials import (
+    Maxwell,
     NeoHookeanKelvinVoigt,
     OldroydB,
     QuadraticKelvinVoigt,
     QuadraticStandardLinearSolid,
+    TotalRelaxation,
+    UpperConvectedMaxwell,
     Viscoelastic,
     Zener,
 )
 from cavirheo.physics.media import WATER, Medium, medium
-from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, Newtonian, PowellEyring, PowerLaw, Viscosity
 

@@ -28,7 +28,7 @@ from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.writing.export import key_of
+from cavirheo.writing.packing import key_of
 
 _log = logging.getLogger(__name__)
 DEFAULT = "posterior"  # model

@@ -17,7 +17,7 @@ from cavirheo.reporting import file_names, write_report
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST
-from cavirheo.writing.export import key_of
+from cavirheo.writing.packing import key_of
 
 _FIGURES = ("png", "svg")
 

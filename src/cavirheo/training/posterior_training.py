@@ -24,6 +24,7 @@ from cavirheo.training.posterior_recipe import PosteriorRecipe
 
 VALIDATION = 0.03  # of the curves, which no step sees
 MOST_HELD = 4000  # of them: all of these are in memory, as the network reads them
+FEWEST_VALIDATED = 100  # recordings of them, of which some have no readable R_max
 EVERY = 800  # steps from one validation to the next
 KIND_LOSS = 0.1  # weight of the loss of law and bubble
 DRAWS = 300  # of each recording, by which the coverage is counted
@@ -56,7 +57,8 @@ class PosteriorTraining(Training[PosteriorNetwork]):
             identity["held"] = MOST_HELD
         self.identity = identity
         self.train, self.held = np.arange(first_held), np.arange(first_held, n)
-        self.validation = film(curves, self.held, 2**31 - 1)
+        repeated = np.resize(self.held, max(len(self.held), FEWEST_VALIDATED))  # each several times where they are few
+        self.validation = film(curves, repeated, 2**31 - 1)
 
     def rate(self, step: int) -> float:
         schedule = self.schedule

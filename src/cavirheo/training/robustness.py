@@ -96,8 +96,8 @@ def robustness(
             curves = [degrade(*true, R_max, degradation, i) for true, i in zip(filmed[key], chosen, strict=True)]
             read = [network_answer(curve) for curve in curves]
             by_index = dict[int, Posterior]()
-            work = partial(default.answer, workers=1)
-            with closing((executor or Threads()).flow(work, [curves[i] for i in sample])) as flow:
+            answer_one = partial(default.answer, workers=1)
+            with closing((executor or Threads()).flow(answer_one, [curves[i] for i in sample])) as flow:
                 for index, answer in flow:
                     by_index[index] = answer
                     advance()

@@ -69,8 +69,9 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
     out: options.Out = Path("cavirheo-rheometer")
 
     def __call__(self, run: Run) -> None:
+        from cavirheo.companions import rheometer
+        from cavirheo.companions import rheometer_document as document
         from cavirheo.companions.published_values import set_beside
-        from cavirheo.companions.rheometer import document, read
         from cavirheo.reporting import comparison, read_json
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
@@ -84,7 +85,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         sweeps = []
         for path in files:
             try:
-                sweeps += read.read_sweeps(path)
+                sweeps += rheometer.read_sweeps(path)
             except InputError as error:
                 run.refuse([str(error)])
         run.need(sweeps, "sweep")

@@ -320,8 +320,8 @@ def _cine(path: Path) -> Footage:
     return replace(movie, notes=tuple(notes), warnings=tuple(warnings), **times)
 
 
-def _cut_short(frames: int, stated: float, about: str = "") -> Message:
-    return Message("check_input.file_cut_short", {"frames": frames, "stated": stated, "about": about})
+def _cut_short(frames: int, stated: float, precision: str = "") -> Message:
+    return Message("check_input.file_cut_short", {"frames": frames, "stated": stated, "about": precision})
 
 
 def _mraw(path: Path) -> Footage:
