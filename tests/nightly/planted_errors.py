@@ -82,7 +82,7 @@ PLANTED = (
     Planted("declared shapes without a limit", "io/limits.py",
             "require(size <= SAMPLES,", "require(size <= SAMPLES or True,", ("test_hostile",)),
     Planted("numbers from other files are read", "io/limits.py",
-            "_here(not (item.external or item.is_virtual)", "_here(not item.is_virtual", ("test_hostile",)),
+            "_inside(not (item.external or item.is_virtual)", "_inside(not (item.is_virtual)", ("test_hostile",)),
     Planted("region of a film turned", "video/measurement.py",
             "images[:, y : y + height, x : x + width]", "images[:, x : x + width, y : y + height]",
             ("test_video_files", "test_video")),
