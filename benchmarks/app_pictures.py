@@ -16,7 +16,7 @@ from cavirheo import infer, read_curves
 from cavirheo.app import steps
 from cavirheo.app.server import running
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.curve_lines import answer_lines
+from cavirheo.reporting.curve_panels import answer_panels
 from cavirheo.reporting.svg import curve_svg
 
 ROOT = Path(__file__).parents[1]
@@ -47,7 +47,7 @@ def answer(path: Path) -> None:
     """The first shot's picture of a report, as it stands there."""
     curve = read_curves(steps.examples()[SHOT])[0]
     answer = infer(curve)
-    path.write_text(curve_svg(answer_lines(curve, answer.checks, curve_record(curve, answer))), encoding="utf-8")
+    path.write_text(curve_svg(answer_panels(curve, answer.checks, curve_record(curve, answer))), encoding="utf-8")
 
 
 if __name__ == "__main__":

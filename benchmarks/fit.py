@@ -25,8 +25,7 @@ from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
-from cavirheo.inference.search.least_squares import LeastSquares
-from cavirheo.inference.search.starts import spread_starts
+from cavirheo.inference.search import LeastSquares, spread_starts
 from cavirheo.io.shots import read_shots
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.media import WATER

@@ -16,7 +16,7 @@ import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, infer, infer_many, population, simulate
 from cavirheo.physics.bubble import FIELD, Bubble, Damage
-from cavirheo.physics.laws import parse
+from cavirheo.physics.materials import parse
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.material import population_record
 from cavirheo.writing import style
@@ -267,7 +267,7 @@ def main() -> None:
     }
     parser.add_argument("names", nargs="*", choices=[[], *made], help=argparse.SUPPRESS)
     for name in parser.parse_args().names or made:
-        style.drawn(made[name](), 120).save(FOLDER / f"{name}.png", optimize=True)
+        style.save(FOLDER / f"{name}.png", made[name](), dpi=120)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ import numpy as np
 from cavirheo import RadiusCurve, infer
 from cavirheo.inference.latent import SLOTS, slot, used
 from cavirheo.inference.network_answer import Networked
-from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.physics.bubble import FIELD
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate_many

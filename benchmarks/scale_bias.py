@@ -113,7 +113,7 @@ def main() -> None:
             found = np.array([[scaled(name, a.median(natural_name(name))) for name in model.outputs] for a in answers])
         else:
             answers, estimator = [], Amortised(model, problem.medium)
-            found = np.array([estimator.network_alone(curve) for curve in curves])
+            found = np.array([estimator.network_only(curve) for curve in curves])
         failed = [a for a in answers if a.checks.verdict in ("failed", "no_interval")]
         error = found - of_outputs
         print(f"\n{way}, {len(failed)} failed or without an interval\n")

@@ -19,7 +19,7 @@ from numba import njit
 
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver
-from cavirheo.physics.grid import wall_clustered
+from cavirheo.physics.accuracy import wall_clustered
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless

@@ -3,7 +3,7 @@
 import numpy as np
 
 import cavirheo
-from cavirheo.physics.laws import parse
+from cavirheo.physics.materials import parse
 
 time = np.linspace(0.0, 100e-6, 101)  # s after R_max
 for text in (

@@ -1,14 +1,14 @@
 """Which names of Python the reference shows: by page and group, those of each room; the laws are those that are known.
 
-tests/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a public
-object holds or returns.
+tests/meta/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a
+public object holds or returns.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from cavirheo.physics.laws import KINDS
+from cavirheo.physics.materials import KINDS
 
 
 class Group(NamedTuple):
@@ -85,8 +85,9 @@ ANSWERS = Page(
                 "cavirheo.companions.design_document": "Design DesignedSetting CheckedSetting",
                 "cavirheo.companions.network_design": "NetworkDesign WeakRange",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
-                "cavirheo.companions.rheometer.document": "Rheometry",
-                "cavirheo.video.document": "Measured StatedNumber",
+                "cavirheo.companions.rheometer_document": "Rheometry",
+                "cavirheo.video.document": "Measured",
+                "cavirheo.video.measurement": "StatedNumber",
                 "cavirheo.writing.document": "Document Quantity Spread",
             },
             "`cavirheo.load` gives them; [File formats](../docs/file-formats.md) says which file is which.",
@@ -105,7 +106,7 @@ LAWS = Page(
     "Laws, media and driving",
     "What surrounds the bubble, for `simulate`, `fit` and [a law of your own](../docs/how-to/add-a-law.md).",
     (
-        Group("By text", {"cavirheo.physics.laws": "parse LAWS"}, "As on the command line."),
+        Group("By text", {"cavirheo.physics.materials": "parse LAWS"}, "As on the command line."),
         *map(laws, KINDS),
         Group("Sums of laws", {"cavirheo.physics.materials": "Viscoelastic"}),
         Group(
@@ -149,8 +150,7 @@ MORE = Page(
         Group(
             "Rheometer",
             {
-                "cavirheo.companions.rheometer": "read_sweeps strain_sweep frequency_sweep",
-                "cavirheo.companions.rheometer.sweeps": "Sweep",
+                "cavirheo.companions.rheometer": "Sweep read_sweeps strain_sweep frequency_sweep",
             },
             "[How](../docs/how-to/rheometer.md).",
         ),

@@ -59,7 +59,7 @@ figure
 
 # %%
 from cavirheo.parameters import PARAMETERS, Parameter
-from cavirheo.physics.laws import LAWS
+from cavirheo.physics.materials import LAWS
 
 LAWS["logarithmic"] = Logarithmic
 PARAMETERS["softening"] = Parameter("c", "1", searched=(-1.0, 4.0), started=(0.5, 2.5))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import Population as Population
     from cavirheo.inference.population import population as population
     from cavirheo.io import read_curves as read_curves
-    from cavirheo.io.recordings import measure as measure
+    from cavirheo.io.videos import measure as measure
     from cavirheo.loading import load as load
     from cavirheo.physics.bubble import Bubble as Bubble
     from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
@@ -31,31 +31,24 @@ if TYPE_CHECKING:
     from cavirheo.physics.simulation import Simulation as Simulation
     from cavirheo.posterior import Posterior as Posterior
 
-_HOME = {
-    "design": "companions.design",
-    "Rig": "companions.design",
-    "Bubble": "physics.bubble",
-    "RadiusCurve": "curve",
-    "InputError": "errors",
-    "SolverError": "errors",
-    "infer": "inference",
-    "infer_many": "inference",
-    "fit": "inference.fit",
-    "fit_many": "inference.fit",
-    "Population": "inference.population",
-    "population": "inference.population",
-    "load": "loading",
-    "NeoHookeanKelvinVoigt": "physics.materials",
-    "Newtonian": "physics.materials",
-    "QuadraticKelvinVoigt": "physics.materials",
-    "Medium": "physics.media",
-    "Simulation": "physics.simulation",
-    "simulate": "physics.simulate",
-    "simulate_many": "physics.simulate",
-    "Posterior": "posterior",
-    "measure": "io.recordings",
-    "read_curves": "io",
+_NAMES = {  # by module
+    "companions.design": "design Rig",
+    "curve": "RadiusCurve",
+    "errors": "InputError SolverError",
+    "inference": "infer infer_many",
+    "inference.fit": "fit fit_many",
+    "inference.population": "population Population",
+    "io": "read_curves",
+    "io.videos": "measure",
+    "loading": "load",
+    "physics.bubble": "Bubble",
+    "physics.materials": "NeoHookeanKelvinVoigt Newtonian QuadraticKelvinVoigt",
+    "physics.media": "Medium",
+    "physics.simulate": "simulate simulate_many",
+    "physics.simulation": "Simulation",
+    "posterior": "Posterior",
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)
 
 
@@ -71,5 +64,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The public names, imported or not, and none of the rooms that happen to be."""
+    """The public names, imported or not, and none of the modules that happen to be."""
     return sorted([*__all__, "__version__", *(name for name in globals() if name.startswith("__"))])

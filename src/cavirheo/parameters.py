@@ -1,5 +1,6 @@
 """Every parameter of every law and shot, once: its symbol, its SI unit, and the range in which it is looked for; and
-the sizes and times that bubbles have, by which a wrong unit is told.
+the sizes and times that bubbles have, by which a wrong unit is told. The fields of a dataclass state their domains,
+which `check` and `check_plausible` look at.
 
 A name in the scale of a prior or of draws may begin with log10_ (log10_viscosity), and a parameter that two laws of a
 sum have ends in the number of the later one (viscosity_2).
@@ -8,15 +9,17 @@ sum have ends in the number of the later one (viscosity_2).
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import cache
 from math import inf
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 
 LOG10 = "log10_"
 Bound = Literal["upper", "lower", "undetermined"]
@@ -206,3 +209,48 @@ def natural(name: str, values: ArrayLike) -> Floats:
 def scaled(name: str, value: float | None) -> float:
     """A natural value in SI in the prior's scale (its log10 for a name that begins so); NaN for None."""
     return np.nan if value is None else float(np.log10(value)) if name.startswith(LOG10) else value
+
+
+Domain = dict[str, Any]
+
+
+def domain(words: str, holds: Callable[[float], bool]) -> Domain:
+    """The numbers that a parameter may be, as metadata of its field: `modulus: float = field(metadata=POSITIVE)`."""
+    return {"domain": (words, holds)}
+
+
+FINITE = domain("finite", lambda x: -inf < x < inf)
+NOT_NEGATIVE = domain("finite and not negative", lambda x: 0 <= x < inf)
+POSITIVE = domain("finite and positive", lambda x: 0 < x < inf)
+POSITIVE_OR_INFINITE = domain("positive", lambda x: x > 0)
+
+
+def within(allowed: Mapping[str, Any], name: str, value: float) -> None:
+    """Raises InputError for what is no number of a domain; its code is `physics.` and the first word of the name."""
+    words, holds = allowed["domain"]
+    try:
+        fine = holds(value)
+    except (TypeError, ValueError):  # text, or several numbers
+        fine, words = False, f"a number, {words}"
+    if not fine:
+        raise InputError(f"{name} must be {words}, got {value!r}", f"physics.{name.split()[0]}")
+
+
+@cache
+def _domains(kind: Any) -> list[tuple[str, Mapping[str, Any]]]:
+    """Names and domains of the fields of a dataclass: asked at every simulation."""
+    return [(field.name, field.metadata) for field in fields(kind) if field.metadata]
+
+
+def check(parameters: Any) -> None:
+    """Raises InputError for the first field of a dataclass that is outside its domain."""
+    for name, allowed in _domains(parameters.__class__):
+        within(allowed, name, getattr(parameters, name))
+
+
+def check_plausible(parameters: Any, mend: str) -> None:
+    """Raises InputError for the first field of a dataclass outside the "plausible" range of its metadata."""
+    for field in fields(parameters):
+        if "plausible" in field.metadata:
+            value, code = getattr(parameters, field.name), f"physics.unusual_{field.name}"
+            field.metadata["plausible"].check(field.name, value, code, mend)

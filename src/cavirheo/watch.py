@@ -10,19 +10,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io.column import is_size, listed, read_column, with_given_values, with_size
-from cavirheo.io.files import header_of, measurements, pixels_of, shown
-from cavirheo.io.shots import Recordings, read_shots, samples_of
+from cavirheo.io.files import file_label, header_of, measurements, pixels_of
+from cavirheo.io.option_tables import is_size, listed, read_column, with_given_values, with_size
+from cavirheo.io.shots import CurveSet, read_shots, samples_of
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import DOCUMENTS, table, wall_page
+from cavirheo.reporting import DOCUMENTS, html, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result, result_of
 from cavirheo.workflow.analyse import analyse, of_file
@@ -65,30 +65,40 @@ class Trial:
     again: float
 
 
+@dataclass(eq=False, repr=False)
 class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
     analysis: how curves are answered. read: the curves of one file. reading: all that `read` depends on besides the
     medium. group: as in `read_shots`. column: a table as of `read_column`, which may grow while shots arrive, or the
-    word R_max. wanted: as for `wall_page.page`. say: told one line of what goes wrong. show: told each row as it is
+    word R_max. half_width: as for `html.live_page`. say: told one line of what goes wrong. show: told each row as it is
     found.
     """
 
-    def __init__(
-        self, folder: Path, out: Path, analysis: Analysis, read: Callable[[Path], Recordings], reading: object = None,
-        *, group: str = "auto", column: Path | None = None, command: str = "", date: str | None = None,
-        say: Callable[[str], None] = lambda _: None, show: Callable[[CurveRecord], None] = lambda _: None,
-        patience: float = PATIENCE, wanted: float = wall_page.WANTED,
-    ) -> None:  # fmt: skip
-        self.folder, self.analysis, self.read, self.group, self.patience = folder, analysis, read, group, patience
-        self.sizes = column is not None and is_size(column)
-        self.column = None if self.sizes else column
+    folder: Path
+    out: Path
+    analysis: Analysis
+    read: Callable[[Path], CurveSet]
+    reading: object = None
+    _: KW_ONLY
+    group: str = "auto"
+    column: Path | None = None
+    command: str = ""
+    date: str | None = None
+    say: Callable[[str], None] = lambda _: None
+    show: Callable[[CurveRecord], None] = lambda _: None
+    patience: float = PATIENCE
+    half_width: float = html.HALF_WIDTH
+
+    def __post_init__(self) -> None:
+        self.sizes = self.column is not None and is_size(self.column)
+        if self.sizes:
+            self.column = None
         self._column_then = _state(self.column)
-        self.say, self.show, self.command, self.date, self.wanted = say, show, command, date, wanted
-        self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, wall_page.PAGE)
-        self.store = Store(out / "watched", most=0)
-        how = key_of([version("cavirheo"), reading, analysis.medium])[:16]  # read otherwise, other curves
-        self.records = Store(out / "watched" / how, most=0)
+        self.outputs, self.page = Outputs(self.out, *DOCUMENTS), Outputs(self.out, html.LIVE)
+        self.store = Store(self.out / "watched", most=0)
+        how = key_of([version("cavirheo"), self.reading, self.analysis.medium])[:16]  # read otherwise, other curves
+        self.records = Store(self.out / "watched" / how, most=0)
         self.files: dict[str, WatchedFile] = {}
         self.owner: dict[bytes, str] = {}  # the file of each recording
         self._seen: dict[Path, tuple[State, float]] = {}
@@ -96,8 +106,8 @@ class Watch:
         self._latest: Posterior | None = None
         self._told: set[str] = set()
         self._unwritten, self._due = False, 0.0  # whether the documents lack anything, and from when on they may follow
-        for about in self.records.values(dict):
-            self._own(WatchedFile(**about))
+        for record in self.records.values(dict):
+            self._own(WatchedFile(**record))
 
     def answered(self) -> tuple[list[tuple[RadiusCurve, Posterior]], list[str]]:
         """Every curve, named and grouped among all, with its answer, in the order of the files; and what is to be said
@@ -163,9 +173,9 @@ class Watch:
             self.outputs.write("result.json", write_json, result)
             self.outputs.write("result.csv", table.write_csv, result)
         latest = next((k for k, (_, answer) in enumerate(pairs) if answer is self._latest), len(pairs) - 1)
-        self.page.write(
-            wall_page.PAGE, wall_page.write, result, latest, *(pairs[latest] if pairs else ()), wanted=self.wanted
-        )
+        curve, answer = pairs[latest] if pairs else (None, None)
+        page = html.live_page(result, latest, curve, answer, self.half_width)
+        self.page.write(html.LIVE, Path.write_text, page, encoding="utf-8")
         now = time.monotonic()
         self._due = now + PACE * (now - began)
         return result
@@ -208,11 +218,8 @@ class Watch:
             del self.files[one.path]  # a header whose pixels came later than was waited for
             self.records.remove([key_of(one.path)])
             self._disown(set(map(samples_of, one.curves)), one.path)
-        news = [
-            (path, state) for path, (state, since) in self._seen.items()
-            if now - since >= LOOK and self._is_news(path, state)
-        ]  # fmt: skip
-        return sorted(news, key=lambda one: (one[1][1], one[0]))
+        stable = [(path, state) for path, (state, since) in self._seen.items() if now - since >= LOOK]
+        return sorted((one for one in stable if self._is_news(*one)), key=lambda one: (one[1][1], one[0]))
 
     def _is_news(self, path: Path, state: State) -> bool:
         known, trial = self.files.get(str(path)), self._trials.get(path)
@@ -225,7 +232,7 @@ class Watch:
         try:
             curves, problems, remarks, _ = self.read(path)  # hints are said once, of all curves
         except InputError as error:  # a setting that is wrong for this file
-            curves, problems, remarks, _ = Recordings([], [f"{path}: {error}"], [], [])
+            curves, problems, remarks, _ = CurveSet([], [f"{path}: {error}"], [], [])
         if _state(path) != state:
             return None  # it is being written
         known = self.files.get(str(path))
@@ -239,7 +246,7 @@ class Watch:
             if now - trial.since < self.patience:
                 trial.again = min(trial.again, trial.since + self.patience)
                 return None
-            stem = {"name": path.stem, "group": path.stem, "source": shown(path)}
+            stem = {"name": path.stem, "group": path.stem, "source": file_label(path)}
             curves, one.unreadable = [RadiusCurve([], [], meta=stem, unusable=problems[0])], True  # type: ignore[arg-type]
         self._trials.pop(path, None)
         one.remarks = list(remarks)
@@ -284,10 +291,10 @@ class Watch:
 def _state(path: Path | None) -> State | None:
     """Of a file that may not be there, and of the header that belongs to it."""
     try:
-        seen = [] if path is None else [path.stat()]
+        states = [] if path is None else [path.stat()]
     except FileNotFoundError:
         return None
     if path and (header := header_of(path)):
         with suppress(FileNotFoundError):
-            seen.append(header.stat())
-    return tuple(number for about in seen for number in (about.st_size, about.st_mtime_ns)) or None
+            states.append(header.stat())
+    return tuple(number for state in states for number in (state.st_size, state.st_mtime_ns)) or None

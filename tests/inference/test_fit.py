@@ -16,7 +16,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import ACCOMMODATION
-from cavirheo.physics.laws import parse
+from cavirheo.physics.materials import parse
 from cavirheo.physics.media import WATER
 
 R_MAX = 250e-6
@@ -163,8 +163,7 @@ def test_frames_beside_a_collapse_count_less_where_their_instants_are_uncertain(
     sigma = {}
     for weights in ("learnt", "equal"):
         there = Experiment(blurred, family, options=Options(weights=weights))
-        there.weigh(there.predict(x))
-        sigma[weights] = there.sigma
+        sigma[weights] = there.weighed(there.predict(x)).sigma
     lowest = np.argmin(np.abs(there.since - (curve.collapse_times()[0] - 1e-6)))
     assert sigma["learnt"][lowest] > 4 * sigma["learnt"][0]
     assert np.ptp(sigma["equal"]) == 0

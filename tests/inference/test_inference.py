@@ -17,7 +17,7 @@ from conftest import ROOT
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve, read_curves
 from cavirheo.inference.model import load, path_of
-from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.physics.media import WATER
 
 infer = partial(cavirheo.infer, model="bdt-viscoelastic")

@@ -11,9 +11,9 @@ from scipy.stats import norm
 
 from cavirheo import InputError, RadiusCurve, load, population
 from cavirheo.inference.population.likelihood import likelihood
-from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
+from cavirheo.inference.population.scatter import OUTLIERS, SPREAD, WIDE
 from cavirheo.inference.verify.evidence import ranked
-from cavirheo.io.column import LOG_SIZE, with_column
+from cavirheo.io.option_tables import LOG_SIZE, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reporting import result
 from cavirheo.writing.document import write_json
@@ -26,7 +26,7 @@ def on_a_grid(means, width):
     def log_p(spread):
         inside = norm.pdf(means, c, np.hypot(width, spread))
         outside = norm.pdf(means, c, np.sqrt(width**2 + spread**2 + WIDE**2))
-        return np.sum(np.log((1.0 - STRAY) * inside + STRAY * outside), axis=-1)
+        return np.sum(np.log((1.0 - OUTLIERS) * inside + OUTLIERS * outside), axis=-1)
 
     def ends(density, values):
         share = np.cumsum(density)
@@ -145,7 +145,6 @@ def test_fewer_than_three_shots_are_no_population():
     found = population(shots(2))
     assert found.centre.size == 0
     assert found.doubts
-    assert found.to_dict()["centre"] == {}
     with pytest.raises(InputError) as error:
         found.interval("shear_modulus")
     assert error.value.code == "population.no_draws"

@@ -17,14 +17,14 @@ from cavirheo import InputError, Posterior, RadiusCurve, infer, infer_many, load
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.input_checks import warned
 from cavirheo.inference.network_answer import Networked
-from cavirheo.io.column import read_column
+from cavirheo.io.option_tables import read_column
 from cavirheo.messages import Message, of_error
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, WindowAnswer
 from cavirheo.reporting import figures, group, html, result, svg, table, write_report
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.curve_lines import answer_lines, preview_lines
-from cavirheo.reporting.group_lines import group_lines
+from cavirheo.reporting.curve_panels import answer_panels, preview_panels
+from cavirheo.reporting.group_panels import group_panels
 from cavirheo.reporting.input_remarks import next_step
 from cavirheo.reporting.record import Answered
 from cavirheo.writing import digits, document, style
@@ -237,7 +237,7 @@ def test_only_what_is_trusted_counts_in_headline_means_and_pictures(verdict, cou
     said = [one.headline, " ".join(printed(written, 120).split()), " ".join("".join(page_of(tmp_path).text).split())]
     assert all(f"{count} of 5 shots count" in text for text in said)
     assert bool(one.preferred) == (verdict == "other_model_preferred")
-    assert (~lines_of_group(made, written).trusted).sum() == 5 - count
+    assert len(panels_of_group(made, written).answers[0].layer("ring").x) == 5 - count
     assert len(population(answers, only_trusted=False).shots) == 5
 
 
@@ -304,8 +304,8 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
     assert (found.n, found.n_trusted, found.sign, made.groups[0].slopes["shear_modulus"].sign) == (7, 7, 1, 0)
     assert 1.8 < found.q05 < 2.4 < found.q95 < 3.0
     assert f"µ rises as R_max^{found.words}" in " ".join(printed(made, 80).split())
-    x, y = lines_of_group(pairs, made).answers[1].slope.T
-    assert np.polyfit(np.log(x), np.log(y), 1)[0] == pytest.approx(found.median)
+    line = panels_of_group(pairs, made).answers[1].layer("centre")
+    assert np.polyfit(np.log(line.x), np.log(line.y), 1)[0] == pytest.approx(found.median)
 
 
 @pytest.mark.parametrize(
@@ -473,29 +473,30 @@ def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
 # --- pictures --------------------------------------------------------------------------------------------------------
 
 
-def lines_of(curve, posterior):
-    return answer_lines(curve, posterior.checks, curve_record(curve, posterior))
+def panels_of(curve, posterior):
+    return answer_panels(curve, posterior.checks, curve_record(curve, posterior))
 
 
-def lines_of_group(pairs, made):
+def panels_of_group(pairs, made):
     about, members = made.members()[0]
     shots = [(pairs[i][0], pairs[i][1].checks, made.curves[i]) for i in members if made.curves[i].answered]
-    return group_lines(shots, about, KILOPASCAL)
+    return group_panels(shots, about, KILOPASCAL)
 
 
-def test_lines_are_the_measurement_the_simulation_and_the_residual(pairs):
+def test_panels_are_the_measurement_the_simulation_and_the_residual(pairs):
     curve, posterior = pairs[0]
-    found = lines_of(curve, posterior)
-    at = np.searchsorted(1e6 * (curve.time - curve.time_of_max), found.time - 1e-9)
-    assert found.compared.sum() == 60
-    assert found.radius == pytest.approx(1e6 * curve.radius[at])
-    assert found.simulated_radius == pytest.approx(1e6 * posterior.checks.reconstruction_radius)
-    assert found.simulated_time[0] == pytest.approx(1e6 * (posterior.checks.reconstruction_time[0] - curve.time_of_max))
-    assert found.residual == pytest.approx(100.0 * posterior.checks.residual_over_rmax)
-    made = lines_of_group(pairs, result(pairs, COMMAND))
-    assert [shot.name for shot in made.shots] == ["shot[1]", "shot[2]"]
-    (mean,) = made.answers[0].marks
-    assert (mean.x[1], mean.y[1]) == (pytest.approx(7.1), pytest.approx(0.028))
+    radius, residual = panels_of(curve, posterior)
+    measured, simulated = radius.layer("measured"), radius.layer("simulated")
+    at = np.searchsorted(1e6 * (curve.time - curve.time_of_max), measured.x - 1e-9)
+    assert len(measured.x) == 60
+    assert measured.y == pytest.approx(1e6 * curve.radius[at])
+    assert simulated.y == pytest.approx(1e6 * posterior.checks.reconstruction_radius)
+    assert simulated.x[0] == pytest.approx(1e6 * (posterior.checks.reconstruction_time[0] - curve.time_of_max))
+    assert residual.layer("residual").y == pytest.approx(100.0 * posterior.checks.residual_over_rmax)
+    group = panels_of_group(pairs, result(pairs, COMMAND))
+    assert len(group.shots.layers) == 2
+    mean = group.answers[0].layer("centre")
+    assert (mean.x[0, 1], mean.y[0, 1]) == (pytest.approx(7.1), pytest.approx(0.028))
 
 
 def test_a_preview_shows_what_is_compared_and_what_stands_out():
@@ -503,10 +504,11 @@ def test_a_preview_shows_what_is_compared_and_what_stands_out():
     radius = curve.radius.copy()
     radius[39] = 0.8 * curve.max_radius
     curve = replace(curve, radius=radius)
-    found = preview_lines(curve, curve.window(1))
-    assert 0 < found.compared.sum() < len(found.compared)
-    assert found.outliers[:, 1] == pytest.approx([1e6 * radius[39]])
-    assert len(found.missing) == 3
+    (panel,) = preview_panels(curve, curve.window(1))
+    assert len(panel.layer("measured").x) > 0
+    assert len(panel.layer("outside").x) > 0
+    assert panel.layer("outlier").y == pytest.approx([1e6 * radius[39]])
+    assert len(panel.layer("missing").x) == 3
 
 
 @pytest.mark.parametrize(
@@ -521,7 +523,7 @@ def test_a_preview_shows_what_is_compared_and_what_stands_out():
 )
 def test_every_curve_has_a_picture(curve, made):
     for brief in (False, True):
-        drawn = ET.fromstring(svg.curve_svg(lines_of(curve, made), brief=brief))
+        drawn = ET.fromstring(svg.curve_svg(panels_of(curve, made), brief=brief))
         layers = {part.get("class") for part in drawn.iter("path")}
         assert ("measured" in layers) == bool(len(curve.time))
         assert ("simulated" in layers) == (made.checks.verdict != "failed")
@@ -529,11 +531,13 @@ def test_every_curve_has_a_picture(curve, made):
 
 @pytest.mark.needs("matplotlib")
 def test_figures_show_what_the_picture_shows(pairs, tmp_path):
-    lines = lines_of(*pairs[0])
-    drawn = figures.curve_figure(lines, figures.PAPER, figures.heading(curve_record(*pairs[0]), KILOPASCAL))
+    panels = panels_of(*pairs[0])
+    drawn = figures.curve_figure(panels, figures.PAPER, figures.heading(curve_record(*pairs[0]), KILOPASCAL))
     found = {line.get_label(): line.get_xydata() for line in drawn.axes[0].lines}
-    assert found["measured"] == pytest.approx(np.column_stack([lines.time, lines.radius])[lines.compared])
-    assert found["simulation: answer"][:, 1] == pytest.approx(lines.simulated_radius)
+    assert found["measured"] == pytest.approx(
+        np.column_stack([panels[0].layer("measured").x, panels[0].layer("measured").y])
+    )
+    assert found["simulation: answer"][:, 1] == pytest.approx(panels[0].layer("simulated").y)
     write_report(tmp_path, pairs, COMMAND, ("png", "svg", "pdf"))
     stems = ("shot_1", "shot_2", "shot_3", "group-shots")
     assert all((tmp_path / f"{stem}.{kind}").stat().st_size for stem in stems for kind in ("png", "svg", "pdf"))

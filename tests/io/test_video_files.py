@@ -17,8 +17,8 @@ from scipy.io import loadmat
 import cavirheo
 from cavirheo import InputError
 from cavirheo.io.files import expand
-from cavirheo.io.recordings import examine, measure
-from cavirheo.video.frames import is_recording, read
+from cavirheo.io.videos import examine, measure
+from cavirheo.video.frames import is_video, read
 from cavirheo.video.picture import contact_sheet
 
 HOW = {"frame_rate": RATE, "um_per_px": SCALE}
@@ -226,9 +226,9 @@ def test_damaged_files_are_answered_or_refused_in_words(tmp_path, folder, count)
 
 
 def test_folders_of_images_are_recordings_and_folders_of_recordings_are_not(folder):
-    assert is_recording(folder / "images")
-    assert is_recording(folder / "pages")
-    assert not is_recording(folder)
+    assert is_video(folder / "images")
+    assert is_video(folder / "pages")
+    assert not is_video(folder)
     assert expand([folder / "pages"]) == [folder / "pages"]
     assert len(expand([folder])) == 7  # the header of the .mraw is no recording of its own
 

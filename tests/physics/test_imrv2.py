@@ -20,9 +20,8 @@ from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.elastic import NeoHookean, Quadratic
 from cavirheo.physics.law import Elastic
-from cavirheo.physics.materials import OldroydB, Viscoelastic
+from cavirheo.physics.materials import OldroydB, TotalRelaxation, Viscoelastic
 from cavirheo.physics.media import Medium
-from cavirheo.physics.memory import TotalRelaxation
 from cavirheo.physics.scales import TAIT
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import scaled

@@ -9,12 +9,23 @@ import pytest
 
 from cavirheo.errors import InputError
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics import elastic, materials, memory, viscous
+from cavirheo.physics import elastic, materials, viscous
 from cavirheo.physics.elastic import Gent, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
 from cavirheo.physics.law import Arm
-from cavirheo.physics.laws import EXAMPLE, LAWS, parse, summary, usage
-from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
-from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
+from cavirheo.physics.materials import (
+    EXAMPLE,
+    LAWS,
+    Material,
+    Maxwell,
+    NeoHookeanKelvinVoigt,
+    TotalRelaxation,
+    UpperConvectedMaxwell,
+    Viscoelastic,
+    Zener,
+    parse,
+    summary,
+    usage,
+)
 from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
 
 GEL = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
@@ -84,7 +95,7 @@ def test_no_law_is_forgotten():
     unnamed = {StrainEnergy, Viscosity, Viscoelastic, TotalRelaxation, Arm}
     here = {
         law
-        for module in (elastic, viscous, memory, materials)
+        for module in (elastic, viscous, materials)
         for law in vars(module).values()
         if is_dataclass(law) and law.__module__ == module.__name__
     }

@@ -21,16 +21,17 @@ from cavirheo.physics.bubble import FIELD, MOTIONS, Bubble
 from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.elastic import Gent, NeoHookean
 from cavirheo.physics.materials import (
+    Maxwell,
     NeoHookeanKelvinVoigt,
     OldroydB,
     QuadraticKelvinVoigt,
     QuadraticStandardLinearSolid,
     StandardLinearSolid,
+    UpperConvectedMaxwell,
     Viscoelastic,
     Zener,
 )
 from cavirheo.physics.media import ESTRADA2018, WATER, Medium
-from cavirheo.physics.memory import Maxwell, UpperConvectedMaxwell
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.viscous import CarreauYasuda, HerschelBulkley, Newtonian

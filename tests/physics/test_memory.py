@@ -12,21 +12,22 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.elastic import Fung, Gent, Linear, NeoHookean, Quadratic
-from cavirheo.physics.growth import remembered
-from cavirheo.physics.laws import parse
 from cavirheo.physics.materials import (
+    Maxwell,
     NeoHookeanKelvinVoigt,
     OldroydB,
     QuadraticKelvinVoigt,
     QuadraticStandardLinearSolid,
     StandardLinearSolid,
+    TotalRelaxation,
+    UpperConvectedMaxwell,
     Viscoelastic,
     Zener,
+    parse,
 )
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import simulate
+from cavirheo.physics.simulate import remembered, simulate
 from cavirheo.physics.viscous import Newtonian
 
 lagrangian = load_benchmark("lagrangian")

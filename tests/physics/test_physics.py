@@ -10,14 +10,19 @@ import pytest
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver
-from cavirheo.physics.accuracy import DEFAULT, PRECISE, Accuracy
+from cavirheo.physics.accuracy import DEFAULT, NO_SHELLS, PRECISE, Accuracy, wall_clustered
 from cavirheo.physics.bubble import ACCOMMODATION, MOTIONS, Bubble
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.elastic import Fung, Gent, NeoHookean, Quadratic
-from cavirheo.physics.grid import NO_SHELLS, wall_clustered
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt, QuadraticKelvinVoigt, Viscoelastic
+from cavirheo.physics.materials import (
+    Maxwell,
+    NeoHookeanKelvinVoigt,
+    QuadraticKelvinVoigt,
+    TotalRelaxation,
+    UpperConvectedMaxwell,
+    Viscoelastic,
+)
 from cavirheo.physics.media import WATER, Medium, medium
-from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.tableau import RODAS5P

@@ -22,10 +22,9 @@ from cavirheo import load
 from cavirheo.errors import InputError
 from cavirheo.inference import session
 from cavirheo.inference.bdt import Amortised
-from cavirheo.inference.flow import INPUTS
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import Network, card, shipped
-from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.inference.posterior_network import INPUTS, PosteriorModel
 from cavirheo.physics.media import BU2026
 from cavirheo.prior import Prior
 from cavirheo.problem import FrameGrid, TrainingProblem

@@ -148,7 +148,7 @@ def test_recordings_are_what_they_say(filmed):
     problem, theta = filmed
     everything, R_max = np.arange(len(theta)), problem.reference_max_radius
     found = []
-    for recording in robustness.RECORDINGS:
+    for recording in robustness.DEGRADATIONS:
         true = robustness.film(problem, theta, everything, recording)
         ((time, radius),) = robustness.film(problem, theta, everything[2:3], recording)
         np.testing.assert_array_equal(time, true[2][0])  # what a curve suffers does not depend on the others
@@ -176,8 +176,8 @@ def test_recordings_are_what_they_say(filmed):
 def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
     problem, _ = filmed
     generate(problem, 4, tmp_path / "data", workers=1, progress=False)
-    ways = (robustness.RECORDINGS[0], robustness.Recording("blind", missing=1.0))
-    monkeypatch.setattr(robustness, "RECORDINGS", ways)
+    ways = (robustness.DEGRADATIONS[0], robustness.Degradation("blind", missing=1.0))
+    monkeypatch.setattr(robustness, "DEGRADATIONS", ways)
     monkeypatch.setattr(robustness, "ANSWERS", 3)
     found = judge.evaluate(path_of("bdt-viscoelastic"), tmp_path / "data", tmp_path / "out", robust=True)
     seen, blind = found["robustness"]["rows"]

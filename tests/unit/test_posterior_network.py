@@ -12,14 +12,14 @@ from conftest import ROOT
 
 import cavirheo
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve
-from cavirheo.inference.bins import CELLS, CHANNELS, SCALARS, SIZE, cells
+from cavirheo.inference.bins import BINS, CHANNELS, SCALARS, SIZE, binned
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import CAMERA, SLOTS, damping, damping_to_slot, from_slots, to_slots, used
 from cavirheo.inference.law import Family
 from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.inference.verify import adaptive_sampling, verify_many
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.mode import Target
@@ -68,14 +68,14 @@ def test_cells_hold_the_frames_whatever_their_rate():
     about = {"max_radius": 1e-4, "frame": 0.05, "exposure": 0.0, "noise": 0.01, "discrepancy": 0.0, "late": 0.0}
     time = np.arange(0.0, 3.0, 0.05)
     frames = [np.tile(values, 2) for values in (time, 1.0 - 0.2 * time)]
-    one, two = cells(
+    one, two = binned(
         np.repeat([0, 1], len(time)), *frames, **{name: np.full(2, value) for name, value in about.items()}
     )
-    assert one.shape == (SIZE,) == (CELLS * CHANNELS + SCALARS,)
+    assert one.shape == (SIZE,) == (BINS * CHANNELS + SCALARS,)
     assert np.array_equal(one, two)
-    line, _, known, within = one[: 4 * CELLS].reshape(4, CELLS)
+    line, _, known, within = one[: 4 * BINS].reshape(4, BINS)
     assert known.sum() == len(time)
-    middle = (np.arange(CELLS) + 0.5) * 6.0 / CELLS
+    middle = (np.arange(BINS) + 0.5) * 6.0 / BINS
     inside = (within > 0) & (known == 0)  # passed by a straight line
     assert np.allclose(line[inside], 2.0 * (1.0 - 0.2 * middle[inside]) - 1.0, atol=1e-6)
 
@@ -169,7 +169,7 @@ def test_what_is_outside_the_training_is_not_sent_through_the_network(given, con
 
 def test_a_medium_within_the_training_is_known():
     medium = replace(WATER, temperature=293.15, sound_speed=1450.0, surface_tension=0.07)
-    assert not load_posterior().beyond(Experiment(shot(), Family("nhkv"), medium, Options()))
+    assert not load_posterior().outside(Experiment(shot(), Family("nhkv"), medium, Options()))
 
 
 def planted(network, draws=400):

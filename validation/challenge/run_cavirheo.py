@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo import Bubble, Medium, simulate
-from cavirheo.physics.laws import LAWS, parse, with_consistency
+from cavirheo.physics.materials import LAWS, parse, with_consistency
 from validation.challenge.answers import Answer, Recording, run
 
 QUANTITIES = {"G": "shear_modulus_Pa", "mu": "viscosity_Pa_s"}

@@ -23,7 +23,7 @@ from scipy.stats import truncnorm
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
 from cavirheo.inference.experiment import LARGEST, ZETA, Experiment
 from cavirheo.inference.network_answer import Networked
-from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.inference.verify import verify
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import BUBBLES, FIELD, Bubble

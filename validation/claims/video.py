@@ -20,7 +20,7 @@ from scipy.io import loadmat
 from scipy.ndimage import binary_erosion, binary_fill_holes, label
 
 import cavirheo
-from cavirheo.io.recordings import examine
+from cavirheo.io.videos import examine
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.video import Film, Scene, render
 from validation.numbers import Number, Run, statistic

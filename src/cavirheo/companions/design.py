@@ -1,7 +1,7 @@
 """Which shot to take next, and how many: what is known of a material and what a rig can do -> design.json.
 
 What is known are ranges, or the answers of a result.json. inference/design.py says what one shot at each setting would
-tell; here these are averaged and counted; design_document.py shows them.
+tell; here these are averaged and counted; design_document.py prints and draws them.
 """
 
 from __future__ import annotations
@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
+from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Floats
 from cavirheo.companions.design_document import CheckedSetting, Design, DesignedSetting
@@ -68,7 +69,7 @@ class Rig:
         Family(self.material)
         named(self.medium)
         bubbles, radii, rates = bubbles_of(self.bubble), self.max_radius, self.frame_rate
-        message = f"design is about one bubble, got {', '.join(one.name for one in bubbles)}"
+        message = f"design is about one bubble, got {', '.join(bubble.name for bubble in bubbles)}"
         require(len(bubbles) == 1, message, "option.bubble")
         Options(bubble=bubbles[0])
         message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(radii)}"
@@ -123,22 +124,22 @@ def design(
     require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
     require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
-    family, half, (bubble,) = Family(rig.material), float(np.log10(1.0 + wanted)), bubbles_of(rig.bubble)
-    about, settings = _known(known, group, family, dict(ranges or {}), spread), _settings(rig, sizes)
-    law, stretches = _drawn(about, draws, seed)
-    liquid = named(rig.medium)
-    found = expectations(settings, family, law, stretches, liquid, seed=seed, bubble=bubble, workers=workers, done=done)
-    gains = np.array([[about.gain(one) for one in each] for each in found])
-    rows = [_row(*made, family, about, half) for made in zip(settings, found, gains, strict=True)]
+    family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), named(rig.medium)
+    goal = _Goal(family, float(np.log10(1.0 + wanted)), _knowledge(known, group, family, dict(ranges or {}), spread))
+    settings = _settings(rig, sizes)
+    law, stretches = goal.knowledge.draw(draws, seed)
+    how: Any = {"bubble": bubble, "workers": workers}
+    expected = expectations(settings, family, law, stretches, liquid, seed=seed, done=done, **how)
+    gains = np.array([[goal.gain(shot) for shot in shots] for shots in expected])
+    rows = [goal.row(*columns) for columns in zip(settings, expected, gains, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     best, fewest = _chosen(rows, gains)
     checked = []
     for i in dict.fromkeys((best, best if fewest is None else fewest)) if check else ():
-        these = law[:check], stretches[:check], liquid
-        widths = reached(settings[i], family, *these, seed=seed + CHECKED, bubble=bubble, workers=workers)
-        checked.append(_checked(i, check, widths, found[i], family, about, half))
-    scatter = np.sqrt(np.diag(about.scatter))
-    drawn = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
+        widths = reached(settings[i], family, law[:check], stretches[:check], liquid, seed=seed + CHECKED, **how)
+        checked.append(goal.checked(i, check, widths, expected[i]))
+    scatter = np.sqrt(np.diag(goal.knowledge.scatter))
+    samples = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
     return Design(
         command="cavirheo.design",
         material=rig.material,
@@ -146,9 +147,9 @@ def design(
         medium=liquid,
         wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
-        spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
-        known={name: _quantity(values) for name, values in drawn.items()},
-        shots_before=about.shots,
+        spreads_decades=goal.by_parameter(scatter),
+        known={name: _quantity(values) for name, values in samples.items()},
+        shots_before=goal.knowledge.shots,
         settings=rows,
         best=best,
         fewest=fewest,
@@ -168,9 +169,9 @@ def _settings(rig: Rig, sizes: int) -> list[Setting]:
     ]
 
 
-class _Known(NamedTuple):
+class _Knowledge(NamedTuple):
     """Of the material, in log10 of the law's parameters: mean (l,), covariance (l, l), and that of its shots about it
-    (l, l). stretch: log10 (low, high), or (mean, deviation) where it is `measured`. shots: that say so."""
+    (l, l). stretch: log10 (low, high), or (mean, deviation) where it is `measured`. shots: how many say so."""
 
     mean: Floats
     covariance: Floats
@@ -179,16 +180,79 @@ class _Known(NamedTuple):
     measured: bool = False
     shots: int = 0
 
-    def gain(self, one: Expected | None) -> float:
-        """Nats of a shot; nothing where its recording cannot be read."""
-        return 0.0 if one is None else gain(shared(one.information, self.scatter), self.covariance)
+    def draw(self, draws: int, seed: int) -> tuple[Floats, Floats]:
+        """(draws, l) log10 of the law's and (draws,) stretches: normal points of a Halton sequence, so that few of them
+        cover what is known; ranges are drawn evenly."""
+        cube = Halton(len(self.mean) + 1, seed=seed).random(draws)
+        first, second = self.stretch
+        deviation = np.sqrt(np.diag(self.covariance))
+        law = self.mean + deviation * (ndtri(cube[:, :-1]) if self.measured else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
+        logs = first + second * ndtri(cube[:, -1]) if self.measured else first + (second - first) * cube[:, -1]
+        return law, np.clip(10.0**logs, STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
 
-    def shots_for(self, information: Sequence[Floats], share: float, half: float) -> int | None:
+
+@dataclass(frozen=True)
+class _Goal:
+    """Each parameter of a law to within `half` decades, from what is known of it."""
+
+    family: Family
+    half: float
+    knowledge: _Knowledge
+
+    def by_parameter(self, values: Floats) -> dict[str, Any]:
+        return dict(zip(self.family.parameters, values.tolist(), strict=True))
+
+    def gain(self, shot: Expected | None) -> float:
+        """Nats of a shot; nothing where its recording cannot be read."""
+        knowledge = self.knowledge
+        return 0.0 if shot is None else gain(shared(shot.information, knowledge.scatter), knowledge.covariance)
+
+    def shots(self, information: Sequence[Floats], share: float) -> int | None:
         """Of the middle draw, where a share of the recordings can be used."""
-        told = [share * shared(one, self.scatter) for one in information]
-        counts = [shots_wanted(one, self.covariance, half) for one in told]
+        knowledge = self.knowledge
+        each = (share * shared(shot, knowledge.scatter) for shot in information)
+        counts = [shots_wanted(shot, knowledge.covariance, self.half) for shot in each]
         middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
         return int(middle) if np.isfinite(middle) else None
+
+    def row(self, setting: Setting, expected: Sequence[Expected | None], gains: Floats) -> DesignedSetting:
+        """What a shot at this setting would tell."""
+        read = [shot for shot in expected if shot is not None]
+        widths = np.array([shot.half_width for shot in read] or [np.full(len(self.family.parameters), np.nan)])
+        resampled = np.random.default_rng(0).integers(len(widths), size=(200, len(widths)))
+        ends = _percent(np.quantile(np.median(widths[resampled], axis=1), (0.16, 0.84), axis=0))
+        share = len(read) / len(expected)
+        return DesignedSetting(
+            max_radius_m=setting.max_radius,
+            frame_rate_hz=setting.frame_rate,
+            frames=setting.frames,
+            noise_m=setting.sigma,
+            readable=share,
+            half_width_percent=self.by_parameter(_percent(np.median(widths, axis=0))),
+            half_width_ends_percent=self.by_parameter(ends.T),
+            shots=self.shots([shot.information for shot in read], share),
+            gain_nats=float(np.mean(gains)),
+            gain_error_nats=_error(gains),
+        )
+
+    def checked(
+        self, setting: int, recordings: int, widths: tuple[Floats, Floats], expected: Sequence[Expected | None]
+    ) -> CheckedSetting:
+        """widths: (answers, l) decades as expected and as answered. The information of `expected` is scaled by how much
+        wider the answers' intervals are."""
+        answers = len(widths[0])
+        none = np.full(len(self.family.parameters), np.nan)
+        expected_width, answered_width = (np.exp(np.mean(np.log(each), axis=0)) if answers else none for each in widths)
+        scale = np.outer(expected_width / answered_width, expected_width / answered_width)
+        information = [shot.information * scale for shot in expected if shot]
+        return CheckedSetting(
+            setting=setting,
+            recordings=recordings,
+            answers=answers,
+            told_percent=self.by_parameter(_percent(expected_width)),
+            reached_percent=self.by_parameter(_percent(answered_width)),
+            shots=self.shots(information, answers / recordings) if answers else None,
+        )
 
 
 def _chosen(rows: Sequence[DesignedSetting], gains: Floats) -> tuple[int, int | None]:
@@ -203,28 +267,6 @@ def _chosen(rows: Sequence[DesignedSetting], gains: Floats) -> tuple[int, int | 
     return fewest if np.mean(less) <= SURE * _error(less) else best, fewest
 
 
-def _row(
-    setting: Setting, found: Sequence[Expected | None], gains: Floats, family: Family, known: _Known, half: float
-) -> DesignedSetting:
-    read = [one for one in found if one is not None]
-    widths = np.array([one.half_width for one in read] or [np.full(len(known.mean), np.nan)])
-    again = np.random.default_rng(0).integers(len(widths), size=(200, len(widths)))
-    ends = _percent(np.quantile(np.median(widths[again], axis=1), (0.16, 0.84), axis=0))
-    percent = _percent(np.median(widths, axis=0))
-    return DesignedSetting(
-        max_radius_m=setting.max_radius,
-        frame_rate_hz=setting.frame_rate,
-        frames=setting.frames,
-        noise_m=setting.sigma,
-        readable=len(read) / len(found),
-        half_width_percent=dict(zip(family.parameters, percent.tolist(), strict=True)),
-        half_width_ends_percent=dict(zip(family.parameters, map(tuple, ends.T.tolist()), strict=True)),
-        shots=known.shots_for([one.information for one in read], len(read) / len(found), half),
-        gain_nats=float(np.mean(gains)),
-        gain_error_nats=_error(gains),
-    )
-
-
 def _percent(decades: Floats) -> Floats:
     return 100.0 * (10.0**decades - 1.0)
 
@@ -234,41 +276,21 @@ def _error(values: Floats) -> float:
     return float(np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
-def _checked(
-    chosen: int,
-    recordings: int,
-    widths: tuple[Floats, Floats],
-    found: Sequence[Expected | None],
-    family: Family,
-    known: _Known,
-    half: float,
-) -> CheckedSetting:
-    """With the information of `found` scaled by how much wider the answers' intervals are than was expected."""
-    answers = len(widths[0])
-    nothing = np.full(len(known.mean), np.nan)
-    told, got = (np.exp(np.mean(np.log(each), axis=0)) if answers else nothing for each in widths)
-    scaled = [one.information * np.outer(told / got, told / got) for one in found if one]
-    percent = (dict(zip(family.parameters, _percent(each).tolist(), strict=True)) for each in (told, got))
-    return CheckedSetting(
-        setting=chosen,
-        recordings=recordings,
-        answers=answers,
-        told_percent=next(percent),
-        reached_percent=next(percent),
-        shots=known.shots_for(scaled, answers / recordings, half) if answers else None,
-    )
+def _quantity(logs: Floats) -> Quantity:
+    low, middle, high = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95))
+    return Quantity(q05=low, median=middle, q95=high)
 
 
-def _known(
+def _knowledge(
     known: Result | str | Path | None,
     group: str | None,
     family: Family,
     ranges: dict[str, Sequence[float]],
     spread: float | None,
-) -> _Known:
-    unknown = ", ".join(set(ranges) - {*family.parameters, "stretch"})
-    has = ", ".join((*family.parameters, "stretch"))
-    require(not unknown, f"{family.name} has no {unknown}; known: {has}", "design.range")
+) -> _Knowledge:
+    names = (*family.parameters, "stretch")
+    unknown = ", ".join(set(ranges) - {*names})
+    require(not unknown, f"{family.name} has no {unknown}; known: {', '.join(names)}", "design.range")
     for name, pair in ranges.items():
         message = f"the range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
         require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, message, "design.range")
@@ -276,37 +298,37 @@ def _known(
         require(ends[0] < pair[0] and pair[1] < ends[1], f"a stretch is {ends[0]:g} to {ends[1]:g}", "design.range")
     low, high = np.log10(ranges.get("stretch", STRETCHES)).tolist()
     size = len(family.parameters)
-    given = None if spread is None else spread**2 * np.eye(size)
+    scatter = None if spread is None else spread**2 * np.eye(size)
     if known is None:
-        started = dict(zip(family.parameters, family.bounds(started=True), strict=True))
-        logs = np.array([np.log10(ranges[name]) if name in ranges else started[name] for name in family.parameters])
-        wide, alike = np.diag(np.ptp(logs, axis=1) ** 2 / 12.0), np.zeros((size, size))
-        return _Known(logs.mean(axis=1), wide, alike if given is None else given, (low, high))
+        searched = zip(family.parameters, family.bounds(started=True), strict=True)
+        logs = np.array([np.log10(ranges[name]) if name in ranges else ends for name, ends in searched])
+        wide = np.diag(np.ptp(logs, axis=1) ** 2 / 12.0)
+        return _Knowledge(logs.mean(axis=1), wide, np.zeros((size, size)) if scatter is None else scatter, (low, high))
     if not isinstance(known, Result):
         known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
     chosen, rows = _answers(known, group, family)
-    mean, covariance, scatter, shots = _material(chosen, rows, family, given)
+    mean, covariance, scatter, shots = _material(chosen, rows, family, scatter)
     logs = np.log10([row.stretch.median for row in rows if row.stretch.median])
-    if "stretch" in ranges or not len(logs):
-        return _Known(mean, covariance, scatter, (low, high), shots=shots)
-    about = float(np.mean(logs)), max(float(np.std(logs)), NARROWEST)
-    return _Known(mean, covariance, scatter, about, True, shots)
+    measured = "stretch" not in ranges and len(logs) > 0
+    stretch = (float(np.mean(logs)), max(float(np.std(logs)), NARROWEST)) if measured else (low, high)
+    return _Knowledge(mean, covariance, scatter, stretch, measured, shots)
 
 
 def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:
     """The group that is the material, and its trusted answers of this law with intervals."""
-    found: list[tuple[GroupRecord, list[CurveRecord]]] = []
-    for one, members in result.members():
+    candidates: list[tuple[GroupRecord, list[CurveRecord]]] = []
+    for record, members in result.members():
         rows = [row for row in (result.curves[i] for i in members) if row.trusted and row.material == family.name]
         rows = [row for row in rows if np.all(np.isfinite(row.logs(family.parameters)))]
-        found += [(one, rows)] if rows and group in (None, one.name, rows[0].group) else []
-    names = ", ".join(one.name for one, _ in found)
+        candidates += [(record, rows)] if rows and group in (None, record.name, rows[0].group) else []
+    names = ", ".join(record.name for record, _ in candidates)
     message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
-    message += f" in the group {group!r} (groups: {', '.join(one.name for one in result.groups)})" if group else ""
-    require(bool(found), message + ": give ranges instead", "design.no_answer")
+    groups = ", ".join(record.name for record in result.groups)
+    message += f" in the group {group!r} (groups: {groups})" if group else ""
+    require(bool(candidates), message + ": give ranges instead", "design.no_answer")
     message = f"the result has several materials ({names}): name the group of one with --group NAME"
-    require(len(found) < 2, message, "design.groups")
-    return found[0]
+    require(len(candidates) < 2, message, "design.groups")
+    return candidates[0]
 
 
 def _material(
@@ -317,37 +339,19 @@ def _material(
 
     Where there is none (two shots), from the answers: the scatter, if it is not given, is that of the parameter that
     scatters most, beyond what intervals explain (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2)."""
-    found = group.population
-    if found and found.found and found.model.startswith(f"{family.name},"):
-        mean, covariance, seen = found.known(family.parameters)
-        return mean, covariance, seen if scatter is None else scatter, found.n - len(found.strays)
+    pooled = group.population
+    if pooled and pooled.found and pooled.model.startswith(f"{family.name},"):
+        mean, covariance, between = pooled.known(family.parameters)
+        return mean, covariance, between if scatter is None else scatter, pooled.n - len(pooled.strays)
     logs = np.array([row.logs(family.parameters) for row in rows])  # (shots, l, 3)
     middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])
     if scatter is None:
         weight = 1.0 / variances
         total, mean = weight.sum(axis=0), np.average(middle, axis=0, weights=weight)
-        beyond = (weight * (middle - mean) ** 2).sum(axis=0) - (len(rows) - 1)
-        room = total - (weight**2).sum(axis=0) / total
-        most = np.max(np.divide(beyond, room, out=np.zeros_like(room), where=room > 0).clip(0.0))
+        excess = (weight * (middle - mean) ** 2).sum(axis=0) - (len(rows) - 1)
+        divisor = total - (weight**2).sum(axis=0) / total
+        most = np.max(np.divide(excess, divisor, out=np.zeros_like(divisor), where=divisor > 0).clip(0.0))
         scatter = np.asarray(most * np.eye(middle.shape[1]))
     weight = 1.0 / (variances + np.diag(scatter))
     mean = np.average(middle, axis=0, weights=weight)
     return mean, np.diag(1.0 / weight.sum(axis=0)), scatter, len(rows)
-
-
-def _drawn(known: _Known, draws: int, seed: int) -> tuple[Floats, Floats]:
-    """(draws, l) log10 of the law's and (draws,) stretches: normal points of a Halton sequence, so that few of them
-    cover what is known; ranges are drawn evenly."""
-    from scipy.stats.qmc import Halton
-
-    cube = Halton(len(known.mean) + 1, seed=seed).random(draws)
-    (first, second), normal = known.stretch, known.measured
-    deviation = np.sqrt(np.diag(known.covariance))
-    law = known.mean + deviation * (ndtri(cube[:, :-1]) if normal else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
-    logs = first + second * ndtri(cube[:, -1]) if normal else first + (second - first) * cube[:, -1]
-    return law, np.clip(10.0**logs, STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
-
-
-def _quantity(logs: Floats) -> Quantity:
-    low, middle, high = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95))
-    return Quantity(q05=low, median=middle, q95=high)

@@ -90,12 +90,12 @@ _VOCABULARY = Vocabulary(
 
 @dataclass
 class ReferenceSet:
-    """What the file says of a set: `where` first, settings, `given` by which line; values by method and parameter."""
+    """What the file says of a set: `where` first; settings, and the line of each; values by method and parameter."""
 
     name: str
     where: str
     settings: dict[str, Any] = field(default_factory=dict)
-    given: dict[str, str] = field(default_factory=dict)
+    lines: dict[str, str] = field(default_factory=dict)
     values: dict[str, dict[str, PublishedValue]] = field(default_factory=dict)
     medium: Medium = field(default_factory=Medium)
 
@@ -121,31 +121,33 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     names = [_VOCABULARY.name(title) for title in table.titles]
     for title, (kind, unit, _) in zip(table.titles, names, strict=True):
         place = f"{path}, line {table.line}, column {title or '(empty)'}"
-        known = bool(kind) and unit is None
-        require(known, f"{place}: not known; expected one of {', '.join(_COLUMNS)}", "references.head")
+        message = f"{place}: not known; expected one of {', '.join(_COLUMNS)}"
+        require(bool(kind) and unit is None, message, "references.head")
         require(len(table.all(kind)) == 1, f"{place}: {len(table.all(kind))} times; expected once", "references.head")
     sets: dict[str, ReferenceSet] = {}
     methods: dict[str, tuple[str, str]] = {}
     for number, cells in table.rows:
         row = {name.kind: cell for name, cell in zip(names, cells, strict=False) if cell}
-        _take(row, f"{path}, line {number}", sets, methods)
-    many = f"{path}: {len(sets)} sets; more than {_MOST} are not compared in one picture; split the file"
-    require(len(sets) <= _MOST, many, "references.sets")
-    for about in sets.values():
-        constants = {name: about.settings[name] for name in _CONSTANTS if name in about.settings}
+        _add_line(row, f"{path}, line {number}", sets, methods)
+    message = f"{path}: {len(sets)} sets; more than {_MOST} are not compared in one picture; split the file"
+    require(len(sets) <= _MOST, message, "references.sets")
+    for reference in sets.values():
+        constants = {name: reference.settings[name] for name in _CONSTANTS if name in reference.settings}
         try:
-            about.medium = medium(about.settings.get("medium", "water"), **constants)
+            reference.medium = medium(reference.settings.get("medium", "water"), **constants)
         except InputError as error:
-            raise error.within(f"{about.where}, set {about.name!r}") from None
+            raise error.within(f"{reference.where}, set {reference.name!r}") from None
     return list(sets.values())
 
 
-def _take(row: dict[str, str], where: str, sets: dict[str, ReferenceSet], methods: dict[str, tuple[str, str]]) -> None:
+def _add_line(
+    row: dict[str, str], where: str, sets: dict[str, ReferenceSet], methods: dict[str, tuple[str, str]]
+) -> None:
     """Put what one line says into its set; `methods`: the first spelling of each name, and its line."""
 
     def expect(fine: bool, column: str, expected: str) -> None:
-        said = f"{where}, column {column}: {row.get(column, '')!r}; expected: {expected}"
-        require(fine, said, f"references.{column}")
+        message = f"{where}, column {column}: {row.get(column, '')!r}; expected: {expected}"
+        require(fine, message, f"references.{column}")
 
     try:
         line = _ReferenceLine.model_validate(row)
@@ -154,24 +156,24 @@ def _take(row: dict[str, str], where: str, sets: dict[str, ReferenceSet], method
         column = str(wrong["loc"][0])
         expect(False, column, "a name" if column == "set" else wrong["msg"].removeprefix("Input should be "))
         raise
-    about = sets.setdefault(line.set, ReferenceSet(line.set, where))
+    reference = sets.setdefault(line.set, ReferenceSet(line.set, where))
     for name, value in line.model_dump(include=set(_SETTINGS), exclude_none=True).items():
-        first = about.given.setdefault(name, where)
-        known = about.settings.setdefault(name, value)
-        expect(known == value, name, f"{known} as in {first}, or an empty cell")
+        first = reference.lines.setdefault(name, where)
+        earlier = reference.settings.setdefault(name, value)
+        expect(earlier == value, name, f"{earlier} as in {first}, or an empty cell")
     if not any((line.method, line.quantity, line.mean, line.std is not None)):
         return
     method, (quantity, factor) = line.method or "", _UNITS.get(line.quantity or "", ("", 1.0))
-    spelled, there = methods.setdefault(method.casefold(), (method, where))
+    spelled, first = methods.setdefault(method.casefold(), (method, where))
     expect(method != "", "method", "who measured, such as IMR or rheometer")
     expect(method.casefold() != OURS, "method", "another name: this one is of our own answers")
     expect(quantity != "", "quantity", f"one of {', '.join(_UNITS)}")
     expect(line.mean is not None, "mean", f"a number above 0 ({line.quantity})")
-    values = about.values.setdefault(method, {})
-    expect(quantity not in values, "quantity", f"one {quantity} of {about.name!r} by {method}")
-    expect(method == spelled, "method", f"{spelled!r} as in {there}")
-    scaled = [None if value is None else float(f"{value * factor:.12g}") for value in (line.mean, line.std)]
-    values[quantity] = PublishedValue(mean=scaled[0], std=scaled[1], source=line.source)
+    values = reference.values.setdefault(method, {})
+    expect(quantity not in values, "quantity", f"one {quantity} of {reference.name!r} by {method}")
+    expect(method == spelled, "method", f"{spelled!r} as in {first}")
+    mean, std = (None if value is None else float(f"{value * factor:.12g}") for value in (line.mean, line.std))
+    values[quantity] = PublishedValue(mean=mean, std=std, source=line.source)
 
 
 def values_of(_: object, *paths: str) -> dict[str, Any]:
@@ -180,23 +182,23 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
 
     Raises InputError: a file cannot be read, or is neither.
     """
-    from cavirheo.companions.rheometer import document
-    from cavirheo.companions.rheometer.read import read_sweeps
+    from cavirheo.companions import rheometer_document as document
+    from cavirheo.companions.rheometer import read_sweeps
 
-    found: dict[str, Published] = {}
-    sweeps: list[Path] = []
+    values: dict[str, Published] = {}
+    files: list[Path] = []
     for path in map(Path, paths):
         try:
-            found |= {about.name: about.values for about in read_references(path)}
+            values |= {reference.name: reference.values for reference in read_references(path)}
         except InputError as error:
             if error.code != NO_SETS:
                 raise
-            sweeps.append(path)
-    if sweeps:
-        known = [sweep for path in sweeps for sweep in read_sweeps(path)]
-        made = document.rheometry(known, document.shared_name(sweeps), command="")
-        found[made.material] = {**found.get(made.material, {}), **made.published}
-    return TypeAdapter(dict[str, Published]).dump_python(found)
+            files.append(path)
+    if files:
+        sweeps = [sweep for path in files for sweep in read_sweeps(path)]
+        rheometry = document.rheometry(sweeps, document.shared_name(files), command="")
+        values[rheometry.material] = {**values.get(rheometry.material, {}), **rheometry.published}
+    return TypeAdapter(dict[str, Published]).dump_python(values)
 
 
 def published(values: dict[str, Any]) -> dict[str, Published]:
@@ -211,13 +213,13 @@ def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, P
     """
     names = list(names)
     message = f"no set has the name of a group: sets {', '.join(sets)}; groups {', '.join(names)}"
-    known = not sets.keys().isdisjoint(names)
-    require(len(sets) < 2 or known, message, "references.groups")
-    return dict(sets) if known else {name: values for name in names for values in sets.values()}
+    shared = not sets.keys().isdisjoint(names)
+    require(len(sets) < 2 or shared, message, "references.groups")
+    return dict(sets) if shared else {name: values for name in names for values in sets.values()}
 
 
 def set_beside(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
     """Each group gets the values that `by_group` finds for it. Raises as this."""
-    found = by_group((group.name for group in groups), sets)
+    values = by_group((group.name for group in groups), sets)
     for group in groups:
-        group.put_beside(found.get(group.name, {}))
+        group.put_beside(values.get(group.name, {}))

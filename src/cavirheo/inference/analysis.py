@@ -112,7 +112,7 @@ class Analysis:
         for law in self.laws:
             Family(law)
         if self.verify == "none":
-            from cavirheo.inference.flow import kind_of
+            from cavirheo.inference.posterior_network import kind_of
 
             message = "auto compares models by their evidence, which a verification finds: leave out --verify none"
             require(self.material != "auto" and len(self.bubbles) == 1, message, "option.auto")
@@ -150,7 +150,7 @@ class Analysis:
     @cached_property
     def _made_with(self) -> str:
         """SHA-256 of the network."""
-        from cavirheo.inference.posterior_model import network_of
+        from cavirheo.inference.posterior_network import network_of
 
         return network_of(str(self.model)).sha256 if self._networked else ""
 
@@ -187,7 +187,7 @@ class Analysis:
     def answer(self, curve: RadiusCurve, begun: Posterior | None = None, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on so many threads; one that cannot be answered gives a Posterior without draws
         that says why. begun: what `before` answers, if it is known."""
-        from cavirheo.inference.posterior_model import network_of
+        from cavirheo.inference.posterior_network import network_of
         from cavirheo.inference.verify import verify_many
 
         shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges", "budget")
@@ -216,7 +216,7 @@ class Analysis:
     def _begun(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
         """What the verification begins with, of each law and bubble."""
         from cavirheo.inference.network_answer import Networked
-        from cavirheo.inference.posterior_model import network_of
+        from cavirheo.inference.posterior_network import network_of
 
         if self.before:
             return [self.before.answer(curve, workers=workers)]

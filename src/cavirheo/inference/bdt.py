@@ -32,7 +32,7 @@ from cavirheo.problem import natural_values
 
 MODULUS = "shear_modulus"
 SHORTEST = 0.9  # of the network's samples that must lie inside the recording; the others are taken as the last one
-NEAR = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by 0.03 or less (docs/reproduction.md)
+SIZES = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by 0.03 or less (docs/reproduction.md)
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class Amortised:
 
     def __post_init__(self) -> None:
         """Raises InputError: a model that does not answer its law, or a setting out of its domain."""
-        needed, given = set(self.model.problem.prior.names) - {"stretch"}, ", ".join(self.model.outputs)
-        message = f"the model {self.model.name} answers only {given}; its law needs {', '.join(sorted(needed))}"
+        needed, outputs = set(self.model.problem.prior.names) - {"stretch"}, ", ".join(self.model.outputs)
+        message = f"the model {self.model.name} answers only {outputs}; its law needs {', '.join(sorted(needed))}"
         require(needed == {*self.model.outputs}, message, "model.outputs")
         check_stretch(self.stretch)
         if self.collapses is not None:
@@ -57,10 +57,10 @@ class Amortised:
 
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
-        began, names = time.perf_counter(), self.model.outputs
-        found: dict[str, Any] = {}
+        start, names, problem = time.perf_counter(), self.model.outputs, self.model.problem
+        fields: dict[str, Any] = {}
         try:
-            theta, checks, found = _Reading(self, curve).answer()
+            theta, checks, fields = _NetworkReading(self, curve).answer()
             checks = input_checks.warned(checks, self._warnings(curve), self.trust_input)
         except input_checks.ERRORS as error:  # of this curve alone
             theta, checks = np.empty((0, len(names))), input_checks.failed(error, curve, self.medium)
@@ -68,31 +68,30 @@ class Amortised:
             "cavirheo": version("cavirheo"),
             "model": self.model.name,
             "model_sha256": self.model.sha256,
-            "problem_id": self.model.problem.id,
+            "problem_id": problem.id,
             "source_sha256": curve.source_sha256,
-        } | found.pop("provenance", {})
-        found |= {"medium": self.medium, "seconds": time.perf_counter() - began}
-        material = self.model.problem.material_name
-        return Posterior(names, units(names), theta, checks, material, "bdt", provenance, **found)
+        } | fields.pop("provenance", {})
+        fields |= {"medium": self.medium, "seconds": time.perf_counter() - start}
+        return Posterior(names, units(names), theta, checks, problem.material_name, "bdt", provenance, **fields)
 
     def _warnings(self, curve: RadiusCurve) -> list[Message]:
-        said, names = input_checks.plain(curve, self.medium), self.model.outputs
+        messages, names = input_checks.plain(curve, self.medium), self.model.outputs
         if spiking := input_checks.without_spikes(curve):
-            frames, other = spiking
+            frames, without = spiking
             with suppress(InputError):  # read so it is no curve: nothing to compare
-                change = self.network_alone(other) - self.network_alone(curve)
+                change = self.network_only(without) - self.network_only(curve)
                 factors = {natural_name(name): 10.0**d for name, d in zip(names, change, strict=True)}
-                said += input_checks.moved(frames, factors)
-        return said
+                messages += input_checks.moved(frames, factors)
+        return messages
 
-    def network_alone(self, curve: RadiusCurve) -> Floats:
+    def network_only(self, curve: RadiusCurve) -> Floats:
         """(outputs,) for the shot, in the prior's scale: what the network reads off the curve at equal Cauchy and
         Reynolds numbers. Raises InputError: the curve cannot be put on the network's grid."""
-        return _Reading(self, curve).for_shot()
+        return _NetworkReading(self, curve).for_shot()
 
 
-class _Reading:
-    """The work on one curve. theta: (outputs,) of the network, in the prior's scale, for the reference scale."""
+class _NetworkReading:
+    """What the network reads off one curve. theta: (outputs,) in the prior's scale, for the reference scale."""
 
     def __init__(self, settings: Amortised, curve: RadiusCurve) -> None:
         self.settings, self.model, self.medium = settings, settings.model, settings.medium
@@ -104,28 +103,24 @@ class _Reading:
         read_until = self.step * (self.frames - 1)
         if np.count_nonzero(~self.missing) < SHORTEST * self.frames:
             end = curve.time[np.isfinite(curve.radius)][-1] - curve.time_of_max
-            raise InputError(
-                f"the recording ends {end * 1e6:.4g} us after R_max; the model reads "
-                f"{read_until * 1e6:.4g} us (t* = {read_until / self.time_scale:.2f}) and needs at least "
-                f"{SHORTEST:.0%} of them",
-                "amortised.too_short",
-                curve.name,
-            )
+            needed = f"{read_until * 1e6:.4g} us (t* = {read_until / self.time_scale:.2f})"
+            message = f"the recording ends {end * 1e6:.4g} us after R_max; the model reads {needed}"
+            raise InputError(f"{message} and needs at least {SHORTEST:.0%} of them", "amortised.too_short", curve.name)
         self.view = window(curve, collapses=settings.collapses, end=read_until)
         self.low, self.high = np.transpose([self.problem.prior.bounds(name) for name in self.model.outputs])
         self.theta = self.model(np.where(self.missing, self.features[~self.missing][-1], self.features)[None])[0]
 
     def answer(self) -> tuple[Floats, Checks, dict[str, Any]]:
         """theta (1, outputs) of the shot, its checks, and further fields of its Posterior."""
-        given, draw = self.settings.stretch, self.for_shot()
-        stretch = given or fit_stretch(self.view, self._material(), self.medium)
-        best = {name: float(natural(name, value)) for name, value in zip(self.model.outputs, draw, strict=True)}
-        best = {natural_name(name): value for name, value in best.items()} | {"stretch": stretch}
-        source = "given" if given else "fitted to the curve with the G and mu of the answer"
+        draw = self.for_shot()
+        stretch = self.settings.stretch or fit_stretch(self.view, self._material(), self.medium)
+        pairs = zip(self.model.outputs, draw, strict=True)
+        best = {natural_name(name): float(natural(name, value)) for name, value in pairs} | {"stretch": stretch}
+        source = "given" if self.settings.stretch else "fitted to the curve with the G and mu of the answer"
         provenance = {"stretch": stretch, "stretch_source": source}
         diagnostics = Diagnostics(stretch_source=source)
-        found = {"best": best, "stretch": stretch, "diagnostics": diagnostics, "provenance": provenance}
-        return draw[None, :], self._checks(stretch), found
+        fields = {"best": best, "stretch": stretch, "diagnostics": diagnostics, "provenance": provenance}
+        return draw[None, :], self._checks(stretch), fields
 
     def for_shot(self) -> Floats:
         """(outputs,) in the prior's scale for the shot."""
@@ -140,33 +135,29 @@ class _Reading:
         return MATERIALS[self.problem.material_name](**self._natural())
 
     def _checks(self, stretch: float) -> Checks:
-        messages = [
-            self._outside(natural_name(name), value, a, b)
-            for name, value, a, b in zip(self.model.outputs, self.theta, self.low, self.high, strict=True)
-            if not a - 0.02 <= value <= b + 0.02
-        ]
+        read = list(zip(map(natural_name, self.model.outputs), self.theta, self.low, self.high, strict=True))
+        messages = [self._outside(*one) for one in read if not one[2] - 0.02 <= one[1] <= one[3] + 0.02]
         a, b = self.problem.prior.bounds("stretch")
         if not 0.97 * a <= stretch <= 1.03 * b:
             messages.append(self._outside("stretch", stretch, a, b))
         trained_at = self.problem.reference_max_radius
-        low, high = (trained_at * end for end in NEAR)
+        low, high = (trained_at * end for end in SIZES)
         if not low <= self.max_radius <= high:
             messages.append(self._outside("max_radius", self.max_radius, low, high, trained_at=trained_at))
         verdict: Verdict = "outside_training_range" if messages else "ok"
-        read = zip(self.model.outputs, self.theta, self.low, strict=True)
-        softer = [a - value for name, value, a in read if MODULUS in name]
+        softer = [low - value for name, value, low, _ in read if name == MODULUS]
         if any(by > 0.02 for by in softer):
             messages.append(Message("network.liquid"))
         if self.missing.any():
             missing = int(np.count_nonzero(self.missing))
             messages.append(Message("network.cut_short", {"missing": missing, "samples": self.frames}))
-        found = reconstruct(self.view, self._material(), self.medium, stretch)
-        if found.rmse > MISFIT and not softer:
+        simulated = reconstruct(self.view, self._material(), self.medium, stretch)
+        if simulated.rmse > MISFIT and not softer:
             messages.append(Message("network.elastic"))
-        return found.checks(self.view, self.time_scale, verdict, messages)
+        return simulated.checks(self.view, self.time_scale, verdict, messages)
 
     @staticmethod
     def _outside(name: str, value: float, low: float, high: float, **more: float) -> Message:
         """A value outside the range of the training; of the law's parameters log10 at the training scale."""
-        known = {"value": float(value), "low": float(low), "high": float(high)}
-        return Message(f"training_range.{name}", {"name": name, **known, **more})
+        numbers = {"value": float(value), "low": float(low), "high": float(high)}
+        return Message(f"training_range.{name}", {"name": name, **numbers, **more})

@@ -30,19 +30,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.noise import Noise, expanded, products, summed
+from cavirheo.inference.noise import Covariances, Noise, expanded, products, summed
+from cavirheo.parameters import about
 from cavirheo.physics.cache import compiled
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
-WITH_TIME = (
-    "viscosity",
-    "reference_viscosity",
-    "zero_rate",
-    "infinite_rate",
-    "relaxation_time",
-    "retardation_time",
-    "time",
-)
 FINEST = 0.004  # t_c between the instants at which a simulation is kept,
 PER_FRAME = 3.0  # or so many for each frame
 MOST = 4000  # of them
@@ -64,6 +56,19 @@ class SimulatedCurve(NamedTuple):
     radius: Floats
     speed: Floats
     by_size: Floats
+
+
+class Frames(NamedTuple):
+    """What `CameraNuisances` says of (n,) frames, as compiled functions take it; free: (m,) indices of what is not
+    exact of clock, scale and factor."""
+
+    time: Floats
+    measured: Floats
+    widths: Floats
+    free: NDArray[np.int64]
+    instants: Floats
+    shares: Floats
+    step: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,11 +113,9 @@ class CameraNuisances:
         starts = np.zeros((len(CLOCKS) if m and not self.free[0] else 1, m))
         if len(starts) > 1:  # frames beside a collapse may have two clocks
             starts[:, 0] = CLOCKS
-        camera = self.time, self.measured, self.widths, self.free, self.instants, self.shares, self.step
-        found: tuple[Floats, Floats] = _integrated(
-            *run, *camera, starts, *noise.covariances, noise.constants, noise.power
-        )
-        return found
+        frames = Frames(self.time, self.measured, self.widths, self.free, self.instants, self.shares, self.step)
+        residual, curvature = _integrated(run, frames, starts, noise.covariances, noise.constants, noise.power)
+        return residual, curvature
 
     def natural(self, z: Floats) -> dict[str, Floats]:
         """time_origin (s), radius_scale and max_radius_factor from z (..., m)."""
@@ -141,7 +144,7 @@ def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
     with np.errstate(invalid="ignore"):
         log_size = np.log10(size)
     for i, name in enumerate(names):
-        if name.rstrip("_0123456789") in WITH_TIME:
+        if about(name).unit in ("Pa s", "s"):
             power = 10.0 ** x[:, names.index("exponent")] if name == "reference_viscosity" else 1.0
             x[:, i] += power * log_size
     return x
@@ -149,54 +152,53 @@ def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
 
 @compiled
 def _integrated(
-    radius: Floats, speed: Floats, by_size: Floats, time: Floats, measured: Floats, widths: Floats,
-    free: NDArray[np.int64], instants: Floats, shares: Floats, step: float, starts: Floats, weight: Floats,
-    moved: Floats, rank: NDArray[np.int64], factor: Floats, constants: Floats, power: float,
-) -> tuple[Floats, Floats]:  # fmt: skip
+    run: SimulatedCurve, frames: Frames, starts: Floats, covariances: Covariances, constants: Floats, power: float
+) -> tuple[Floats, Floats]:
     """What `CameraNuisances.extended` gives, from starts z (k, m) of the steps and the noise's covariances."""
-    m, residuals = len(free), np.empty((len(time), len(starts)))
+    weight, moved, rank, factor = covariances
+    m, residuals = len(frames.free), np.empty((len(frames.time), len(starts)))
     for k in range(len(starts)):
-        seen = _framed(radius, speed, by_size, time, measured, widths, free, instants, shares, step, starts[k])
-        residuals[:, k] = seen[:, m]
-    known = products(residuals, weight, moved, rank, factor)
-    heights, worth = np.empty(len(starts)), np.zeros(len(rank))
+        residuals[:, k] = _simulated_frames(run, frames, starts[k])[:, m]
+    squares = products(residuals, weight, moved, rank, factor)
+    heights, largest = np.empty(len(starts)), np.zeros(len(rank))
     for k in range(len(starts)):
-        height, share = summed(known[:, k, k], constants, power)
+        height, share = summed(squares[:, k, k], constants, power)
         heights[k] = height - 0.5 * np.sum(starts[k] ** 2)
-        worth = np.maximum(worth, share)
+        largest = np.maximum(largest, share)
     if m:
-        kept = np.flatnonzero(worth > SHARE)
-        moved, rank, factor, constants = moved[kept], rank[kept], factor[kept], constants[kept]
+        counted = np.flatnonzero(largest > SHARE)
+        moved, rank, factor, constants = moved[counted], rank[counted], factor[counted], constants[counted]
     order = np.argsort(-heights)
     top, best = -np.inf, starts[order[0]]
     tries = min(CLIMBED, len(starts))
-    for k in range(tries + 1):  # a glance from each of the likeliest, then all the way from the better end
+    for k in range(tries + 1):  # a few steps from each of the likeliest, then all the way from the better end
         z, least = (starts[order[k]], ROUGH_GAIN) if k < tries else (best, GAIN)
-        seen = _framed(radius, speed, by_size, time, measured, widths, free, instants, shares, step, z)
-        height, gradient, curvature = expanded(seen, weight, moved, rank, factor, constants, power)
+        columns = _simulated_frames(run, frames, z)
+        height, gradient, curvature = expanded(columns, weight, moved, rank, factor, constants, power)
         value = height - 0.5 * np.sum(z**2)
         for _ in range(STEPS if m else 0):
             direction, gain = _solved(curvature, gradient + z)[0], 0.0
             for length in (1.0, 0.5, 0.2, 0.05):
-                there = z - length * direction
-                tried = _framed(radius, speed, by_size, time, measured, widths, free, instants, shares, step, there)
-                height, slope, curved = expanded(tried, weight, moved, rank, factor, constants, power)
-                reached = height - 0.5 * np.sum(there**2)
-                if reached > value:
-                    gain, z, seen, value, gradient, curvature = reached - value, there, tried, reached, slope, curved
+                next_z = z - length * direction
+                next_columns = _simulated_frames(run, frames, next_z)
+                height, slope, curved = expanded(next_columns, weight, moved, rank, factor, constants, power)
+                next_value = height - 0.5 * np.sum(next_z**2)
+                if next_value > value:
+                    gain, z, columns, value = next_value - value, next_z, next_columns, next_value
+                    gradient, curvature = slope, curved
                     break
             if gain < least:
                 break
         if value > top or k == tries:
             top, best = value, z
-    rest = -0.5 * _solved(curvature, best)[1]  # each prior and each integral has a (2 pi)^(1/2)
-    return np.concatenate((seen[:, m], best, np.array([rest]))), curvature + np.eye(m)
+    integral = -0.5 * _solved(curvature, best)[1]  # each prior and each integral has a (2 pi)^(1/2)
+    return np.concatenate((columns[:, m], best, np.array([integral]))), curvature + np.eye(m)
 
 
 @compiled
 def _solved(curvature: Floats, vector: Floats) -> tuple[Floats, float]:
     """(C + 1)^-1 v and log |C + 1| by Cholesky's factor, C (m, m) and v (m,)."""
-    m, found, log_det = len(vector), vector.copy(), 0.0
+    m, solution, log_det = len(vector), vector.copy(), 0.0
     root = np.zeros((m, m))
     for i in range(m):
         for j in range(i + 1):
@@ -206,56 +208,48 @@ def _solved(curvature: Floats, vector: Floats) -> tuple[Floats, float]:
             root[i, j] = np.sqrt(left) if i == j else left / root[j, j]
         log_det += 2.0 * np.log(root[i, i])
         for k in range(i):
-            found[i] -= root[i, k] * found[k]
-        found[i] /= root[i, i]
+            solution[i] -= root[i, k] * solution[k]
+        solution[i] /= root[i, i]
     for i in range(m - 1, -1, -1):
         for k in range(i + 1, m):
-            found[i] -= root[k, i] * found[k]
-        found[i] /= root[i, i]
-    return found, log_det
+            solution[i] -= root[k, i] * solution[k]
+        solution[i] /= root[i, i]
+    return solution, log_det
 
 
 @compiled
-def _framed(
-    radius: Floats, speed: Floats, by_size: Floats, time: Floats, measured: Floats, widths: Floats,
-    free: NDArray[np.int64], instants: Floats, shares: Floats, step: float, z: Floats,
-) -> Floats:  # fmt: skip
-    """(n, m + 1) the simulated frames' derivatives by z (m,), and measured minus simulated."""
+def _simulated_frames(run: SimulatedCurve, frames: Frames, z: Floats) -> Floats:
+    """(n, m + 1) the simulated frames' derivatives by z (m,), and measured minus simulated.
+
+    A simulation is even about 0: cubic Hermite pieces of regular instants, and lines of what size changes.
+    """
+    free, widths, step, radius = frames.free, frames.widths, frames.step, run.radius
     p, m = np.array([0.0, 1.0, 1.0]), len(free)
     p[free] += widths[free] * z
-    seen = _seen(radius, speed, by_size, step, time, instants, shares, p[0], p[1], p[2])
-    found = np.empty((len(time), m + 1))
-    for k in range(m):
-        found[:, k] = seen[1 + free[k]] * widths[free[k]]
-    found[:, m] = measured - seen[0]
-    return found
-
-
-@compiled
-def _seen(
-    radius: Floats, speed: Floats, by_size: Floats, step: float, time: Floats, instants: Floats, shares: Floats,
-    clock: float, scale: float, factor: float,
-) -> Floats:  # fmt: skip
-    """(4, n) frames of a simulation, even about 0, and their derivatives by clock, scale and factor: cubic Hermite
-    pieces of regular instants; lines of what size changes."""
-    found = np.zeros((4, len(time)))
-    grown = scale * factor - 1.0
-    for n in range(len(time)):
-        for k in range(len(instants)):
-            since = (time[n] + instants[k] - clock) / (scale * factor)
+    clock, scale, factor = p[0], p[1], p[2]
+    columns, grown = np.empty((len(frames.time), m + 1)), scale * factor - 1.0
+    frame = np.empty(4)  # its radius, and derivatives by clock, scale and factor
+    for n in range(len(frames.time)):
+        frame[:] = 0.0
+        for instant, share in zip(frames.instants, frames.shares):  # noqa: B905 (the compiler knows no strict)
+            since = (frames.time[n] + instant - clock) / (scale * factor)
             away = abs(since) / step
             i = min(int(away), len(radius) - 2)
             t = min(away - i, 1.0)
-            rise, begin, end = radius[i + 1] - radius[i], speed[i] * step, speed[i + 1] * step
+            rise, begin, end = radius[i + 1] - radius[i], run.speed[i] * step, run.speed[i + 1] * step
             square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
-            larger = by_size[i] + t * (by_size[i + 1] - by_size[i])
-            seen = radius[i] + t * (begin + t * (square + t * cube)) + grown * larger
-            slope = (begin + t * (2.0 * square + 3.0 * t * cube) + grown * (by_size[i + 1] - by_size[i])) / step
+            rise_by_size = run.by_size[i + 1] - run.by_size[i]
+            larger = run.by_size[i] + t * rise_by_size
+            height = radius[i] + t * (begin + t * (square + t * cube)) + grown * larger
+            slope = (begin + t * (2.0 * square + 3.0 * t * cube) + grown * rise_by_size) / step
             if since < 0.0:
                 slope = -slope
             moved = slope * since
-            found[0, n] += shares[k] * factor * seen
-            found[1, n] -= shares[k] * slope / scale
-            found[2, n] += shares[k] * factor * (factor * larger - moved / scale)
-            found[3, n] += shares[k] * (seen - moved + factor * scale * larger)
-    return found
+            frame[0] += share * factor * height
+            frame[1] -= share * slope / scale
+            frame[2] += share * factor * (factor * larger - moved / scale)
+            frame[3] += share * (height - moved + factor * scale * larger)
+        for k in range(m):
+            columns[n, k] = frame[1 + free[k]] * widths[free[k]]
+        columns[n, m] = frames.measured[n] - frame[0]
+    return columns

@@ -1,9 +1,18 @@
 """Warnings on a recording and its settings: an answer with an input warning is never `ok`.
 
-Some the curve shows by itself: a scale or a rate that explains it better than a material does (scale.py), or a
-maximum that was missed. Frames that stand out count only where they move the answer: the recording is then read once
-more without them, and the answers are compared. A maximum between two frames, or up to a frame before the first, is no
-warning: the prior of the clock and of R_max holds it (experiment.py), and so does the interval.
+Some the curve shows by itself: a scale or a rate that explains it better than a material does, or a maximum that was
+missed. Frames that stand out count only where they move the answer: the recording is then read once more without them,
+and the answers are compared. A maximum between two frames, or up to a frame before the first, is no warning: the prior
+of the clock and of R_max holds it (experiment.py), and so does the interval.
+
+*Scale and rate.* The first collapse in a gel with the shear modulus G comes sqrt(1 + Be G/p) times earlier than that in
+a liquid, and so it does in a soft material whose radii were given too large, or whose times too short. The stretch
+R_max/R_0 tells these apart: that of soft gels is 5 to 10, in open recordings it is about 7 at 28 kPa and 4 at 115 kPa,
+and that of stiffer gels is smaller. With a small stretch the bubble oscillates about a level not far below R_max, with
+shallow minima. So where the first collapse comes at a time that liquids and soft gels do not show, the curve is laid
+over coarse simulations of two sets of bubbles: those of gels with the stretch that they have, on the clock as stated,
+and those of soft materials, on any clock. Times are in units of the first collapse, so that simulations made once serve
+all curves.
 """
 
 from __future__ import annotations
@@ -12,16 +21,23 @@ import logging
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import cache
+from itertools import chain, product
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from cavirheo import landmarks
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
-from cavirheo.inference import scale
+from cavirheo.landmarks import RAYLEIGH
 from cavirheo.messages import Message, of_error
-from cavirheo.physics.media import Medium
+from cavirheo.physics.accuracy import COARSE
+from cavirheo.physics.bubble import Bubble
+from cavirheo.physics.materials import NeoHookeanKelvinVoigt
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import Checks, Verdict
 
 if TYPE_CHECKING:
@@ -33,6 +49,32 @@ _log = logging.getLogger(__name__)
 ERRORS = ValueError, ArithmeticError, SolverError, MemoryError
 REBOUND = 3  # frames after the first collapse, from which a rebound is seen
 FACTOR = 1.5  # by which a parameter must move for a warning
+USUAL_COLLAPSE = (0.7, 1.4)  # Rayleigh times after R_max that the first collapse of liquids and gels below 50 kPa comes
+STIFF, SMALL, FALL = 4e5, 3.4, 0.25  # stretch of gels: at most 3.4 from 400 kPa on, below 3.4 (400 kPa/G)^0.25
+WRONG = 0.22  # natural logarithm of the factor of the clock from which a scale or rate is wrong
+FOLLOWS = 0.045  # of R_max RMS: a simulation that misses by more does not explain a curve
+LEFT = 0.006  # of R_max RMS: what coarse simulations leave of any curve
+BETTER = 1.2  # factor of misfits from which one explanation is clearly better
+PERIODS = 6.0  # times of the first collapse that are compared
+PLATEAU = 1.2  # factor by which the stretch of a late plateau may be off
+
+_RADIUS = 150e-6  # m, of the simulations
+_GRID = np.linspace(0.0, 1.1 * PERIODS, 661)  # times over that of the first collapse
+_FINER = np.exp(np.linspace(-0.06, 0.06, 9))  # factors of the time of the first collapse: a frame may be off
+_SHIFTS = np.array([-0.7, 0.0, 0.7])  # frames: so well is the time of R_max known
+_BETWEEN = 0.16  # natural logarithm of the clock's factor: as much as lies between two moduli of the simulations
+_VISCOUS = (0.004, 0.015, 0.05, 0.13, 0.35)  # Pa s
+_BUBBLES: dict[str, list[Any]] = {  # G in Pa, mu in Pa s, stretch and confinement damping, each with each
+    "soft": [((1e3, 1.2e4, 4e4), _VISCOUS, (4.0, 4.5, 5.2, 6.2, 7.5, 9.0, 11.0), (0.1,))],
+    "fast": [
+        ((7.5e4, 1.3e5, 2.3e5), _VISCOUS, (1.3, 1.7, 2.1, 2.5, 2.9, 3.5, 4.2, 5.0), (0.1,)),
+        ((4e5, 6.9e5, 1.2e6, 2.1e6, 3.6e6), _VISCOUS, (1.3, 1.7, 2.1, 2.5, 2.9, SMALL), (0.1,)),
+    ],
+    "slow": [
+        ((1e3, 1.2e4, 4e4), _VISCOUS, (1.4, 2.0, 2.8), (0.1,)),
+        ((1e3, 1.5e4), (0.02, 0.08), (2.8, 4.0, 5.2, 7.5, 11.0), (0.5, 1.0)),
+    ],
+}
 
 
 def plain(curve: RadiusCurve, medium: Medium) -> list[Message]:
@@ -63,12 +105,12 @@ def _of_maximum(curve: RadiusCurve) -> list[Message]:
 
 def of_scale(curve: RadiusCurve, medium: Medium) -> list[Message]:
     """A message if a wrong scale or frame rate explains the time of the first collapse, and a stiffness does not."""
-    found = scale.compare(curve, medium)
+    found = scale_check(curve, medium)
     if found is None or not found.doubtful:
         return []
     factors = tuple(sorted(found.factor if found.ratio < 1.0 else (1.0 / factor for factor in found.factor)))
     seen = {"ratio": found.ratio, "max_radius": curve.max_radius}
-    return [Message("check_input.scale", {**seen, "factors": () if found.wrong > scale.FOLLOWS else factors})]
+    return [Message("check_input.scale", {**seen, "factors": () if found.wrong > FOLLOWS else factors})]
 
 
 def of_walls(shot: Experiment) -> list[Message]:
@@ -113,3 +155,98 @@ def warned(checks: Checks, warnings: Iterable[Message], trust_input: bool) -> Ch
     keeps = trust_input or not warnings or checks.verdict == "failed"
     verdict: Verdict = checks.verdict if keeps else "check_input"
     return replace(checks, verdict=verdict, messages=(*warnings, *checks.messages))
+
+
+class Shapes(NamedTuple):
+    """Simulated bubbles: G in Pa, stretch and t_1/t_c, each (k,), and R/R_max at _GRID times t_1, (k, n)."""
+
+    modulus: Floats
+    stretch: Floats
+    first: Floats
+    radius: Floats
+
+
+@cache
+def shapes(kind: str) -> Shapes:
+    """Bubbles of 150 um in water-like media; others differ by their surface tension and heat alone. Half a second."""
+    found = []
+    for modulus, viscosity, stretch, damping in chain.from_iterable(product(*ways) for ways in _BUBBLES[kind]):
+        early = RAYLEIGH / np.sqrt(1.0 + _elastic(stretch) * modulus / WATER.pressure)
+        time = early * np.linspace(0.0, 1.6 * PERIODS, 1001)
+        run = simulate(
+            NeoHookeanKelvinVoigt(modulus, viscosity),
+            max_radius=_RADIUS,
+            stretch=stretch,
+            time=time * WATER.time_scale(_RADIUS),
+            bubble=Bubble("kinetic", accommodation=0.1, confinement_damping=damping),
+            accuracy=COARSE,
+            throw=False,
+        )
+        rises = np.diff(run.radius) > 0
+        if run.ok and rises.any():
+            first = time[np.argmax(rises)]
+            found.append((modulus, stretch, first, np.interp(_GRID * first, time, run.radius / _RADIUS)))
+    return Shapes(*(np.array(values) for values in zip(*found, strict=True)))
+
+
+def _elastic(stretch: Any) -> Any:
+    """Be of a neo-Hookean gel: (t_RC/t_1)^2 is about 1 + Be G/p (physics/collapse.py)."""
+    return 2.5 - 2.8 / stretch
+
+
+class ScaleCheck(NamedTuple):
+    """ratio: Rayleigh times from R_max to the first collapse. right, wrong: RMS misfits over R_max of the best material
+    at the stated scale, and of the best soft one at another, infinite where none has such a first collapse; factor: by
+    which radii are then too large, or times too short, from the smallest to the largest that explains it as well;
+    reached: whether any material, whatever its stretch, has such a first collapse."""
+
+    ratio: float
+    right: float
+    wrong: float
+    factor: tuple[float, float]
+    reached: bool
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether another scale explains the curve clearly better than a material at the stated one, or none can."""
+        better = np.hypot(self.right, LEFT) > BETTER * np.hypot(self.wrong, LEFT)
+        return not self.reached or bool(self.wrong < FOLLOWS and better)
+
+
+def scale_check(curve: RadiusCurve, medium: Medium) -> ScaleCheck | None:
+    """None: the first collapse comes at a usual time, or the curve shows none."""
+    ratio = curve.rayleigh_ratio(medium.density, medium.pressure)
+    if ratio is None or USUAL_COLLAPSE[0] <= ratio <= USUAL_COLLAPSE[1]:
+        return None
+    soft, hard = shapes("soft"), shapes("fast" if ratio < 1.0 else "slow")
+    both = Shapes(*(np.concatenate(pair) for pair in zip(soft, hard, strict=True)))
+    clock = both.first / (ratio * RAYLEIGH)  # above 1 the material is stiffer than simulated, or the scale too large
+    elastic, p = _elastic(both.stretch), medium.pressure
+    modulus = np.maximum(((1.0 + elastic * both.modulus / p) * clock**2 - 1.0) * p / elastic, 1.0)
+    time, radius = curve.normalised(medium)
+    time = time / (ratio * RAYLEIGH)
+    frame = float(np.median(np.diff(time)))  # as well as maximum and collapse are placed
+    reached = np.abs(np.log(clock)) < _BETWEEN + frame
+    largest_stretch = SMALL * np.maximum(1.0, STIFF / modulus) ** FALL
+    right = reached & (both.stretch <= 1.001 * largest_stretch)
+    wrong = (np.arange(len(clock)) < len(soft.first)) & (np.abs(np.log(clock)) > WRONG)
+    if plateau := curve.stretch_from_tail():
+        right &= np.abs(np.log(both.stretch / plateau[0])) < np.log(PLATEAU)
+    counted = (time >= 0.0) & (time < PERIODS)
+    missed = _missed(both.radius, time[counted], radius[counted], frame * _SHIFTS)
+    best = float(np.min(missed[wrong]))
+    alike = clock[wrong & (missed <= BETTER * best)]
+    factor = float(np.min(alike)), float(np.max(alike))
+    return ScaleCheck(ratio, float(np.min(missed[right], initial=np.inf)), best, factor, bool(reached.any()))
+
+
+def _missed(shapes: Floats, time: Floats, radius: Floats, shifts: Floats) -> Floats:
+    """(k,) smallest RMS difference of simulations (k, n) from frames (m,) on clocks that are a little off."""
+    best = np.full(len(shapes), np.inf)
+    for factor, shift in product(_FINER, shifts):
+        at = np.clip(np.abs(time * factor + shift) / _GRID[1], 0.0, len(_GRID) - 1.001)
+        low = at.astype(int)
+        share = at - low
+        simulated = shapes[:, low] * (1.0 - share) + shapes[:, low + 1] * share
+        best = np.minimum(best, np.sqrt(np.mean((simulated - radius) ** 2, axis=1)))
+    return best

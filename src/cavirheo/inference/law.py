@@ -12,8 +12,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
 from cavirheo.parameters import PARAMETERS, inferred_as
 from cavirheo.physics.bubble import Damage
-from cavirheo.physics.laws import LAWS, combine, with_consistency
-from cavirheo.physics.materials import Material
+from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
 
 
 def _parameters(law: str) -> list[Field[Any]]:

@@ -26,12 +26,12 @@ MEMORY, SECONDS = 2 << 30, 20.0  # bytes and time of the first run
 
 def session(content: bytes) -> Callable[[ArrayLike], Floats]:
     """(curves, frames) -> (curves, outputs) of the content of an .onnx file."""
-    made = started(content)
+    model = started(content)
 
     def run(features: ArrayLike) -> Floats:
         curves = np.asarray(features, dtype=np.float32)
         blocks = [curves[i : i + BATCH] for i in range(0, len(curves), BATCH)]
-        theta = [made.run(["theta"], {"radius": block})[0] for block in blocks]
+        theta = [model.run(["theta"], {"radius": block})[0] for block in blocks]
         return np.concatenate(theta, dtype=float, casting="same_kind")  # not from text
 
     return run
@@ -50,11 +50,11 @@ def started(content: bytes) -> Any:
 
 
 def draws_of_nothing(content: bytes) -> bool:
-    """Whether a posterior network (flow.py) answers zeros with finite draws: what is tried out of a stranger's."""
-    made = started(content)
-    shapes = {given.name: [n if isinstance(n, int) else DRAWS for n in given.shape] for given in made.get_inputs()}
-    found = made.run(None, {name: np.zeros(shape, np.float32) for name, shape in shapes.items()})
-    return all(bool(np.isfinite(values).all()) for values in found)
+    """Whether a posterior network answers zeros with finite draws: what is tried out of a stranger's."""
+    model = started(content)
+    shapes = {one.name: [n if isinstance(n, int) else DRAWS for n in one.shape] for one in model.get_inputs()}
+    outputs = model.run(None, {name: np.zeros(shape, np.float32) for name, shape in shapes.items()})
+    return all(bool(np.isfinite(values).all()) for values in outputs)
 
 
 def try_out(content: bytes, frames: int, outputs: int) -> None:
@@ -68,10 +68,12 @@ def try_out(content: bytes, frames: int, outputs: int) -> None:
         child = subprocess.run(command, input=content, capture_output=True, timeout=SECONDS, check=False)
     except subprocess.TimeoutExpired:
         raise InputError(f"it takes more than {SECONDS:.0f} s", "model.time") from None
-    said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-    full = child.returncode < 0 or "alloc" in said or "MemoryError" in said  # killed, or it says so
+    error = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    full = child.returncode < 0 or "alloc" in error or "MemoryError" in error  # killed, or it says so
     require(not full, f"it takes more than {MEMORY / 1e9:.1f} GB of memory", "model.memory")
-    require(child.returncode == 0, said if len(said) < 200 else f"...{said[-200:]}", "model.fails")  # the end says why
+    require(
+        child.returncode == 0, error if len(error) < 200 else f"...{error[-200:]}", "model.fails"
+    )  # the end says why
 
 
 if __name__ == "__main__":  # session.py MEMORY FRAMES OUTPUTS < model.onnx

@@ -21,10 +21,9 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
-from cavirheo.io.formats import is_number
+from cavirheo.io.formats import is_number, unit_of
 from cavirheo.io.samples import RADIUS_UNITS, TIME_UNITS, make_curve, swapped
 from cavirheo.io.tables import Column, Name, Table, Term, Vocabulary, read_columns, single
-from cavirheo.io.units import unit_of
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.writing.document import write_rows
@@ -102,7 +101,7 @@ CURVES = Vocabulary(
     },
     _ADVICE,
     codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
-    other=_of_one_shot,
+    fallback=_of_one_shot,
     bare=True,
 )
 _NEED = ("time|frame", "radius|diameter|area|shot")

@@ -18,7 +18,7 @@ import numpy as np
 
 from cavirheo.errors import InputError, printable, require
 from cavirheo.io import limits
-from cavirheo.video.frames import ENDINGS, HEADER, PIXELS, STACKS, is_recording
+from cavirheo.video.frames import ENDINGS, HEADER, PIXELS, STACKS, is_video
 
 MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
 _OURS = {  # tables and films that cavirheo writes: the document that then stands beside them
@@ -34,7 +34,7 @@ _SPECIAL = {stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket", stat.S_ISCHR: "a
 _temporary: set[Path] = set()
 
 
-def shown(path: Path) -> str:
+def file_label(path: Path) -> str:
     """The name of a file as people see it."""
     return path.name if path in _temporary else printable(str(path))
 
@@ -53,7 +53,7 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
         InputError: no regular file, found before it is opened ("reading.missing", "reading.folder", "reading.special");
             one that may not be read ("reading.unreadable"), is damaged ("reading.damaged"), or as the reader says.
     """
-    name = shown(path)
+    name = file_label(path)
     try:
         if not (folder and path.is_dir()):
             _check(path, name)
@@ -153,7 +153,7 @@ def _of_folder(folder: Path, say: Callable[[str], None]) -> list[Path]:
         taken, left = measurements(folder)
     except OSError:
         return [folder]  # may not be listed: the reader says so
-    if is_recording(folder) and {path.suffix.lower() for path in taken} <= {*STACKS}:
+    if is_video(folder) and {path.suffix.lower() for path in taken} <= {*STACKS}:
         return [folder]  # its images are the frames of one
     kinds = ", ".join(sorted(MEASUREMENTS))
     require(bool(taken), f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")

@@ -10,6 +10,8 @@ comma means is decided once for all rows of numbers in a sheet, by the one readi
 `0,123` have decimal commas, `1,234.5` and `1,234,567` have not. Where both readings are left (`1,234` alone), or
 numbers with a comma stand beside others with a point, the cells stay as they are and `number` refuses them.
 
+Units and titles as people write them (`[µm]`, `Zeit / s`), in several languages, are brought to one spelling.
+
 What a row means is the caller's (tables.py): `is_header` says which rows name the columns it looks for.
 """
 
@@ -17,7 +19,8 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Iterator
+import unicodedata
+from collections.abc import Callable, Iterator, Mapping
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -29,6 +32,23 @@ from cavirheo.io import limits
 Cells = list[str]
 IsHeader = Callable[[Cells], bool]
 
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
+ALIASES = {
+    word: unit
+    for unit, words in {
+        "s": "sec second seconds sekunde sekunden seconde secondes segundo segundos 秒",
+        "ms": "msec millisecond milliseconds millisekunden millisecondes milisegundos ミリ秒 毫秒",
+        "us": "usec microsecond microseconds mikrosekunden microsecondes microsegundos マイクロ秒 微秒",
+        "ns": "nsec nanosecond nanoseconds nanosekunden nanosecondes nanosegundos ナノ秒 纳秒",
+        "m": "meter meters metre metres metros",
+        "mm": "millimeter millimeters millimetre millimetres milimetros ミリメートル 毫米",
+        "um": "micron microns micrometer micrometers micrometre micrometres mikrometer micrometros "
+        "マイクロメートル 微米",
+        "px": "pixel pixels pix pixeles ピクセル 像素",
+    }.items()
+    for word in words.split()
+}
 _SEPARATORS = ("\t", ";", ",", None, "  ")  # None: spaces; the last: two or more, where single ones are part of titles
 _MISSING = {"nan", "na", "n/a", "null", "none", "#n/a"}
 _SPACES = "' ’\u00a0\u202f"
@@ -256,3 +276,26 @@ def number(cell: str) -> float:
         message = f"{cell[:30]!r} could be {two}: is the comma decimal? export with decimal points only"
         raise InputError(message, "tabular.comma")
     return float("nan")
+
+
+def plain(text: str) -> str:
+    """Without accents; every prime is ', every double one ''; the micro sign is the letter mu."""
+    text = unicodedata.normalize("NFKD", text)
+    text = "".join(c for c in text if not unicodedata.combining(c)).replace("−", "-")
+    return re.sub("[′’‘´`]", "'", re.sub('["”“″]', "''", text))
+
+
+def plain_title(text: str) -> str:
+    """Small letters, digits and primes; no spaces, brackets or points."""
+    return re.sub(r"[\s_\-.,:;=/^()\[\]{}]+", "", plain(text).lower())
+
+
+def plain_unit(text: str) -> str:
+    """`rad/s` -> rads, `s^-1` -> s-1, `µm` -> um; capitals stay: mPa is not MPa."""
+    return re.sub(r"[\s/·⋅.*^_()\[\]{}]+", "", plain(text).replace("μ", "u"))
+
+
+def unit_of(written: str, units: Mapping[str, float]) -> str | None:
+    """The one of these units that is written so, in any spelling; None for another."""
+    unit = plain_unit(written)
+    return next((spelling for spelling in (unit, ALIASES.get(unit)) if spelling in units), None)

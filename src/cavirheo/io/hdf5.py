@@ -51,7 +51,7 @@ def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
     for name in group:
         kind, unit, _ = CURVES.name_by_words(name)
         if kind in ("time", "radius", "radius_std"):
-            item = limits.own(group, name)
+            item = limits.local_item(group, name)
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
                 twice = f"{group.name} has two datasets for {kind}: {name} is one; keep the one that counts"
                 require(kind not in arrays, twice, "hdf5.twice")

@@ -41,21 +41,21 @@ def arrays(items: Iterable[Any]) -> None:
     total = 0
     for item in items:
         require(item.shape is not None, f"{item.name} has no shape: it holds nothing", "limits.no_shape")
-        _here(not (item.external or item.is_virtual), f"{item.name} takes its numbers from another file")
+        _require_inside(not (item.external or item.is_virtual), f"{item.name} takes its numbers from another file")
         total += prod(item.shape)
         for what, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
             declared = f"{item.name} declares the {what} {getattr(item, what)}"
             require(size <= SAMPLES, f"{declared}: more than {SAMPLES} samples are not read", f"limits.{what}")
 
 
-def own(group: Any, name: str) -> Any:
+def local_item(group: Any, name: str) -> Any:
     """group[name], None if there is nothing. Raises InputError: it would be read from another file."""
     import h5py
 
     link = isinstance(group.get(name, getlink=True), h5py.ExternalLink)
-    _here(not link, f"{name} is a link to another file")
+    _require_inside(not link, f"{name} is a link to another file")
     return group.get(name)
 
 
-def _here(fine: bool, what: str) -> None:
+def _require_inside(fine: bool, what: str) -> None:
     require(fine, f"{what}; copy them into this one", "limits.elsewhere")

@@ -51,7 +51,7 @@ def read_hdf5(path: Path, names: Iterable[str]) -> tuple[Variables, list[str]]:
     with h5py.File(path, "r") as file:
         all_names = [name for name in file if name not in ("#refs#", "#subsystem#")]
         for name in names:
-            item = limits.own(file, name)
+            item = limits.local_item(file, name)
             if not isinstance(item, h5py.Dataset):
                 continue
             limits.arrays([item])

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.io.units import LENGTH_UNITS, TIME_UNITS
+from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
 from cavirheo.messages import UNIT, Message
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a stand-in until R_max is given

@@ -15,9 +15,9 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, numbered, require
 from cavirheo.io.curve_tables import ONE_SCALE
-from cavirheo.io.files import guarded, sha256, shown
+from cavirheo.io.files import file_label, guarded, sha256
 from cavirheo.parameters import RADIUS
-from cavirheo.video.frames import is_recording
+from cavirheo.video.frames import is_video
 
 if TYPE_CHECKING:
     from cavirheo.video.measurement import MeasureOptions
@@ -71,13 +71,13 @@ def read_curves(
             was found.
     """
     path = as_path(path)
-    if is_recording(path):
-        from cavirheo.io.recordings import examine
+    if is_video(path):
+        from cavirheo.io.videos import examine
 
         options: MeasureOptions = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px}
         options |= {"exposure": exposure, "exclude": exclude}
-        return [noted(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
-    message = f"{shown(path)}: frames are excluded of recordings; of a table empty their radius"
+        return [with_maximum_notes(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
+    message = f"{file_label(path)}: frames are excluded of recordings; of a table empty their radius"
     require(exclude is None, message, "reading.exclude")
     with guarded(path, _EXPECTED):
         with path.open("rb") as file:
@@ -85,11 +85,11 @@ def read_curves(
         require(len(head) > 0, f"the file is empty; {_EXPECTED}", "reading.empty")
         curves = _read(head, path, density, pressure, frame_rate_hz)
         require(len(curves) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
-        origin: dict[str, Any] = {"group": path.stem, "source": shown(path), "source_sha256": sha256(path)}
+        origin: dict[str, Any] = {"group": path.stem, "source": file_label(path), "source_sha256": sha256(path)}
         labels = [path.stem] if len(curves) == 1 else []
         labels = labels or [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
         chosen = selected(list(zip(curves, labels, strict=True)), shots)
-        return [noted(curve.labelled(name=label, **origin)) for curve, label in chosen]
+        return [with_maximum_notes(curve.labelled(name=label, **origin)) for curve, label in chosen]
 
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
@@ -104,7 +104,7 @@ def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: 
     return curve_tables.read(path, density, pressure, frame_rate)
 
 
-def noted(curve: RadiusCurve) -> RadiusCurve:
+def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
     """The curve with the notes that need its maximum."""
     try:
         start, spikes = curve.time_of_max, curve.spikes()
@@ -132,7 +132,7 @@ def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
     return [items[number - 1] for number in numbers]
 
 
-class Recordings(NamedTuple):
+class CurveSet(NamedTuple):
     """The curves of all files in their order; why files could not be read; which recordings were given twice and how
     they were scaled; and what of scales and constants should be known, a line for all groups that it concerns."""
 
@@ -144,7 +144,7 @@ class Recordings(NamedTuple):
 
 def read_shots(
     files: Sequence[str | Path | RadiusCurve], *, max_radius: float | None = None, group: str = "auto", **options: Any
-) -> Recordings:
+) -> CurveSet:
     """All curves of all files; `options` are those of `read_curves`. A curve stands for a file that was read.
 
     A recording that is given again (the same samples, in whichever file) is left out with a remark. Names that several
@@ -179,7 +179,7 @@ def read_shots(
     if max_radius:
         curves, scale_remarks = _scaled(curves, max_radius)
         remarks += scale_remarks
-    return Recordings(curves, problems, remarks, hints)
+    return CurveSet(curves, problems, remarks, hints)
 
 
 def samples_of(curve: RadiusCurve) -> bytes:

@@ -6,13 +6,11 @@ there is executed.
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
-from io import BytesIO
 from itertools import count
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -24,18 +22,19 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.io.recordings import examine
-from cavirheo.io.shots import Recordings, read_shots
+from cavirheo.io.shots import CurveSet, read_shots
+from cavirheo.io.videos import examine
 from cavirheo.messages import Message
 from cavirheo.video.frames import Footage
-from cavirheo.video.measurement import Measurement, Stated
+from cavirheo.video.measurement import Measurement, StatedNumber
 from cavirheo.video.track import Track
-from cavirheo.writing.packing import pack, unpack
+from cavirheo.writing.packing import decode, encode
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
 
-_KINDS: dict[str, Any] = {
-    kind.__name__: kind for kind in (RadiusCurve, Message, Recordings, Footage, Measurement, Stated, Track, InputError)
+KINDS: dict[str, Any] = {
+    kind.__name__: kind
+    for kind in (RadiusCurve, Message, CurveSet, Footage, Measurement, StatedNumber, Track, InputError)
 }
 _SPAWN = multiprocessing.get_context("spawn")
 
@@ -82,8 +81,8 @@ class Reader:
         footage = replace(measurement.recording, frames=np.load(images, mmap_mode="r"))
         return replace(measurement, recording=footage)
 
-    def ask(self, paths: Sequence[Path], work: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
-        """What `work` gives there, a function of a module with its arguments after the first, the pipe to this process.
+    def ask(self, paths: Sequence[Path], call: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
+        """What `call` gives there, a function of a module with its arguments after the first, the pipe to this process.
 
         Raises InputError: as `read`.
         """
@@ -93,13 +92,13 @@ class Reader:
         try:
             if not child.alive:
                 child.begin()
-            function, *arguments = work
+            function, *arguments = call
             child.pipe.send_bytes(encode((function.__module__, function.__name__, *arguments)))
             end, answer = monotonic() + self.seconds, 0.0
             while isinstance(answer, float):
                 say(answer, "of the frames")  # the share that is measured
                 require(child.pipe.poll(max(end - monotonic(), 0.0)), slow, "app.reading_too_slow")
-                answer = _decoded(child.pipe.recv_bytes())
+                answer = decode(child.pipe.recv_bytes(), KINDS)
         except BaseException as error:  # whatever ended the call, Ctrl-C too, the process is in no known state
             child.begin()
             if not isinstance(error, EOFError | OSError):
@@ -150,13 +149,6 @@ def _without_folders(curve: RadiusCurve) -> RadiusCurve:
     return curve.labelled(source=Path(curve.source).name, **group)
 
 
-def _decoded(message: bytes) -> Any:
-    try:
-        return decode(message)
-    except Exception as error:  # a process that a file has damaged may send anything
-        raise EOFError(f"no message of a reader ({type(error).__name__})") from error
-
-
 def _serve(pipe: Connection) -> None:
     with suppress(ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
         import resource
@@ -164,7 +156,7 @@ def _serve(pipe: Connection) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     with suppress(EOFError):
         while True:
-            module, function, *arguments = decode(pipe.recv_bytes())
+            module, function, *arguments = decode(pipe.recv_bytes(), KINDS)
             try:
                 answer = encode(getattr(import_module(module), function)(pipe, *arguments))
             except InputError as error:
@@ -176,14 +168,14 @@ def _serve(pipe: Connection) -> None:
             pipe.send_bytes(answer)
 
 
-def _read(_: Connection, files: list[str | RadiusCurve], options: dict[str, Any]) -> Recordings:
+def _read(_: Connection, files: list[str | RadiusCurve], options: dict[str, Any]) -> CurveSet:
     return read_shots(files, **options)
 
 
 def _measure(pipe: Connection, path: str, images: str, most: float, options: dict[str, Any]) -> Measurement:
     def begin(frames: int) -> Callable[[], None]:
-        done = count(1)
-        return lambda: pipe.send_bytes(encode(next(done) / frames))
+        frame = count(1)
+        return lambda: pipe.send_bytes(encode(next(frame) / frames))
 
     measurement, _ = examine(path, begin=begin, **options)
     frames = measurement.recording.frames
@@ -191,22 +183,3 @@ def _measure(pipe: Connection, path: str, images: str, most: float, options: dic
     require(frames.nbytes <= most, f"{message}: cut it to the bubble, or use cavirheo measure", "app.too_large")
     np.save(images, frames)
     return replace(measurement, recording=replace(measurement.recording, frames=frames[:0]))
-
-
-def encode(value: Any) -> bytes:
-    """What writing/packing.py packs. Raises TypeError: it holds something else."""
-    arrays: list[np.ndarray] = []
-    text = json.dumps(pack(value, arrays))
-    stream = BytesIO()
-    stream.write(f"{len(arrays)} {text}\n".encode("ascii"))
-    for array in arrays:
-        np.lib.format.write_array(stream, array, allow_pickle=False)
-    return stream.getvalue()
-
-
-def decode(message: bytes) -> Any:
-    """What was encoded. Raises ValueError, TypeError and the like: it is no message of ours."""
-    stream = BytesIO(message)
-    count, _, text = stream.readline().partition(b" ")
-    arrays = [np.lib.format.read_array(stream, allow_pickle=False) for _ in range(int(count))]
-    return unpack(json.loads(text), arrays, _KINDS)

@@ -20,8 +20,19 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.io.formats import Cells, Row, Sheet, is_number, number, read_sheets
-from cavirheo.io.units import ALIASES, plain, plain_title, plain_unit, unit_of
+from cavirheo.io.formats import (
+    ALIASES,
+    Cells,
+    Row,
+    Sheet,
+    is_number,
+    number,
+    plain,
+    plain_title,
+    plain_unit,
+    read_sheets,
+    unit_of,
+)
 
 Need = Sequence[str] | Callable[[Cells], bool]
 _LONGEST = 120  # characters of a title; more is a sentence, and takes time
@@ -71,7 +82,7 @@ class Vocabulary:
     terms: Mapping[str, Term]
     expected: str  # in a table, for messages
     codes: Mapping[str, str] = field(default_factory=dict)  # of errors, where they are not "tabular.…"
-    other: Callable[[str], Name] | None = None  # what a title names that no term does
+    fallback: Callable[[str], Name] | None = None  # what a title names that no term does
     marks: str = "#%"  # that begin a comment
     declared: bool = False
     sections: bool = False
@@ -122,7 +133,7 @@ def _name(vocabulary: Vocabulary, title: str) -> Name:
     if is_number(title):
         return Name()
     name = vocabulary.name_by_words(title)
-    return vocabulary.other(title) if vocabulary.other and not name.kind else name
+    return vocabulary.fallback(title) if vocabulary.fallback and not name.kind else name
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,19 @@
-"""Accuracy of a simulation, and those that are in use (what each is worth: docs/validation.md)."""
+"""Accuracy of a simulation, those that are in use (what each is worth: docs/validation.md), and its shells.
+
+The finite-volume grid on y = r/R in [0, 1] is clustered at the wall, where the thermal and vapour layers are thin.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import NamedTuple
 
-from cavirheo.errors import expect_whole
-from cavirheo.physics.domain import check, domain
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import expect_whole, require
+from cavirheo.parameters import check, domain
 
 
 @dataclass(frozen=True)
@@ -34,3 +42,41 @@ PRECISE = Accuracy(384, 1e-5)  # ten times as accurate as the default, and five 
 ROUGH = Accuracy(64, 3e-4)  # inside a search: 2 ms, good to 1 % of R_max, most to 0.04 %
 BRISK = Accuracy(64, 1e-3)  # for draws, with what it misses of the default's: that hardly changes
 COARSE = Accuracy(24, 3e-3)  # for starts: 1 ms
+
+
+class Grid(NamedTuple):
+    """Spherical shells (cells) 0..M-1 from centre to wall; face i lies between cell i and cell i+1."""
+
+    inverse_volume: Floats  # (M,) 3/(y_out^3 - y_in^3)
+    centre: Floats  # (M,) centroid of each shell
+    face: Floats  # (M-1,) y of the interior faces
+    area: Floats  # (M-1,) y^2
+    inverse_distance: Floats  # (M-1,) between the two centroids
+    left: Floats  # (M-1,) weight of the inner cell in the value on the face
+    right: Floats  # (M-1,) and of the outer one
+    wall: Floats  # (3,) d/dy at y = 1 from the values at the wall, in cell M-1 and in cell M-2
+
+
+NO_SHELLS = Grid(*(np.zeros(0) for _ in Grid._fields))  # for contents without fields
+
+
+@lru_cache(maxsize=16)
+def wall_clustered(cells: int, first: float = 1e-4) -> Grid:
+    """`cells` shells, tanh-spaced so that the one at the wall is `first` thick."""
+    why = f"a clustered grid needs at least 8 cells and a wall cell thinner than 1/cells, got {cells} and {first}"
+    require(cells >= 8 and 0 < first < 1 / cells, why, "physics.cells")
+    s = np.linspace(0.0, 1.0, cells + 1)
+    low, high = 1e-3, 18.0
+    for _ in range(60):  # bisection: importing a solver takes longer than a simulation
+        steepness = (low + high) / 2
+        thick = 1 - np.tanh(steepness * s[-2]) / np.tanh(steepness) > first
+        low, high = (steepness, high) if thick else (low, steepness)
+    y = np.tanh(steepness * s) / np.tanh(steepness)
+    volume = np.diff(y**3) / 3
+    centre = np.diff(y**4) / 4 / volume
+    distance = np.diff(centre)
+    right = (y[1:-1] - centre[:-1]) / distance
+    h1, h2 = 1 - centre[-1], 1 - centre[-2]
+    c1, c2 = -h2 / (h1 * (h2 - h1)), h1 / (h2 * (h2 - h1))
+    wall = np.array([-(c1 + c2), c1, c2])
+    return Grid(1 / volume, centre, y[1:-1].copy(), y[1:-1] ** 2, 1 / distance, 1 - right, right, wall)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.physics.domain import FINITE, POSITIVE, check, domain
+from cavirheo.parameters import FINITE, POSITIVE, check, domain
 from cavirheo.physics.table import hermite
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from inspect import cleandoc, get_annotations
@@ -13,8 +14,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.domain import NOT_NEGATIVE, POSITIVE, check
+from cavirheo.parameters import NOT_NEGATIVE, PARAMETERS, POSITIVE, check
 from cavirheo.physics.table import read, scaled, tabulate
 
 _RAISES = "Raises:\n    InputError: a parameter that is no number or out of its domain."
@@ -44,10 +44,13 @@ class Material:
     """A law, or a sum of laws: a new one defines `parts`. It is a frozen dataclass with SI parameters."""
 
     proportional: ClassVar[str] = ""  # the parameter that all of the stress is proportional to, where there is one
+    name: ClassVar[str]  # as it is written; by default that of the class, "power-law" of PowerLaw
 
     def __init_subclass__(cls, **options: Any) -> None:
         """help() of a law ends with its parameters, as parameters.py knows them."""
         super().__init_subclass__(**options)
+        if "name" not in cls.__dict__:
+            cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower()
         names = [name for base in reversed(cls.__mro__) for name in get_annotations(base) if name in PARAMETERS]
         known = [f"{name} ({PARAMETERS[name].symbol}, {PARAMETERS[name].unit})" for name in dict.fromkeys(names)]
         if known:
@@ -57,10 +60,6 @@ class Material:
 
     def __post_init__(self) -> None:
         check(self)
-
-    @property
-    def name(self) -> str:
-        return type(self).__name__
 
     def parts(self) -> Parts:
         """The elastic and the viscous part and the arms with memory of which it is the sum."""
@@ -169,11 +168,11 @@ class Arm(Material):
 def table_of(law: Elastic | Viscous) -> Floats:
     """`law.table()`, kept once computed; of a law that is proportional to a modulus it is kept for 1 Pa."""
     if not law.proportional:
-        return _kept(law)
+        return _table_of(law)
     unit: Any = {law.proportional: 1.0}
-    return scaled(_kept(replace(cast("Any", law), **unit)), 1.0, getattr(law, law.proportional))
+    return scaled(_table_of(replace(cast("Any", law), **unit)), 1.0, getattr(law, law.proportional))
 
 
 @lru_cache(maxsize=128)
-def _kept(law: Elastic | Viscous) -> Floats:
+def _table_of(law: Elastic | Viscous) -> Floats:
     return law.table()

@@ -1,19 +1,71 @@
-"""Materials that are sums of laws: an elastic part, a viscous part and arms that remember.
+"""Materials that are sums of laws, an elastic part, a viscous part and arms with memory; and every law by its name.
 
-The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4).
+The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4). A Maxwell arm is a
+spring and a dashpot in series, whose stress fades within the relaxation time. Its spring forgets what it was stretched
+from, which one number a term tells (section 4.3 there):
+
+    S = sum_k C_k m_k,   m_k' = -m_k/tau - n_k (1 + m_k) U/R,   m_k = 0 in the relaxed state:
+
+1 + m_k is the fading mean of past R^n_k over the present one. One arm takes the elastic part of the material along.
 """
 
 from __future__ import annotations
 
+import ast
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from difflib import get_close_matches
+from inspect import Parameter, cleandoc, signature
+from typing import Any, ClassVar
+
+import numpy as np
 
 from cavirheo.errors import InputError, require
-from cavirheo.physics.domain import NOT_NEGATIVE, POSITIVE
-from cavirheo.physics.elastic import Linear, NeoHookean, Quadratic
+from cavirheo.parameters import NOT_NEGATIVE, PARAMETERS, POSITIVE, RATE
+from cavirheo.physics.elastic import ArrudaBoyce, Fung, Gent, Linear, MooneyRivlin, NeoHookean, Ogden, Quadratic, Yeoh
 from cavirheo.physics.law import Arm, Elastic, Material, Parts, Viscous
-from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
-from cavirheo.physics.viscous import Newtonian
+from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, Newtonian, PowellEyring, PowerLaw
+
+
+@dataclass(frozen=True)
+class Maxwell(Arm):
+    """Linear Maxwell fluid, tau_rr + tau d(tau_rr)/dt = 2 mu D_rr at a fixed place: its spring is linear.
+    Not frame-indifferent: for small strains. Allen and Roy 2000, doi:10.1121/1.429344."""
+
+    terms: ClassVar[tuple[tuple[float, float], ...]] = ((4 / 3, 3.0),)
+
+
+@dataclass(frozen=True)
+class UpperConvectedMaxwell(Arm):
+    """Maxwell fluid with the upper-convected rate (UCM), right at any strain: its spring is neo-Hookean.
+    Warnez and Johnsen 2015, doi:10.1063/1.4922598."""
+
+    name: ClassVar[str] = "ucm"
+    terms: ClassVar[tuple[tuple[float, float], ...]] = ((2.0, 1.0), (0.5, 4.0))
+
+
+@dataclass(frozen=True)
+class TotalRelaxation(Maxwell):
+    """The stress of spring and dashpot together relaxes at a fixed place: tau dT/dt + T = T_el + 2 mu D, T = T_rr.
+
+    T_el is the stress of the elastic part of the material that this arm stands in, which acts through it alone:
+
+        m' = -(m - S_el/C)/tau - 3 (1 + m) U/R,   S = C m,   C = 4 mu/(3 tau),
+
+    and S -> S_el - 4 mu U/R for tau -> 0. With Z = R^3 S it is the Zener model of IMRv2 and PyIMR; of a linear spring
+    G it is that spring beside a Maxwell arm of viscosity mu - G tau. Hua and Johnsen 2013, doi:10.1063/1.4817673.
+
+    grown: False: it starts without stress at R_max, as in these codes, and so without that of the elastic part.
+    """
+
+    viscosity: float = field(metadata=POSITIVE)
+    grown: bool = True
+    follows: ClassVar[bool] = True
+
+    @property
+    def starts_stressed(self) -> bool:
+        return self.grown
 
 
 @dataclass(frozen=True)
@@ -31,7 +83,6 @@ class Viscoelastic(Material):
     elastic: Elastic | None = None
     viscous: Viscous | None = None
     memory: tuple[Arm, ...] = ()
-    name: ClassVar[str] = "viscoelastic"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "memory", tuple(self.memory))
@@ -85,7 +136,6 @@ class OldroydB(Material):
     viscosity: float = field(metadata=NOT_NEGATIVE)
     relaxation_time: float = field(metadata=POSITIVE)
     retardation_time: float = field(metadata=NOT_NEGATIVE)
-    name: ClassVar[str] = "oldroyd-b"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -110,7 +160,6 @@ class Zener(Material):
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     viscosity: float = field(metadata=NOT_NEGATIVE)
     relaxation_time: float = field(metadata=POSITIVE)
-    name: ClassVar[str] = "zener"
 
     def parts(self) -> Parts:
         arm = UpperConvectedMaxwell(self.viscosity, self.relaxation_time)
@@ -134,7 +183,7 @@ class QuadraticStandardLinearSolid(Material):
 
     With stiffening 0 it is IMRv2's `stress = 3`, else its `stress = 4`, both without retardation; a dashpot beside it
     ("qsls + newtonian") is the retardation. As there the bubble starts without any stress, also that of the spring
-    (`TotalRelaxation` in physics/memory.py leaves the choice). Hua and Johnsen 2013, doi:10.1063/1.4817673, with the
+    (`TotalRelaxation` leaves the choice). Hua and Johnsen 2013, doi:10.1063/1.4817673, with the
     spring of Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
     """
 
@@ -150,3 +199,142 @@ class QuadraticStandardLinearSolid(Material):
 
 
 MATERIALS: dict[str, type] = {m.name: m for m in (Newtonian, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)}
+
+
+def _by_name(*laws: type[Material]) -> dict[str, Callable[..., Material]]:
+    return {law.name: law for law in laws}
+
+
+KINDS = {
+    "elastic": _by_name(Linear, NeoHookean, Quadratic, MooneyRivlin, Yeoh, Fung, Gent, ArrudaBoyce, Ogden),
+    "viscous": _by_name(Newtonian, PowerLaw, HerschelBulkley, CarreauYasuda, Cross, PowellEyring),
+    "elastic and viscous": _by_name(NeoHookeanKelvinVoigt, QuadraticKelvinVoigt),
+    "with memory": _by_name(
+        Maxwell, UpperConvectedMaxwell, OldroydB, Zener, StandardLinearSolid, QuadraticStandardLinearSolid
+    ),
+}
+LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
+"""Every law by the name that it is written with; a law that is put here is known to all commands."""
+EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
+_HOW = f"write a sum of laws like {EXAMPLE}"
+
+
+def _takes_tuple(parameter: Parameter) -> bool:
+    return str(parameter.annotation).startswith("tuple")
+
+
+def usage(name: str) -> str:
+    """How a law is written, with units and defaults: `gent(shear_modulus [Pa], limit [-])`."""
+    parameters = []
+    for key, parameter in signature(LAWS[name]).parameters.items():
+        unit = "-" if PARAMETERS[key].unit == "1" else PARAMETERS[key].unit
+        default = "" if parameter.default is Parameter.empty else f" = {parameter.default:g}"
+        parameters.append(f"{key} [({unit}, ...)]" if _takes_tuple(parameter) else f"{key} [{unit}]{default}")
+    return f"{name}({', '.join(parameters)})"
+
+
+def summary(name: str) -> str:
+    """The energy or viscosity function of a law in one line: the first of its docstring."""
+    return cleandoc(LAWS[name].__doc__ or "").partition("\n")[0]
+
+
+def parse(text: str) -> Material:
+    """The material of a sum like "gent(2e3, limit=40) + carreau-yasuda(0.5, 0.01, 1e-4, 0.4)", parameters in SI units.
+
+    Only numbers and tuples of numbers are read, nothing is executed. A hyphen between letters may be an underscore.
+
+    Raises:
+        InputError: not a sum of laws, an unknown law, a parameter missing, too many or out of range, a part twice.
+    """
+    require(text.strip() != "", f"the material is empty; {_HOW}", "laws.empty")
+    try:
+        source = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "_", " ".join(text.split()))
+        terms = _terms(ast.parse(source, mode="eval").body)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        why = getattr(error, "msg", error)
+        raise InputError(f"cannot read the material {text!r}: {why}; {_HOW}", "laws.syntax") from None
+    return combine([_law(term) for term in terms])
+
+
+def combine(terms: Sequence[Material]) -> Material:
+    """The material whose stress is the sum of the terms; a single term is itself the material.
+
+    Raises:
+        InputError: more than one elastic or more than one viscous part.
+    """
+    if len(terms) == 1:
+        return terms[0]
+    parts: dict[str, Any] = {}
+    for kind in ("elastic", "viscous"):
+        having = [term for term in terms if getattr(term, kind)]
+        got = " and ".join(term.name for term in having)
+        why = f"a material has one {kind} part at most, but {got} each have one; leave all but one out"
+        require(len(having) < 2, why, f"laws.{kind}_twice")
+        parts[kind] = getattr(having[0], kind) if having else None
+    return Viscoelastic(**parts, memory=sum((term.memory for term in terms), ()))
+
+
+def with_consistency(values: Mapping[str, float]) -> dict[str, float]:
+    """Parameters of a law by name, the consistency K in place of the reference viscosity K (1e5 1/s)^(n-1)."""
+    values = dict(values)
+    if "reference_viscosity" in values:
+        values["consistency"] = values.pop("reference_viscosity") * RATE ** (1.0 - values["exponent"])
+    return values
+
+
+def viscosity_at(material: str, rate: float, values: Mapping[str, float]) -> float | None:
+    """Pa s at a shear rate (1/s) of the law in a sum of laws whose viscosity depends on it; None where there is none.
+
+    `values`: its parameters by name, as they are inferred (with a reference viscosity) or as the law has them, among
+    others.
+    """
+    values = with_consistency(values)
+    for name in material.split("+"):
+        law: Any = LAWS.get(name.strip())
+        takes = signature(law).parameters if law in KINDS["viscous"].values() else {"viscosity": None}
+        if "viscosity" not in takes:
+            return float(law(**{key: values[key] for key in takes if key in values}).apparent(np.array(rate)))
+    return None
+
+
+def _terms(node: ast.expr) -> list[ast.expr]:
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return [*_terms(node.left), *_terms(node.right)]
+    return [node]
+
+
+def _law(node: ast.expr) -> Material:
+    spelled = node.func if isinstance(node, ast.Call) else node
+    if not isinstance(spelled, ast.Name):
+        raise InputError(f"{ast.unparse(node)!r} is no law with its parameters; {_HOW}", "laws.no_law")
+    name = spelled.id.replace("_", "-")
+    close = "".join(f"; did you mean {match}?" for match in get_close_matches(name.lower(), LAWS, 1))
+    require(name in LAWS, f"unknown material law {name!r}{close or ';'} known: {', '.join(LAWS)}", "laws.unknown")
+    if not isinstance(node, ast.Call):
+        raise InputError(f"{name} stands without its parameters; it reads {usage(name)}", "laws.parameters")
+    takes = signature(LAWS[name])
+    keywords = {keyword.arg or "**": keyword.value for keyword in node.keywords}
+    try:
+        if len(keywords) < len(node.keywords):
+            raise TypeError("a parameter given twice")
+        nodes = takes.bind(*node.args, **keywords).arguments
+    except TypeError as error:
+        raise InputError(f"{name}: {error}; it reads {usage(name)}", "laws.parameters") from None
+    try:
+        return LAWS[name](**{key: _value(takes.parameters[key], nodes[key]) for key in nodes})
+    except InputError as error:
+        raise error.within(name) from None
+
+
+def _value(parameter: Parameter, node: ast.expr) -> float | tuple[float, ...]:
+    """The number or the tuple of numbers that a parameter takes; one number does for a tuple of one."""
+    many = _takes_tuple(parameter)
+    try:
+        value = ast.literal_eval(node)
+        numbers = value if many and isinstance(value, tuple) else (value,)
+        if any(type(number) not in (int, float) for number in numbers):
+            raise TypeError
+        return tuple(map(float, numbers)) if many else float(value)
+    except (ValueError, TypeError, OverflowError):
+        expected = "a tuple of numbers" if many else "a number"
+        raise InputError(f"{parameter.name} must be {expected}, got {ast.unparse(node)}", "laws.number") from None

@@ -11,8 +11,16 @@ from math import exp, sqrt
 from typing import Any
 
 from cavirheo.errors import expect, require
-from cavirheo.parameters import Plausible
-from cavirheo.physics.domain import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Domain, check, check_plausible
+from cavirheo.parameters import (
+    FINITE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    POSITIVE_OR_INFINITE,
+    Domain,
+    Plausible,
+    check,
+    check_plausible,
+)
 
 _INSIST = " (if it is meant: Medium(..., unusual=True), --trust-input)"
 
@@ -22,8 +30,8 @@ def _constant(
 ) -> Any:
     """A field: its domain, default, plausible range, unit, and other units that are taken for it with their size (and
     their zero) in this one."""
-    others = {name: (size, zero) for name, size in taken.items()}
-    return field(default=usual, metadata=allowed | {"plausible": Plausible(low, high, usual, unit, others)})
+    mistaken = {name: (size, zero) for name, size in taken.items()}
+    return field(default=usual, metadata=allowed | {"plausible": Plausible(low, high, usual, unit, mistaken)})
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,12 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
+from cavirheo.parameters import POSITIVE, domain, within
 from cavirheo.physics.bubble import FIELD, Bubble, Damage
-from cavirheo.physics.damage import damaged
-from cavirheo.physics.domain import POSITIVE, domain, within
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.law import Material, table_of
 from cavirheo.physics.media import Medium
-from cavirheo.physics.table import scaled
+from cavirheo.physics.table import hermite, read, scaled
 
 
 class Numbers(NamedTuple):
@@ -35,9 +34,9 @@ class Numbers(NamedTuple):
     kappa: float
     elastic: Floats  # (n, 7) table of S_el/p_inf over R/R_0 (physics/table.py)
     whole: Floats  # (n, 7) the same below the smallest radius so far, before damage; (0, 7) without damage
-    damage: Floats  # (3,) both factors of a tenfold contraction; the smallest R/R_max so far (physics/damage.py), or 0
+    damage: Floats  # (3,) both factors of a tenfold contraction; the smallest R/R_max so far (`damaged`), or 0
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
-    memory: Floats  # (k, 4) C_k/p_inf, power n_k, t_c/tau, p_inf/C_k or 0, of each relaxing term (physics/memory.py)
+    memory: Floats  # (k, 4) C_k/p_inf, power n_k, t_c/tau, p_inf/C_k or 0, of each relaxing term (physics/materials.py)
     delayed: bool  # the elastic part acts through a relaxing term alone
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
     polytropic: float  # exponent of the gas where the contents are polytropic
@@ -125,3 +124,26 @@ def dimensionless(
         delayed=any(arm.follows for arm in parts.memory),
         driving=scaled(driving.table() if driving else ABSENT, U_c / max_radius, 1 / p),
     )
+
+
+def damaged(elastic: Floats, damage: Damage, stretch: float) -> tuple[Floats, Floats, Floats]:
+    """From the table of a law (physics/table.py): that of the law at radii above the smallest so far, that below
+    it, and (3,) both factors of a tenfold contraction and the smallest R/R(0) so far.
+
+    At the first rebound: damaged and whole; the smallest radius counts as infinite until then. By strain: whole,
+    to be scaled as the wall turns; and the law while the wall is at its smallest radius, x = L/stretch,
+
+        S = x^a S_el(u),  u = L x^b,  a = -log10 modulus,  b = log10 radius.
+    """
+    if damage.by != "strain":
+        return scaled(elastic, damage.radius, damage.modulus), elastic, np.array([1.0, 1.0, np.inf])
+    a, b = -np.log10(damage.modulus), np.log10(damage.radius)
+    u = elastic[:, 0]
+    u = np.append(u[u < stretch], stretch)
+    L = (u * stretch**b) ** (1 / (1 + b))
+    S, S1, S2 = read(elastic, u)
+    share, c = (L / stretch) ** a, (1 + b) * u
+    first = a * S + c * S1  # over share, by ln L
+    second = a * first + c * ((a + 1 + b) * S1 + c * S2)
+    falling = hermite(L, share * S, share * first / L, share * (second - first) / L**2)
+    return elastic, falling, np.array([damage.modulus, damage.radius, 1.0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Sequence
+from math import prod
 from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
@@ -13,17 +14,15 @@ from numpy.typing import ArrayLike
 from cavirheo import parallel
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError, brief, expect, require
-from cavirheo.parameters import DURATION, RADIUS
+from cavirheo.parameters import DURATION, POSITIVE, RADIUS, within
 from cavirheo.physics import cache, solver
-from cavirheo.physics.accuracy import DEFAULT, Accuracy
+from cavirheo.physics.accuracy import DEFAULT, NO_SHELLS, Accuracy, Grid, wall_clustered
 from cavirheo.physics.bubble import FIELD, Bubble
-from cavirheo.physics.domain import POSITIVE, within
 from cavirheo.physics.driving import Driving
-from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
 from cavirheo.physics.law import Material
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.physics.scales import Numbers, dimensionless
+from cavirheo.physics.scales import ABSENT, Numbers, dimensionless
 from cavirheo.physics.simulation import INSIST, Contents, Simulation
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import Newtonian
@@ -32,6 +31,10 @@ POLYTROPIC = 1e-7  # largest relative error of a step without fields, which cost
 KINETIC = 0.1  # of the relative error: kinetic contents are less stiff, and longer steps would be less accurate
 WALL_CELL = 1e-4  # thickness of the shell at the wall
 MAX_STEPS = 100_000
+GROWTH_TIME = np.linspace(0.0, 4.0, 401)  # in t_c: an impulse turns within about one
+GROWTH_ERROR = (1e-7, 1e-5)
+GROWTH_NEAR = 0.03  # of R^3, from which memories follow from those of other impulses
+LARGEST_IMPULSE = 1e9  # impulse over stretch^3
 _EXAMPLE = "NeoHookeanKelvinVoigt(shear_modulus=8e3, viscosity=0.05)"
 
 
@@ -61,7 +64,7 @@ def simulate(
         bubble: equation of the wall, contents, walls around and damage, none of them "free".
         driving: pressure far from the bubble above the ambient one (physics/driving.py).
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
-            (physics/growth.py), but for those that always start so (`qsls`).
+            (`remembered`), but for those that always start so (`qsls`).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
         accuracy: in space and time; PRECISE of physics/accuracy.py is ten times as accurate as the default.
         throw: raise on a failed solve; otherwise return it with its status.
@@ -163,8 +166,6 @@ def _start(numbers: Numbers, material: Material, relative_error: float, relaxed:
     memory = np.zeros(len(numbers.memory))
     stressed = np.array([arm.starts_stressed for arm in material.memory for _ in arm.terms], dtype=bool)
     if stressed.any() and not relaxed:
-        from cavirheo.physics.growth import remembered  # its scipy takes a third of a second to import
-
         memory = np.where(stressed, remembered(numbers, relative_error), 0.0)
     return np.concatenate([[1.0, 0.0, numbers.pressure], memory])
 
@@ -274,3 +275,77 @@ def _checked(time: ArrayLike) -> Floats:
     why = f"time must ascend from zero or later (seconds after R_max); {got}"
     require(times[0] >= 0 and smallest >= 0, why, "physics.times_descend")
     return times
+
+
+def remembered(numbers: Numbers, rtol: float) -> Floats:
+    """Memories (k,) at R = 1 after growth from relaxed rest at R_0 = 1/stretch, a hundred times as exact as `rtol`
+    says, within bounds.
+
+    The growth is an impulse: at R_0 the wall gets the velocity that carries it to R = 1, in incompressible surroundings
+    of the same law, with isothermal gas and saturated vapour (docs/method/physics.md, section 4.3).
+
+    Raises:
+        SolverError: no impulse carries the wall to R_max within the laws of the material.
+    """
+    nothing = np.zeros(len(numbers.memory))
+    if numbers.stretch == 1:
+        return nothing
+    quiet = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ABSENT, vapour=numbers.pv)
+    quiet = quiet._replace(damage=numbers.damage * [1, 1, 1 / numbers.stretch])  # growth from R_0 does none
+    exact = min(max(rtol / 100, GROWTH_ERROR[0]), GROWTH_ERROR[1])
+    # R^3 is nearly linear in the impulse v^2, the kinetic energy: (impulse, memories) by R^3 - 1 of what was tried
+    turns: dict[float, tuple[float, Floats]] = {numbers.stretch**-3.0 - 1.0: (0.0, nothing)}
+    low, high = 0.0, np.inf
+    impulse = whole = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure
+    while high - low > exact * max(low, whole):
+        radius, memories = _turn(quiet, float(np.sqrt(impulse)), exact)
+        missed = radius**3 - 1.0
+        low, high = (impulse, high) if missed < 0 else (low, impulse)
+        if radius < np.inf:
+            turns[missed] = impulse, memories
+            nearest = sorted(turns, key=abs)[:4]
+            if abs(nearest[0]) < exact:
+                return turns[nearest[0]][1]
+            weights = np.array(_at_zero(nearest))
+            # the error of a cubic through four is about the product of what they missed by
+            if abs(nearest[0]) < GROWTH_NEAR and len(nearest) == 4 and prod(map(abs, nearest)) < exact:
+                return np.asarray(weights @ np.array([turns[one][1] for one in nearest]))
+            impulse = float(weights @ np.array([turns[one][0] for one in nearest]))
+        if not low < impulse < high:
+            impulse = 2.0 * low if high == np.inf else 0.5 * (low + high)
+        if impulse > LARGEST_IMPULSE * numbers.stretch**3:
+            break
+    raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
+
+
+def _at_zero(x: list[float]) -> list[float]:
+    """Weights with which values at x give the value at 0 of the polynomial through them (Lagrange)."""
+    return [prod(b / (b - a) for j, b in enumerate(x) if j != i) for i, a in enumerate(x)]
+
+
+def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats]:
+    """Radius and memories where a wall that leaves R_0 with this velocity comes to rest; infinite if none is found."""
+    k = len(numbers.memory)
+    out = np.full((GROWTH_TIME.size, 4 + k), np.nan)
+    small = 1 / numbers.stretch
+    gas = (numbers.pressure - numbers.pv) * numbers.stretch**3
+    start = np.concatenate([[small, velocity, numbers.pv + gas], np.zeros(k)])
+    ways = (GROWTH_TIME, rtol, 20_000, True)
+    code = solver.integrate(numbers, NO_SHELLS, RODAS5P, start, *ways, out, np.zeros((0, 0)), np.zeros(5))
+    falling = np.flatnonzero(out[:, 1] <= 0)
+    reached = np.count_nonzero(np.isfinite(out[:, 1]))
+    if falling.size:
+        after = falling[0]
+    elif code == solver.OK and reached < len(GROWTH_TIME):  # the solver stops at the turn, here before the next instant
+        after = reached - 1
+    else:
+        return np.inf, out[0, 4:]
+    i, step = np.array([after - 1, after]), GROWTH_TIME[after] - GROWTH_TIME[after - 1]
+    R, U, m = out[i, :1], out[i, 1:2], out[i, 4:]
+    power, fading, follows = numbers.memory[:, 1:].T
+    E = np.array([solver.spring(numbers, float(radius))[:1] for radius in R[:, 0]]) if numbers.delayed else 0.0
+    rates = (follows * E - m) * fading - power * (1 + m) * U / R
+    (y0, y1), (slope0, slope1) = np.hstack([R, m]), step * np.hstack([U, rates])
+    x = U[0, 0] / (U[0, 0] - U[1, 0])  # on the cubic through values and slopes at both instants
+    turn = (1 - x) ** 2 * ((1 + 2 * x) * y0 + x * slope0) + x**2 * ((3 - 2 * x) * y1 - (1 - x) * slope1)
+    return float(turn[0]), turn[1:]

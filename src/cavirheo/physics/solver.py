@@ -15,7 +15,7 @@ velocity v the contents obey
 v and p' from docs/method/physics.md (3.7) and (3.8): the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006)
 rewritten without approximation; or with a finite rate of condensation and D(T, p), section 3.5 there. A grid without
 shells means polytropic contents. The laws of the material are two tables (physics/table.py) and rows of relaxing terms
-(physics/memory.py); the far-field pressure is a table too.
+(physics/materials.py); the far-field pressure is a table too.
 
 The Jacobian is analytic: a block-tridiagonal part (2x2 lower-triangular blocks) with a border of five unknowns R, U,
 P, p', z, so one linear solve costs O(cells); the memories are eliminated before. Every function that is compiled for
@@ -58,7 +58,7 @@ def look_up(table, x):
 
 @compiled
 def soften(numbers, R):
-    """Damage (physics/damage.py) where the wall turns at R, its smallest radius so far."""
+    """Damage (physics/scales.py) where the wall turns at R, its smallest radius so far."""
     decades = math.log10(numbers.damage[2] / R)
     softer, wider = numbers.damage[0] ** decades, numbers.damage[1] ** decades
     numbers.damage[2] = R if decades < math.inf else 0.0

@@ -13,12 +13,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.physics.domain import FINITE, NOT_NEGATIVE, POSITIVE
+from cavirheo.parameters import FINITE, NOT_NEGATIVE, POSITIVE
 from cavirheo.physics.law import Viscous
 
 
@@ -27,7 +27,6 @@ class Newtonian(Viscous):
     """A fluid of constant viscosity in Pa s; S_v = -4 mu g, exactly."""
 
     viscosity: float = field(metadata=NOT_NEGATIVE)
-    name: ClassVar[str] = "newtonian"
 
     def apparent(self, shear_rate: Floats) -> Floats:
         return np.full_like(shear_rate, self.viscosity)

@@ -13,7 +13,7 @@ from typing import Any
 from cavirheo.curve import RadiusCurve
 from cavirheo.reporting.group import REFERENCES, Published
 from cavirheo.reporting.record import Answered, Pairs, Result, read_json, result
-from cavirheo.writing import claim, style
+from cavirheo.writing import claim
 from cavirheo.writing.document import Outputs, drawing, short_name, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
@@ -27,14 +27,14 @@ DOCUMENTS = ("result.json", "result.csv", "report.html")
 def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Sequence[str] = ()) -> Outputs:
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
     many = ["result.parquet"] if len(curves) > MANY else []
-    drawn: list[str] = []
+    drawings: list[str] = []
     if figures:
         from cavirheo.reporting.figures import check_figures, files
 
         check_figures(figures)
         groups = dict.fromkeys((curve.group, curve.group_source) for curve in curves)
-        drawn = files(figures, [curve.name for curve in curves], [group for group, _ in groups])
-    return Outputs(directory, *DOCUMENTS, *many, *drawn, inputs=[curve.source for curve in curves if curve.source])
+        drawings = files(figures, [curve.name for curve in curves], [group for group, _ in groups])
+    return Outputs(directory, *DOCUMENTS, *many, *drawings, inputs=[curve.source for curve in curves if curve.source])
 
 
 def write_report(
@@ -85,83 +85,61 @@ def write_report(
 
     pairs, date = Answered.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figures = figures if complete else ()
-    known = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
-    with claim.held(claim.Claim(command, {"command": command, "curves": known}, replace)):
+    sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
+    with claim.held(claim.Claim(command, {"command": command, "curves": sources}, replace)):
         folder = outputs(directory, pairs.curves, figures)
         workers = workers if complete else 1
         document = result(pairs, command, date=date, notes=notes, workers=workers)
         document.put_beside(published or {}, references)
-        pictures = _pictures(pairs, document) if draw and complete else Pictures()
-        document.notes += pictures.failed
+        pictures = _pictures(pairs, document) if draw and complete else ([], [])
         if complete and len(pairs) > MANY:
-            document.notes += _parquet(folder, document)
+            try:
+                folder.write("result.parquet", table.write_parquet, document)
+            except ModuleNotFoundError:
+                document.notes.append(
+                    "no result.parquet (result.csv has the same rows): pip install 'cavirheo[cluster]'"
+                )
         folder.write("result.json", write_json, document)
         folder.write("result.csv", table.write_csv, document)
-        if figures and (failed := _figures(folder, pairs, document, figures, done)):
-            document.notes += failed
-            folder.write("result.json", write_json, document)
+        if figures:
+            from cavirheo.reporting.figures import write
+
+            if failed := write(folder, pairs, document, figures, done):
+                document.notes += failed
+                folder.write("result.json", write_json, document)
         if complete:
             sheets = [str(curve.meta.get("contact_sheet", "")) for curve in pairs.curves] if draw else []
-            folder.write("report.html", html.write, document, pictures.curves, pictures.groups, sheets)
+            folder.write("report.html", html.write, document, *pictures, sheets)
         folder.finish()
     return document
 
 
-def _figures(
-    folder: Outputs, pairs: Answered, document: Result, figures: Sequence[str], done: Callable[[], None] | None
-) -> list[str]:
-    """The files of figures written; what is to be said of those that could not be drawn."""
-    if not style.available():
-        return [style.NO_PICTURES]
-    from cavirheo.reporting.figures import write
-
-    return write(folder, pairs, document, figures, done)
-
-
-class Pictures:
-    """The pictures of a report: SVG of each curve and of each group, or why there is none; and what failed."""
-
-    def __init__(self) -> None:
-        self.curves: list[str] = []
-        self.groups: list[str] = []
-        self.failed: list[str] = []
-
-    def draw(self, name: str, lines: Callable[[], Any], svg: Callable[..., str], **how: Any) -> str:
-        """A picture, or why there is none."""
-        with drawing(f"picture of {name}", self.failed):
-            return svg(lines(), **how)
-        return self.failed[-1]
-
-
-def _pictures(pairs: Answered, document: Result) -> Pictures:
-    """Of very many curves the lines are simpler, and only the first groups have a picture."""
+def _pictures(pairs: Answered, document: Result) -> tuple[list[str], list[str]]:
+    """SVG of each curve and of each group, or why there is none, which becomes a note of the document. Of very many
+    curves the pictures are simpler, and only the first groups have one."""
     from cavirheo.reporting import html, svg
-    from cavirheo.reporting.curve_lines import answer_lines
-    from cavirheo.reporting.group_lines import group_lines
+    from cavirheo.reporting.curve_panels import answer_panels
+    from cavirheo.reporting.group_panels import group_panels, shots_of
 
-    made, records, unit = Pictures(), document.curves, document.modulus_unit
-    most = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))
-    how: dict[str, Any] = {"points": most, "brief": len(pairs) > html.DETAILED}
-    for (curve, answer), record in zip(pairs, records, strict=True):
-        lines = partial(answer_lines, curve, answer.checks, record)
-        made.curves.append(made.draw(record.name, lines, svg.curve_svg, **how))
+    def draw(name: str, panels: Callable[[], Any], svg: Callable[..., str], **how: Any) -> str:
+        with drawing(f"picture of {name}", document.notes):
+            return svg(panels(), **how)
+        return document.notes[-1]
+
+    rows, unit = document.curves, document.modulus_unit
+    how: dict[str, Any] = {"points": min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))}
+    how["brief"] = len(pairs) > html.DETAILED
+    curves = [
+        draw(row.name, partial(answer_panels, curve, answer.checks, row), svg.curve_svg, **how)
+        for (curve, answer), row in zip(pairs, rows, strict=True)
+    ]
     members = [(group, indices) for group, indices in document.members() if group.n > 1][:GROUPS]
-    most = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
+    points = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
+    groups = []
     for group, indices in members:
-        shots = [(pairs[i][0], pairs[i][1].checks, records[i]) for i in indices if records[i].answered]
-        made.groups.append(made.draw(group.name, partial(group_lines, shots, group, unit), svg.group_svg, points=most))
-    return made
-
-
-def _parquet(folder: Outputs, document: Result) -> list[str]:
-    """result.parquet written; what is to be said where it cannot be."""
-    from cavirheo.reporting import table
-
-    try:
-        folder.write("result.parquet", table.write_parquet, document)
-    except ModuleNotFoundError:
-        return ["no result.parquet (result.csv has the same rows): pip install 'cavirheo[cluster]'"]
-    return []
+        shots = shots_of(pairs, rows, indices)
+        groups.append(draw(group.name, partial(group_panels, shots, group, unit), svg.group_svg, points=points))
+    return curves, groups
 
 
 def file_names(names: Sequence[str]) -> list[str]:

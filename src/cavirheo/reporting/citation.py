@@ -1,96 +1,105 @@
-"""What a paper's methods section must say of a result, and whom it must cite."""
+"""What a paper's methods section must say of a result, and whom it must cite: the entries of references.bib whose keys
+stand in the paragraph."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
+from functools import cache
+from importlib.resources import files
+from typing import NamedTuple
 
-from cavirheo.errors import InputError, require
 from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.materials import LAWS
 from cavirheo.physics.media import MEDIA as KNOWN
 from cavirheo.reporting.answer import CurveRecord, in_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
-from cavirheo.reporting.sources import (
-    BDT,
-    DIFFUSIVITY,
-    DISCREPANCY,
-    EVIDENCE,
-    IMR,
-    MEDIA,
-    MOTION,
-    POPULATION,
-    SAMPLING,
-    Source,
-    of_law,
-)
 from cavirheo.writing import digits
 
-_EQUATIONS = {
-    "keller-miksis": "Keller and Miksis",
-    "rayleigh-plesset": "Rayleigh and Plesset",
-    "gilmore": "Gilmore",
-}
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
-
-_HOW = {  # by method, what was done and whose method it is
+MEDIA = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
+_DOI = re.compile(r"doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
+_EQUATIONS = {
+    "keller-miksis": "Keller and Miksis [Keller1980]",
+    "rayleigh-plesset": "Rayleigh and Plesset [Plesset1949]",
+    "gilmore": "Gilmore [Gilmore1952]",
+}
+_METHODS = {  # what was done, and whose method it is
     "verified": (
         "The posterior of the parameters was sampled: draws of a trained proposal were weighed by the likelihood of "
         "the full simulation (adaptive multiple importance sampling [Cornuet2012]), with noise of unknown size and a "
-        "discrepancy between law and bubble that was inferred along with them [Kennedy2001].",
-        (SAMPLING, DISCREPANCY),
+        "discrepancy between law and bubble that was inferred along with them [Kennedy2001]."
     ),
-    "laplace": ("The maximum of the posterior and the Gaussian about it were found by Gauss-Newton steps.", ()),
+    "laplace": "The maximum of the posterior and the Gaussian about it were found by Gauss-Newton steps.",
     "least_squares": (
         "The parameters were fitted by least squares on the simulation; intervals, where given, are of draws weighed "
-        "by the likelihood.", (),
+        "by the likelihood."
     ),
-    "amortised": ("The answer is that of a trained posterior network, not verified by simulations.", ()),
-    "bdt": ("A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.", (BDT,)),
-}  # fmt: skip
+    "amortised": "The answer is that of a trained posterior network, not verified by simulations.",
+    "bdt": "A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.",
+}
+_POPULATION = (
+    "The material of a group is the centre of a population of its shots, which was inferred from their posteriors and "
+    "priors, together with the scatter of the shots about it [Hogg2010]."
+)
+
+
+class Source(NamedTuple):
+    """Whom to cite: the key, and the entry for BibTeX."""
+
+    key: str
+    bibtex: str
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """Author, year, title, journal or note, and doi."""
+        return dict(re.findall(r"^  (\w+) = \{(.+)\},?$", self.bibtex, re.MULTILINE))
+
+
+@cache
+def references() -> dict[str, Source]:
+    """The entries of references.bib by their keys."""
+    entries = files("cavirheo.reporting").joinpath("references.bib").read_text(encoding="utf-8").strip().split("\n\n")
+    sources = (Source(entry[entry.index("{") + 1 : entry.index(",")], entry) for entry in entries)
+    return {source.key: source for source in sources}
+
+
+def of_law(name: str) -> list[Source]:
+    """Those that the docstring of a law gives, by their DOI; none of a name that is no law."""
+    by_doi = {source.fields.get("doi", ""): source for source in references().values()}
+    return [by_doi[doi] for doi in _DOI.findall(getattr(LAWS.get(name), "__doc__", None) or "")]
 
 
 def methods(result: Result) -> tuple[str, list[Source]]:
-    """The paragraph, and whom it cites in the order of appearance. Raises InputError: no curve has an answer."""
+    """The paragraph, and whom it cites in the order of appearance; nothing where no curve has an answer."""
     answered = [curve for curve in result.curves if curve.answered]
-    require(bool(answered), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
-    own = Source("{The cavirheo developers}", (result.date or "")[:4], TITLE, f"version {result.version}", "")
-    cited = [own]
-    said = [
+    if not answered:
+        return "", []
+    intervals = any(value.q05 is not None for curve in answered for value in (curve.viscosity_Pa_s, curve.stretch))
+    year = (result.date or "")[:4]
+    sentences = [
         _shots(answered, result),
-        *_motion(answered, cited),
-        *_model(answered, cited),
-        *_media(answered, cited),
+        *_motion(answered),
+        *_model(answered),
+        *_media(answered),
         *_window(answered),
+        *(_METHODS[method] for method in dict.fromkeys(curve.method for curve in answered)),
+        *_rivals(answered),
+        *_prior(answered),
+        "Values are medians with central 90 % intervals." if intervals else "",
+        _POPULATION if any(group.population and group.population.found for group in result.groups) else "",
     ]
-    for method in dict.fromkeys(curve.method for curve in answered):
-        words, sources = _HOW[method]
-        cited += sources
-        said.append(words)
-    said += _rivals(answered, cited)
-    said += _prior(answered)
-    said.append("Values are medians with central 90 % intervals." if _intervals(answered) else "")
-    if any(group.population and group.population.found for group in result.groups):
-        said.append(
-            "The material of a group is the centre of a population of its shots, which was inferred from their "
-            f"posteriors and priors, together with the scatter of the shots about it [{POPULATION.key}]."
-        )
-        cited.append(POPULATION)
-    said += [_group(group, [result.curves[i] for i in of], result) for group, of in result.members()]
-    said += [_passed(result.curves), f"Command: {result.command}"]
-    unique: dict[str, Source] = {}
-    for source in cited:
-        unique.setdefault(source.key, source)
-    return " ".join(filter(None, said)), list(unique.values())
-
-
-def methods_if_any(result: Result) -> tuple[str, list[Source]]:
-    """As `methods`; nothing where no curve has an answer."""
-    with suppress(InputError):
-        return methods(result)
-    return "", []
+    words = dict.fromkeys(re.findall(r"\w+", " ".join(sentences)))
+    sources = [references()[word] for word in words if word in references()]
+    sentences += [_group(group, [result.curves[i] for i in of], result) for group, of in result.members()]
+    sentences += [_passed(result.curves), f"Command: {result.command}"]
+    entry = {"author": "{The cavirheo developers}", "year": year, "title": TITLE, "note": f"version {result.version}"}
+    fields = ",\n".join(f"  {name} = {{{text}}}" for name, text in entry.items() if text)
+    program = Source(f"cavirheo{year}", f"@misc{{cavirheo{year},\n{fields}\n}}")
+    return " ".join(filter(None, sentences)), [program, *sources]
 
 
 def _shots(answered: list[CurveRecord], result: Result) -> str:
@@ -103,86 +112,78 @@ def _shots(answered: list[CurveRecord], result: Result) -> str:
     return f"Radius histories of {of} were analysed with cavirheo {result.version} [cavirheo{(result.date or '')[:4]}]."
 
 
-def _motion(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
+def _motion(answered: list[CurveRecord]) -> list[str]:
     """The equations of the wall, each with what the gas does."""
-    said = []
+    sentences = []
     for motion, exponent in dict.fromkeys((curve.bubble.motion, curve.bubble.exponent) for curve in answered):
-        source = MOTION[motion]
-        gas = f"with heat and mass transfer between gas, vapour and medium [{IMR.key}]"
+        gas = "with heat and mass transfer between gas, vapour and medium [Estrada2018]"
         if exponent is not None:
             gas = f"with a polytropic gas of exponent {exponent:g}"
-        said.append(f"The wall follows the equation of {_EQUATIONS[motion]} [{source.key}], {gas}.")
-        cited += [source] if exponent is not None else [source, IMR]
-    return said
+        sentences.append(f"The wall follows the equation of {_EQUATIONS[motion]}, {gas}.")
+    return sentences
 
 
-def _model(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
-    said = []
+def _model(answered: list[CurveRecord]) -> list[str]:
+    sentences = []
     for model in dict.fromkeys((curve.material, curve.bubble) for curve in answered):
         material, bubble = model
-        sources = [source for part in material.split("+") for source in of_law(part.strip())]
-        cited += sources
-        keys = list(dict.fromkeys(source.key for source in sources))
+        keys = list(dict.fromkeys(source.key for part in material.split("+") for source in of_law(part.strip())))
         law = digits.MATERIALS.get(material, material).partition(" (")[0] + (f" [{', '.join(keys)}]" if keys else "")
         vapour = "vapour in equilibrium at the wall"
         if bubble.contents == "kinetic":
-            vapour = f"vapour that condenses at a finite rate, with its diffusivity by [{DIFFUSIVITY.key}]"
-            cited.append(DIFFUSIVITY)
+            vapour = "vapour that condenses at a finite rate, with its diffusivity by [Fuller1966]"
         damped = "; the surroundings damp the motion (confinement damping)" * (bubble.confinement_damping != 0)
         count = sum((c.material, c.bubble) == model for c in answered)
         hurt = "" if bubble.damage == "none" else f", damaged ({bubble.damage})"
-        said.append(f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}{damped}.")
-    return said
+        sentences.append(f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}{damped}.")
+    return sentences
 
 
-def _rivals(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
+def _rivals(answered: list[CurveRecord]) -> list[str]:
     """The models beside which the answers stand with an evidence, whose the values are, and what is preferred."""
-    compared = [one for one in answered if one.evidence]
-    own = {one.model: one.itself.in_words for one in compared}
-    others = (other for one in compared for other in one.other_models if other.log_evidence is not None)
-    rivals = {other.in_words for other in others if other.model not in own}
+    compared = [curve for curve in answered if curve.evidence]
+    models = {curve.model: curve.in_words for curve in compared}
+    alternatives = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
+    rivals = {model.in_words for model in alternatives if model.model not in models}
     if not rivals:
         return []
-    cited.append(EVIDENCE)
-    preferred = Counter(other.in_words for one in compared if (other := one.preferred))
-    found = [f"it prefers {model} in {n} of {digits.counted(len(compared), 'curve')}" for model, n in preferred.items()]
+    preferred = Counter(model.in_words for curve in compared if (model := curve.preferred))
+    count = digits.counted(len(compared), "curve")
+    verdicts = [f"it prefers {model} in {n} of {count}" for model, n in preferred.items()]
     return [
-        f"Values are those of {' or '.join(own.values())}. The evidence [{EVIDENCE.key}] compares this with "
-        f"{', '.join(sorted(rivals))}: {', '.join(found) or 'it rejects the given values in no curve'}."
+        f"Values are those of {' or '.join(models.values())}. The evidence [Kass1995] compares this with "
+        f"{', '.join(sorted(rivals))}: {', '.join(verdicts) or 'it rejects the given values in no curve'}."
     ]
 
 
 def _passed(curves: Sequence[CurveRecord]) -> str:
     """How many passed the checks, and what is wrong with the others; those that count besides."""
-    verdicts = Counter("ok" if one.verdict == "undetermined" else one.verdict for one in curves)
-    others = [f"{n} {digits.VERDICTS[verdict]}" for verdict, n in verdicts.items() if verdict != "ok"]
-    wrong = f"; verdicts of the others: {', '.join(others)}" * bool(others)
-    count = digits.counting(sum(one.trusted for one in curves), len(curves))
+    verdicts = Counter("ok" if curve.verdict == "undetermined" else curve.verdict for curve in curves)
+    failures = [f"{n} {digits.VERDICTS[verdict]}" for verdict, n in verdicts.items() if verdict != "ok"]
+    wrong = f"; verdicts of the others: {', '.join(failures)}" * bool(failures)
+    count = digits.counting(sum(curve.trusted for curve in curves), len(curves))
     return (
         f"{verdicts['ok']} of {digits.counted(len(curves), 'curve')} passed the checks of the program (reconstruction "
         f"error, bounds of the ranges, plausibility of the recording){wrong}. {count} in values of groups."
     )
 
 
-def _media(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
+def _media(answered: list[CurveRecord]) -> list[str]:
     """The constants by their names; nothing of a document of an older version, which does not hold them."""
-    said = []
+    sentences = []
     media = dict.fromkeys(curve.medium for curve in answered if curve.medium)
     for medium in media:
         groups = dict.fromkeys(curve.group for curve in answered if curve.medium == medium)
         name = medium.name.removesuffix(", changed")
         of = f" of {', '.join(groups)}" if len(media) > 1 else ""
-        other = " with changes" if replace(medium, name=name, unusual=True) != KNOWN.get(name, medium) else ""
-        key = ""
-        if source := MEDIA.get(name):
-            cited.append(source)
-            key = f" [{source.key}]"
-        said.append(
-            f"Constants of the medium{of} are those of {name}{key}{other}: density {medium.density:g} kg/m3, sound "
+        changed = " with changes" if replace(medium, name=name, unusual=True) != KNOWN.get(name, medium) else ""
+        key = f" [{MEDIA[name]}]" if name in MEDIA else ""
+        sentences.append(
+            f"Constants of the medium{of} are those of {name}{key}{changed}: density {medium.density:g} kg/m3, sound "
             f"speed {medium.sound_speed:g} m/s, surface tension {medium.surface_tension:g} N/m, pressure "
             f"{medium.pressure:g} Pa, temperature {medium.temperature:g} K."
         )
-    return said
+    return sentences
 
 
 def _window(answered: list[CurveRecord]) -> list[str]:
@@ -200,27 +201,20 @@ def _prior(answered: list[CurveRecord]) -> list[str]:
     stated = [f"The stretch of {digits.counted(n, 'curve')} was {source}." for source, n in sources.items()]
     if not any(curve.method in ("verified", "laplace", "amortised") for curve in answered):
         return stated
-    found = []
-    names = [name for curve in answered for name in ("shear_modulus", "viscosity") if _median(curve, name)]
+    ranges = []
+    names = [name for curve in answered for name in ("shear_modulus", "viscosity") if curve.quantity(name).median]
     names += [] if all(curve.stretch_prior for curve in answered) else ["stretch"]
     for name in dict.fromkeys(names):
-        about = PARAMETERS[name]
-        if about.searched:
-            low, high = (10.0**end for end in about.searched)
-            found.append(f"{about.symbol} {low:.3g} to {high:.3g}{'' if about.unit == '1' else ' ' + about.unit}")
+        parameter = PARAMETERS[name]
+        if parameter.searched:
+            low, high = (10.0**end for end in parameter.searched)
+            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+            ranges.append(f"{parameter.symbol} {low:.3g} to {high:.3g}{unit}")
     return [
-        f"Priors are uniform in the logarithm ({', '.join(found)}); time origin, radius scale and R_max were free "
+        f"Priors are uniform in the logarithm ({', '.join(ranges)}); time origin, radius scale and R_max were free "
         "within their doubts.",
         *stated,
     ]
-
-
-def _median(curve: CurveRecord, name: str) -> float | None:
-    return {"shear_modulus": curve.shear_modulus_Pa, "viscosity": curve.viscosity_Pa_s}[name].median
-
-
-def _intervals(answered: list[CurveRecord]) -> bool:
-    return any(curve.viscosity_Pa_s.q05 is not None or curve.stretch.q05 is not None for curve in answered)
 
 
 def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
@@ -228,11 +222,14 @@ def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -
     mean and the standard deviation of the trusted ones. Nothing where none is trusted."""
     if group.headline:
         return f"{group.name}: {group.headline}."
-    trusted, n = [one for one in members if one.trusted], group.n if group.n_trusted is None else group.n_trusted
+    trusted, n = (
+        [member for member in members if member.trusted],
+        group.n if group.n_trusted is None else group.n_trusted,
+    )
     values = []
     for name in parameters_of(trusted):
         symbol, factor, unit = in_unit(name, result.modulus_unit)
-        text = digits.quantity(trusted[0].itself.quantity(name), factor, unit=unit)
+        text = digits.quantity(trusted[0].quantity(name), factor, unit=unit)
         if n > 1:
             text = f"{digits.spread(group.spread(name), factor).replace('±', '+-')} {unit}".rstrip()
         values += [f"{symbol} = {text}"] if digits.MISSING not in text else []

@@ -1,4 +1,4 @@
-"""Figures as files, for those that are asked for: `curve_lines` and `group_lines` drawn by matplotlib.
+"""Figures as files, for those that are asked for: `curve_panels` and `group_panels` drawn by matplotlib.
 
 The size and type of a figure are a `FigureStyle`: SCREEN, with name, verdict and answer above the axes, or PAPER, for a
 two-column paper: 84 or 174 mm wide, type of 7 and 8 pt, told apart in grey.
@@ -7,17 +7,19 @@ two-column paper: 84 or 174 mm wide, type of 7 and 8 pt, told apart in grey.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cavirheo.arrays import Bools
+from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
-from cavirheo.reporting.curve_lines import RMAX, Axis, CurveLines, answer_lines
-from cavirheo.reporting.group_lines import AnswerPoints, GroupLines, group_lines
+from cavirheo.reporting.curve_panels import RMAX, Axis, Layer, Panel, answer_panels
+from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.group_panels import GroupPanels, group_panels, shots_of
 from cavirheo.reporting.laws import WeighedLaws
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits, style
@@ -31,6 +33,7 @@ KINDS = ("png", "svg", "pdf")  # of files
 FIGURES = (*KINDS, "paper")  # that can be asked for
 _MM = 25.4  # to an inch
 _GREY = "#a0a0a0"
+_LIGHTEST = 0.85  # tone of a shot, of 1
 _RATHER = 104  # letters in a line of a heading
 
 
@@ -65,6 +68,33 @@ class FigureStyle:
         """mm of the larger type."""
         return self.large * _MM / 72.0
 
+    @property
+    def looks(self) -> dict[str, dict[str, Any]]:
+        """Of the layers of a panel; of one that is left out there is none."""
+        dot = {"marker": "o", "ls": "", "ms": self.dot, "mew": 0.5 if self.hollow else 0.0}
+        mark = {"ms": 4.0, "lw": 1.0, "capsize": 2.0, "zorder": 3}
+        red, blue, black = style.VERMILLION, style.BLUE, {"mec": "black", "mfc": "none"}
+        looks: dict[str, dict[str, Any]] = {
+            "measured": dot | (black if self.hollow else {"color": style.BLACK}),
+            "outside": dot | ({"mec": _GREY, "mfc": "none"} if self.hollow else {"color": "#b4b4b4"}),
+            "simulated": {"color": red, "lw": self.line},
+            "residual": dot | (black if self.hollow else {"color": blue}),
+            "zero": {"color": "black", "lw": 0.5},
+            "band": {"color": blue, "alpha": 0.13, "lw": 0},
+            "shot": {"lw": 0.8 * self.line},
+            "interval": {"lw": 0.8},
+            "estimate": {"s": 14.0},
+            "ring": {"marker": "o", "ls": "", "ms": 3.2, "mew": 0.8, "mec": style.INK, "mfc": "white"},
+            "contour": {"color": "black", "ls": "--", "lw": 0.7 * self.line, "zorder": 3},
+            "centre": {"color": "black", "marker": "D", **mark},
+            "published": {"color": red, "marker": "s", **mark},
+            "centre-range": {"color": "black", "alpha": 0.1, "lw": 0},
+            "published-range": {"color": red, "alpha": 0.1, "lw": 0},
+        }
+        if self.hollow:
+            del looks["band"]
+        return looks
+
 
 SCREEN = FigureStyle((183.0, 115.0), (183.0, 80.0), 8.5, 9.5, 3.2, 1.4, hollow=False, heading=True, dpi=150)
 PAPER = FigureStyle((84.0, 68.0), (174.0, 62.0), 7.0, 8.0, 2.4, 1.0, hollow=True, heading=False, dpi=300)
@@ -76,11 +106,6 @@ def check_figures(figures: Sequence[str]) -> None:
     require(not unknown, f"figures can be {', '.join(FIGURES)}, got {unknown}", "reporting.figures")
 
 
-def paper_names(curves: Sequence[str], groups: Sequence[str] = (), of: str = "") -> list[str]:
-    """File names without their ending of a paper's figures of curves and groups; of: "laws-" for those of evidence."""
-    return names(curves, groups, f"paper-{of}")
-
-
 def names(curves: Sequence[str], groups: Sequence[str] = (), before: str = "") -> list[str]:
     """File names without their ending of the figures of curves and groups, `before` in front of each."""
     from cavirheo.reporting import file_names
@@ -88,30 +113,51 @@ def names(curves: Sequence[str], groups: Sequence[str] = (), before: str = "") -
     return file_names([f"{before}{name}" for name in curves] + [f"{before}group-{name}" for name in groups])
 
 
+def _sets(figures: Sequence[str]) -> list[tuple[str, FigureStyle, tuple[str, ...]]]:
+    """What names begin with, the style, and the kinds of files."""
+    kinds = tuple(kind for kind in KINDS if kind in figures)
+    return [("", SCREEN, kinds)] * bool(kinds) + [("paper-", PAPER, KINDS)] * ("paper" in figures)
+
+
 def files(figures: Sequence[str], curves: Sequence[str], groups: Sequence[str]) -> list[str]:
     """The names of all files of these kinds of figures."""
-    kinds = [kind for kind in KINDS if kind in figures]
-    found = [f"{stem}.{kind}" for stem in names(curves, groups) for kind in kinds]
-    paper = paper_names(curves, groups) if "paper" in figures else []
-    return found + [f"{stem}.{kind}" for stem in paper for kind in KINDS]
+    sets = ((names(curves, groups, before), kinds) for before, _, kinds in _sets(figures))
+    return [f"{stem}.{kind}" for stems, kinds in sets for stem in stems for kind in kinds]
 
 
 def write(
     folder: Outputs, pairs: Pairs, document: Result, figures: Sequence[str], done: Callable[[], None] | None = None
 ) -> list[str]:
-    """Write the figures of all curves and groups; of each that could not be drawn why. done: called after each."""
-    curves, groups = [row.name for row in document.curves], [group.name for group in document.groups]
-    kinds, said = tuple(kind for kind in KINDS if kind in figures), list[str]()
-    sets = [(names(curves, groups), SCREEN, kinds)] if kinds else []
-    sets += [(paper_names(curves, groups), PAPER, KINDS)] if "paper" in figures else []
-    for stems, look, of in sets:
-        for stem, (name, draw) in zip(stems, drawn(pairs, document, look), strict=True):
-            with drawing(f"figure of {name}", said):
-                if (figure := draw()) is not None:
-                    save(folder, stem, figure, of, look.dpi)
+    """Write the figures of all curves and groups; of each that could not be drawn why. done: called after each.
+
+    There is no figure of a group of a single answer, and none for a paper of a curve without an answer.
+    """
+    if not style.available():
+        return [style.NO_PICTURES]
+    rows, unit, failed = document.curves, document.modulus_unit, list[str]()
+
+    def of_curve(index: int, look: FigureStyle) -> Figure | None:
+        if not (rows[index].answered or look.heading):
+            return None
+        curve, answer = pairs[index]
+        panels = answer_panels(curve, answer.checks, rows[index])
+        return curve_figure(panels, look, heading(rows[index], unit))
+
+    def of_group(group: GroupRecord, indices: list[int], look: FigureStyle) -> Figure | None:
+        shots = shots_of(pairs, rows, indices)
+        return group_figure(group_panels(shots, group, unit), look) if len(shots) > 1 else None
+
+    drawings = [(row.name, partial(of_curve, index)) for index, row in enumerate(rows)]
+    drawings += [(group.name, partial(of_group, group, indices)) for group, indices in document.members()]
+    for before, look, kinds in _sets(figures):
+        stems = names([row.name for row in rows], [group.name for group in document.groups], before)
+        for stem, (name, draw) in zip(stems, drawings, strict=True):
+            with drawing(f"figure of {name}", failed):
+                if (figure := draw(look)) is not None:
+                    save(folder, stem, figure, kinds, look.dpi)
             if done:
                 done()
-    return said
+    return failed
 
 
 def save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str] = KINDS, dpi: int = PAPER.dpi) -> None:
@@ -120,107 +166,59 @@ def save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str] = KIND
         folder.write(f"{stem}.{kind}", style.save, figure, kind, dpi)
 
 
-def drawn(pairs: Pairs, document: Result, look: FigureStyle) -> Iterator[tuple[str, Callable[[], Figure | None]]]:
-    """Name, and what draws it, of each curve and group; there is no figure of a group of a single answer, and none for
-    a paper of a curve without an answer."""
-    records, unit = document.curves, document.modulus_unit
-    for (curve, answer), record in zip(pairs, records, strict=True):
-
-        def of_curve(curve: Any = curve, answer: Any = answer, record: CurveRecord = record) -> Figure | None:
-            if not (record.answered or look.heading):
-                return None
-            return curve_figure(answer_lines(curve, answer.checks, record), look, heading(record, unit))
-
-        yield record.name, of_curve
-    for group, indices in document.members():
-
-        def of_group(group: Any = group, indices: list[int] = indices) -> Figure | None:
-            shown = [i for i in indices if records[i].answered]
-            if len(shown) < 2:
-                return None
-            shots = [(pairs[i][0], pairs[i][1].checks, records[i]) for i in shown]
-            return group_figure(group_lines(shots, group, unit), look)
-
-        yield group.name, of_group
-
-
 def heading(record: CurveRecord, unit: Unit) -> tuple[str, str, list[str]]:
     """Name, verdict and lines that stand above the axes: the answer and its model, or why there is none."""
     name = digits.printable(digits.elide(record.name, 60))
     verdict = digits.LOOKS[record.verdict].words
     if not record.answered:
-        said = digits.printable(record.message)
-        return name, verdict, textwrap.wrap(said, _RATHER, max_lines=3, placeholder=" …")
-    known = []
+        message = digits.printable(record.message)
+        return name, verdict, textwrap.wrap(message, _RATHER, max_lines=3, placeholder=" …")
+    values = []
     for parameter in (*parameters_of([record]), "stretch"):
         symbol, factor, written = in_unit(parameter, unit)
-        value = record.itself.quantity(parameter)
-        known += [] if value.median is None else [f"{symbol} = {digits.quantity(value, factor, unit=written)}"]
-    known.append(f"{RMAX} = {digits.micrometres(record.max_radius_m)} µm")
-    unbroken = "   ".join(part.replace(" ", "\u00a0") for part in known)
-    return name, verdict, [*textwrap.wrap(unbroken, _RATHER), f"model: {digits.elide(record.itself.in_words, 80)}"]
+        value = record.quantity(parameter)
+        values += [] if value.median is None else [f"{symbol} = {digits.quantity(value, factor, unit=written)}"]
+    values.append(f"{RMAX} = {digits.micrometres(record.max_radius_m)} µm")
+    unbroken = "   ".join(part.replace(" ", "\u00a0") for part in values)
+    return name, verdict, [*textwrap.wrap(unbroken, _RATHER), f"model: {digits.elide(record.in_words, 80)}"]
 
 
-def curve_figure(lines: CurveLines, look: FigureStyle, head: tuple[str, str, Sequence[str]]) -> Figure:
+def curve_figure(panels: Sequence[Panel], look: FigureStyle, head: tuple[str, str, Sequence[str]]) -> Figure:
     """The measured points, the simulation over them, and below what is left between; a curve without an answer has its
     points alone, and the heading says why."""
     figure, em = _figure(look.one), look.em
     width, height = look.one
     left, bottom, across = 6.4 * em, 3.6 * em, width - 7.1 * em
-    top = height - 0.7 * em
-    if look.heading:
-        top = _head(figure, look, head) - 2.0 * em
-    compared, x = len(lines.residual) > 0, lines.time_axis if look.heading else lines.x
-    lower = 0.18 * height if compared else 0.0
-    begin = bottom + lower + (1.7 if look.heading else 1.1) * em if compared else bottom
-    upper = _axes(figure, (left, begin, across, top - begin), x, lines.y, look, along=not compared)
-    dots: dict[str, Any] = {"ls": "", "marker": "o", "ms": look.dot, "mew": 0.5 if look.hollow else 0.0}
-    black: Any = {"mec": "black", "mfc": "none"} if look.hollow else {"color": style.BLACK}
-    grey: Any = {"mec": _GREY, "mfc": "none"} if look.hollow else {"color": "#b4b4b4"}
-    for some, tone, label in ((~lines.compared, grey, "not compared"), (lines.compared, black, "measured")):
-        if some.any():
-            upper.plot(lines.time[some], lines.radius[some], label=label, **dots, **tone)
-    if len(lines.simulated_time):
-        seen = (lines.simulated_time >= lines.x.low) & (lines.simulated_time <= lines.x.high)
-        line: Any = {"color": style.VERMILLION, "lw": look.line, "label": lines.simulated_as}
-        upper.plot(lines.simulated_time[seen], lines.simulated_radius[seen], **line)
-    if len(lines.time):
+    top = _head(figure, look, head) - 2.0 * em if look.heading else height - 0.7 * em
+    radius, *residual = panels
+    lower = 0.18 * height * len(residual)
+    begin = bottom + lower + (1.7 if look.heading else 1.1) * em * len(residual)
+    upper = _panel(figure, (left, begin, across, top - begin), radius, look, along=not residual)
+    if radius.layers:
         _legend(upper, look, loc="upper right")
     else:
-        style.write(upper, 0.5, 0.5, "no measured radius", size=look.large, ha="center")
-    if lines.t_star_axis and look.heading:
-        _along_top(upper, lines.t_star_axis, look)
-    if compared:
-        below = _axes(figure, (left, bottom, across, lower), x, lines.difference, look)
-        if lines.rmse and not look.hollow:
-            below.axhspan(-lines.rmse, lines.rmse, color=style.BLUE, alpha=0.13, lw=0)
-            style.write(below, 1.0, 1.05, lines.band, size=look.small, color=style.BLUE, ha="right")
-        below.axhline(0.0, color="black", lw=0.5)
-        below.plot(lines.residual_time, lines.residual, **dots, **(black if look.hollow else {"color": style.BLUE}))
+        style.write(upper, 0.5, 0.5, radius.note, size=look.large, ha="center")
+    for panel in residual:
+        below = _panel(figure, (left, bottom, across, lower), panel, look)
+        if "band" in look.looks:
+            style.write(below, 1.0, 1.05, panel.note, size=look.small, color=style.BLUE, ha="right")
     return figure
 
 
-def group_figure(lines: GroupLines, look: FigureStyle) -> Figure:
-    """All shots over each other, and their answers with the material; open marks do not count."""
+def group_figure(group: GroupPanels, look: FigureStyle) -> Figure:
+    """All shots over each other, and their answers with the material; rings do not count."""
     figure, em = _figure(look.two), look.em
     width, height = look.two
-    bottom, tall = 3.9 * em, height - 6.1 * em
+    bottom, tall = 3.9 * em, height - 7.4 * em  # two lines of the key above
     if look.heading:
-        tall = _head(figure, look, (lines.title, "", [lines.said])) - 1.4 * em - bottom
+        tall = _head(figure, look, (group.title, "", [group.subtitle])) - 1.4 * em - bottom
     half = (width - 15.5 * em) / 2.0
-    left = _axes(figure, (4.6 * em, bottom, half, tall), lines.x, lines.y, look)
-    tones = style.shades(0.85 * np.array([shot.size for shot in lines.shots]))
-    if look.hollow:  # each its own, evenly apart
-        order = np.argsort(np.argsort([shot.size for shot in lines.shots]))
-        tones = style.shades(np.linspace(0.0, 0.85, len(order))[order])
-    for shot, tone in zip(lines.shots, tones, strict=True):
-        left.plot(shot.t_star, shot.radius, color=tone, lw=0.8 * look.line)
-    _size_key(figure, lines, tones, (5.3 * em + half, bottom, 0.7 * em, 0.84 * tall), look)
-    answers = lines.answers[0]
-    right = _axes(figure, (width - 0.7 * em - half, bottom, half, tall), answers.x, answers.y, look)
-    for x, y, tone, counts in zip(answers.across, answers.up, tones, lines.trusted, strict=True):
-        _bars(right, x, y, "o", look, color=tone, mfc=tone if counts else "white", ms=3.5, mew=0.8, lw=0.8)
-    _material(right, answers, lines.trusted, look)
+    tones = np.sort(np.concatenate([layer.tones for layer in group.shots.layers if layer.tones is not None]))
+    left = _panel(figure, (4.6 * em, bottom, half, tall), group.shots, look, tones)
+    _size_key(figure, group.sizes, (5.3 * em + half, bottom, 0.7 * em, 0.84 * tall), look)
+    right = _panel(figure, (width - 0.7 * em - half, bottom, half, tall), group.answers[0], look, tones)
+    if right.get_legend_handles_labels()[0]:
+        _legend(right, look, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
     for axes, letter in ((left, "a"), (right, "b")):
         if not look.heading:
             axes.set_title(letter, loc="left", fontsize=look.large, fontweight="bold")
@@ -229,23 +227,23 @@ def group_figure(lines: GroupLines, look: FigureStyle) -> Figure:
 
 def laws_figure(weighed: WeighedLaws) -> Figure:
     """One column: the log evidence of each law below that of the best, with its standard error; filled: the chosen."""
-    found = {name: law for name, law in weighed.laws.items() if law.log_evidence is not None}
-    ordered = sorted(found, key=lambda name: found[name].log_evidence or 0.0)
-    best = max((found[name].log_evidence or 0.0 for name in ordered), default=0.0)
-    shown, height = [digits.elide(name, 24) for name in ordered], 6.0 * max(len(ordered), 2)
-    left, width = 4.0 + 1.5 * max(map(len, shown), default=8), PAPER.one[0]
-    lowest = min((found[name].log_evidence or 0.0 for name in ordered), default=best) - best
+    laws = {name: law for name, law in weighed.laws.items() if law.log_evidence is not None}
+    ordered = sorted(laws, key=lambda name: laws[name].log_evidence or 0.0)
+    best = max((laws[name].log_evidence or 0.0 for name in ordered), default=0.0)
+    labels, height = [digits.elide(name, 24) for name in ordered], 6.0 * max(len(ordered), 2)
+    left, width = 4.0 + 1.5 * max(map(len, labels), default=8), PAPER.one[0]
+    lowest = min((laws[name].log_evidence or 0.0 for name in ordered), default=best) - best
     figure = _figure((width, 14.0 + height))
     ends = Axis("log evidence, best = 0", 1.8 * min(lowest, -2.0), 3.0), Axis("", -0.6, max(len(ordered), 2) - 0.4)
     axes = _axes(figure, (left, 10.0, width - left - 2.0, height), *ends, PAPER)
     for row, name in enumerate(ordered):
-        law = found[name]
+        law = laws[name]
         look: Any = {"color": "black", "mfc": "black" if name == weighed.chosen else "white", "ms": 4.0, "mew": 0.8}
         axes.errorbar((law.log_evidence or 0.0) - best, row, xerr=law.standard_error or 0.0, fmt="o", lw=0.8, **look)
     axes.axvline(0.0, color=_GREY, lw=0.5, zorder=0)
     axes.set_xscale("symlog", linthresh=10.0)
     axes.set_xlim(ends[0].low, ends[0].high)
-    axes.set_yticks(range(len(ordered)), shown)
+    axes.set_yticks(range(len(ordered)), labels)
     return figure
 
 
@@ -268,6 +266,47 @@ def _head(figure: Figure, look: FigureStyle, head: tuple[str, str, Sequence[str]
         y -= 1.6 * look.em
         style.write(figure, 0.7 * look.em / width, y / height, line, size=look.large, color=style.INK)
     return y
+
+
+def _panel(
+    figure: Figure,
+    box: tuple[float, float, float, float],
+    panel: Panel,
+    look: FigureStyle,
+    tones: Floats | None = None,
+    *,
+    along: bool = True,
+) -> Axes:
+    """Axes with their layers. tones: of all shots in order, whose colours are evenly apart."""
+    x = Axis(panel.x.title if look.heading else panel.x.label, panel.x.low, panel.x.high)
+    axes = _axes(figure, box, x, panel.y, look, along=along)
+    for layer in panel.layers:
+        if layer.look in look.looks:
+            colours = None
+            if layer.tones is not None and tones is not None:
+                places = np.searchsorted(tones, layer.tones) / max(len(tones) - 1, 1)
+                colours = style.shades(_LIGHTEST * places)
+            _layer(axes, layer, look.looks[layer.look], colours)
+    if panel.top and look.heading:
+        _along_top(axes, panel.top, look)
+    return axes
+
+
+def _layer(axes: Axes, layer: Layer, how: dict[str, Any], colours: np.ndarray | None) -> None:
+    """colours: (n, 3) of the points, (1, 3) of a line; None: that of the look."""
+    x, y, label = layer.x, layer.y, layer.name or "_"
+    if layer.shape == "band":
+        axes.axhspan(*y, **how)
+    elif layer.shape == "bars":
+        xerr, yerr = (np.abs(values[:, [0, 2]] - values[:, [1]]).T for values in (x, y))
+        points: dict[str, Any] = {"ls": ""} if "marker" in how else {"fmt": "none", "ecolor": colours}
+        axes.errorbar(x[:, 1], y[:, 1], yerr, xerr, label=label, **how | points)
+    elif layer.shape == "dots" and colours is not None:
+        axes.scatter(x, y, c=colours, zorder=2, **how)
+    else:
+        colour = {} if colours is None else {"color": colours[0]}
+        flat = {"marker": ""} if layer.shape == "line" else {}
+        axes.plot(x, y, label=label, **how | colour | flat)
 
 
 def _axes(
@@ -300,46 +339,16 @@ def _legend(axes: Axes, look: FigureStyle, **place: Any) -> None:
     axes.legend(**key, **place)
 
 
-def _size_key(
-    figure: Figure, lines: GroupLines, tones: np.ndarray, box: tuple[float, float, float, float], look: FigureStyle
-) -> None:
-    """Which tone is which R_max: a cell for each shot, the smallest at the bottom."""
-    order = np.argsort([shot.size for shot in lines.shots])
-    radii = lines.smallest + np.array([lines.shots[i].size for i in order]) * (lines.largest - lines.smallest)
-    bar = _axes(figure, box, Axis("", -0.5, 0.5), Axis("", -0.5, len(order) - 0.5), look)
-    bar.imshow(tones[order][:, None], aspect="auto", origin="lower", extent=(-0.5, 0.5, -0.5, len(order) - 0.5))
-    shown = sorted({0, len(order) // 2, len(order) - 1})
+def _size_key(figure: Figure, sizes: Floats, box: tuple[float, float, float, float], look: FigureStyle) -> None:
+    """Which tone is which R_max, µm: a cell for each shot, the smallest at the bottom."""
+    count, ordered = len(sizes), np.sort(sizes)
+    bar = _axes(figure, box, Axis("", -0.5, 0.5), Axis("", -0.5, count - 0.5), look)
+    tones = style.shades(np.linspace(0.0, _LIGHTEST, count))
+    bar.imshow(tones[:, None], aspect="auto", origin="lower", extent=(-0.5, 0.5, -0.5, count - 0.5))
+    labelled = sorted({0, count // 2, count - 1})
     bar.set_xticks([])
-    bar.set_yticks(shown, [f"{radii[i]:.0f}" for i in shown])
+    bar.set_yticks(labelled, [f"{ordered[i]:.0f}" for i in labelled])
     bar.yaxis.tick_right()
     bar.tick_params(length=0.0)
     bar.spines[:].set_visible(False)
     bar.set_title(f"{RMAX}\n(µm)", fontsize=look.small, loc="left")
-
-
-def _material(axes: Axes, answers: AnswerPoints, trusted: Bools, look: FigureStyle) -> None:
-    """What the shots say of the material, and published values."""
-    if len(answers.contour):
-        axes.plot(*answers.contour.T, "k--", lw=0.7 * look.line, zorder=3, label="90 % of shots")
-    if len(answers.slope):
-        axes.plot(*answers.slope.T, color="black", lw=0.7 * look.line, label=answers.slope_words)
-    for mark in answers.marks:
-        colour = style.VERMILLION if mark.published else "black"
-        if mark.x is not None:
-            shape = "s" if mark.published else "D"
-            _bars(
-                axes, mark.x, mark.y, shape, look, color=colour, ms=4.0, lw=1.0, capsize=2.0, zorder=3, label=mark.name
-            )
-        else:
-            axes.axhline(mark.y[1], color=colour, lw=0.8, ls=":" if mark.published else "-", label=mark.name)
-            axes.axhspan(mark.y[0], mark.y[2], color=colour, alpha=0.1, lw=0)
-    if not trusted.all():
-        axes.scatter([], [], s=14, color="white", edgecolor=style.INK, label="does not count")
-    if axes.get_legend_handles_labels()[0]:
-        _legend(axes, look, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
-
-
-def _bars(axes: Axes, x: np.ndarray, y: np.ndarray, shape: str, look: FigureStyle, **how: Any) -> None:
-    """A value with its intervals, each (lower end, value, upper end)."""
-    ends = [[[one[1] - one[0]], [one[2] - one[1]]] for one in (x, y)]
-    axes.errorbar(x[1], y[1], ends[1], ends[0], shape, **how)

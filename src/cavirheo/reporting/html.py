@@ -1,4 +1,5 @@
-"""report.html: one file that needs nothing else, for a colleague, a notebook or the printer.
+"""report.html: one file that needs nothing else, for a colleague, a notebook or the printer; and live.html, the page
+for the wall at the bench.
 
 No request to anywhere: the style and the pictures (SVG) stand in the page. Its text is in report.html and parts.html
 beside this module (jinja2), where every word from a file or a command line is escaped. The script (report.js) of a page
@@ -9,16 +10,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.posterior import Posterior
 from cavirheo.reporting import svg
 from cavirheo.reporting.answer import CurveRecord, described, meaning_of, parameter_key
-from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.material import GroupDifference
+from cavirheo.reporting.curve_panels import answer_panels
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
 from cavirheo.writing import digits
@@ -26,6 +30,9 @@ from cavirheo.writing.document import Quantity
 
 FOLDED = 6  # curves: of more each is folded to a line, which its link in the table opens
 DETAILED = 500  # curves: of more each has its row, message and picture
+LIVE = "live.html"
+HALF_WIDTH = 0.1  # of the 90 % interval of the material, over its value
+_LIVE_SIZE = (335.0, 178.0)  # px of the picture, whose type is to be large
 
 if TYPE_CHECKING:
     from jinja2 import Environment, Template
@@ -49,8 +56,8 @@ def write(
     articles = []
     for k, record in enumerate(curves):
         picture, sheet = pictures[k] if pictures else "", sheets[k] if sheets else ""
-        told: Any = {"shared": frozenset(shared), "brief": brief, "number": k}
-        articles.append(article(record, *unit, picture, **told) + _part("frames", sheet))
+        options: Any = {"shared": frozenset(shared), "brief": brief, "number": k}
+        articles.append(article(record, *unit, picture, **options) + part("frames", sheet))
     page = template("report.html").render(
         result=result,
         style=style(),
@@ -60,7 +67,7 @@ def write(
         articles=articles,
         pictured=bool(pictures),
         shared=shared,
-        origin=_text(_common([one.provenance for one in curves if one.answered or not shared])),
+        origin=_text(_common([curve.provenance for curve in curves if curve.answered or not shared])),
         brief=brief,
     )
     Path(path).write_text(page, encoding="utf-8")
@@ -68,24 +75,26 @@ def write(
 
 def _shared(curves: Sequence[CurveRecord]) -> dict[str, str]:
     """What is the same for all of several curves that are answered, by its name."""
-    told = [
+    facts = [
         {
-            "material": digits.MATERIALS.get(one.material, one.material),
-            "bubble": one.bubble.sentence,
-            "method": digits.METHODS.get(one.method, one.method),
-            "stretch": one.diagnostics.stretch_source,
-            "file": one.source,
+            "material": digits.MATERIALS.get(curve.material, curve.material),
+            "bubble": curve.bubble.sentence,
+            "method": digits.METHODS.get(curve.method, curve.method),
+            "stretch": curve.diagnostics.stretch_source,
+            "file": curve.source,
         }
-        for one in curves
-        if one.answered
+        for curve in curves
+        if curve.answered
     ]
-    return {name: text for name, text in _common(told).items() if text} if len(told) > 1 else {}
+    return {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
 
 
 def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The entries that all of these have alike."""
-    first, *others = parts or [{}]
-    return {key: value for key, value in first.items() if all(key in one and one[key] == value for one in others)}
+    first, *later = parts or [{}]
+    return {
+        key: value for key, value in first.items() if all(key in mapping and mapping[key] == value for mapping in later)
+    }
 
 
 def _text(origin: Mapping[str, Any]) -> Markup:
@@ -105,24 +114,6 @@ def _beside(name: str) -> str:
     return files("cavirheo.reporting").joinpath(name).read_text(encoding="utf-8")
 
 
-def groups_table(groups: Sequence[GroupRecord], factor: float, unit: str, apart: Sequence[GroupDifference] = ()) -> str:
-    """One row per group, below the materials and what tells them apart; factor and unit are those of G, as
-    `Result.modulus_unit` gives them."""
-    return _part("groups_table", groups, factor, unit, apart)
-
-
-def curves_table(
-    curves: Sequence[CurveRecord], factor: float, unit: str, *, title: str = "Curves", linked: bool = True
-) -> str:
-    """One row per curve, with a link to its article if there is one in the page."""
-    return _part("curves_table", curves, factor, unit, title, linked)
-
-
-def reading(curves: Sequence[CurveRecord]) -> str:
-    """What verdicts, brackets and means say."""
-    return _part("reading", curves)
-
-
 def article(
     record: CurveRecord,
     factor: float,
@@ -139,10 +130,10 @@ def article(
     picture alone. number: of the curve in the page, which has the provenance and the name itself; None elsewhere.
     """
     if brief:
-        return _part("brief_article", number, record, picture)
+        return part("brief_article", number, record, picture)
     windows = window_title([record], (factor, unit)), window_cells(record, (factor, unit))
     origin = "" if number is not None else _text({"source": record.source, **record.provenance})
-    return _part("article", number, record, factor, unit, picture, *windows, model_rows(record, factor), shared, origin)
+    return part("article", number, record, factor, unit, picture, *windows, model_rows(record, factor), shared, origin)
 
 
 def template(name: str, package: str = "cavirheo.reporting") -> Template:
@@ -150,9 +141,45 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
     return _templates(package).get_template(name)
 
 
-def _part(name: str, *given: Any) -> str:
+def part(name: str, *values: Any) -> str:
     """A macro of parts.html, filled; a template takes it as it stands."""
-    return getattr(template("parts.html").module, name)(*given)
+    return getattr(template("parts.html").module, name)(*values)
+
+
+def live_page(
+    result: Result | None = None,
+    latest: int = -1,
+    curve: RadiusCurve | None = None,
+    answer: Posterior | None = None,
+    half_width: float = HALF_WIDTH,
+) -> str:
+    """The page for the wall at the bench: the latest shot, the material so far, and how many shots are still needed. It
+    loads itself anew every two seconds, without a script.
+
+    Without a result it waits for the first. latest: index of the shot that is shown large, with its curve and answer.
+    half_width: that of the 90 % interval over the value, by which shots that are still needed are counted.
+    """
+    result = result or Result(command="", curves=[], groups=[])
+    group, members = next((row for row in result.members() if latest in row[1]), (None, []))
+    record, picture = result.curves[latest] if group else None, ""
+    if curve and answer and record:
+        with suppress(InputError):
+            picture = svg.curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
+    material = group.population if group and group.population and group.population.found else None
+    needed = material.still_needed([result.curves[i] for i in members], half_width) if material else None
+    return template(LIVE).render(
+        record=record,
+        group=group,
+        material=material,
+        more=needed,
+        percent=100.0 * half_width,
+        unit=result.modulus_unit,
+        picture=picture,
+        style=svg.style(),
+        shots=len(result.curves),
+        trusted=sum(row.trusted for row in result.curves),
+        failed=sum(not row.answered for row in result.curves),
+    )
 
 
 def _named(name: str) -> tuple[str, float, str]:
@@ -170,10 +197,13 @@ def _printable(value: Any) -> Any:
 def _templates(package: str) -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    made = Environment(
-        loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined,
-        keep_trailing_newline=True, finalize=_printable,
-    )  # fmt: skip
-    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
-    made.globals.update(named_parameter=_named, meaning_of=meaning_of, parameter_key=parameter_key)
-    return made
+    environment = Environment(
+        loader=PackageLoader(package, ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        finalize=_printable,
+    )
+    environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
+    environment.globals.update(named_parameter=_named, meaning_of=meaning_of, parameter_key=parameter_key)
+    return environment

@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.bins import END, SCALE, cells, half_widths
+from cavirheo.inference.bins import END, SCALE, binned, half_widths
 from cavirheo.inference.latent import SLOTS
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.media import WATER
@@ -43,69 +44,91 @@ class Filmed:
 def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     """Recordings of curves `index` (m,), the same for equal seeds; those without a readable R_max are left out."""
     m = len(index)
+    rng = np.random.default_rng(seed)
     top = shots.max_radius[index].astype(float)
-    t_c = WATER.time_scale(1.0) * top
-    time, radius = np.empty((m, _ROOM)), np.empty((m, _ROOM))
-    summary = np.zeros((m, 10))
-    _film(shots.time[index], shots.radius[index], t_c, seed, time, radius, summary)
-    read, frame, noise = summary[:, 2], summary[:, 3], summary[:, 5]
+    nodes, radii = (columns[index].astype(float) for columns in (shots.time, shots.radius))
+    nodes, radii = nodes * (END / STEPS), radii * (TOP / 65535.0)
+    camera = _cameras(rng, _first_collapse(nodes, radii), WATER.time_scale(1.0) * top)
+    time, radius, summary = np.empty((m, _ROOM)), np.empty((m, _ROOM)), np.zeros((m, 5))
+    _film(nodes, radii, camera, int(rng.integers(2**31)), time, radius, summary)
+    count, origin, read, noise, late = summary.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        width_t, width_r = half_widths(frame / read, noise, summary[:, 9])
-        early, more = -summary[:, 1] / read / width_t, (1.0 / read - 1.0) / width_r
-    good = (summary[:, 0] > 0) & (np.abs(early) < 1.0) & (np.abs(more) < 1.0)  # what the priors allow
-    count, _, read, frame, exposure, noise, discrepancy, scale, true_noise, late = summary[good].T
-    count = count.astype(np.int64)
-    sample = np.repeat(np.arange(len(count)), count)
-    flat = np.concatenate([np.arange(c) for c in count]) if len(count) else np.empty(0, np.int64)
+        width_t, width_r = half_widths(camera.frame / read, noise, late)
+        early, more = -origin / read / width_t, (1.0 / read - 1.0) / width_r
+    good = (count > 0) & (np.abs(early) < 1.0) & (np.abs(more) < 1.0)  # what the priors allow
+    camera, read, counts = camera[good], read[good], count[good].astype(np.int64)
+    sample = np.repeat(np.arange(len(counts)), counts)
+    flat = np.concatenate([np.arange(c) for c in counts]) if len(counts) else np.empty(0, np.int64)
     rows = np.flatnonzero(good)[sample]
-    numbers = {"max_radius": top[good] * read / scale, "frame": frame / read, "exposure": exposure / read}
-    numbers |= {"noise": noise, "discrepancy": discrepancy, "late": late}
-    inputs = cells(sample, time[rows, flat], radius[rows, flat], **numbers)
+    discrepancy = 1.0 * (camera.slow > 0)
+    numbers = {"max_radius": top[good] * read / camera.scale, "frame": camera.frame / read}
+    numbers |= {"exposure": camera.exposure / read, "noise": noise[good], "discrepancy": discrepancy}
+    inputs = binned(sample, time[rows, flat], radius[rows, flat], **numbers, late=late[good])
     z = shots.z[index][good].copy()
     z[:, SLOTS.index("max_radius_factor")] = 3.0 * more[good]
     z[:, SLOTS.index("time_origin")] = early[good]
-    z[:, SLOTS.index("radius_scale")] = (scale - 1.0) / SCALE
+    z[:, SLOTS.index("radius_scale")] = (camera.scale - 1.0) / SCALE
     kind = shots.kind[index][good].astype(np.int64)
-    return Filmed(inputs, z, kind, discrepancy.astype(np.float32), true_noise)
+    return Filmed(inputs, z, kind, discrepancy.astype(np.float32), np.array(camera.white))
+
+
+def _first_collapse(time: Floats, radius: Floats) -> Floats:
+    """(m,) t* of the first deep minimum of curves (m, NODES); 1.5 where there is none."""
+    middle = radius[:, 1:-1]
+    low = (middle < radius[:, :-2]) & (middle <= radius[:, 2:]) & (middle < 0.9 * radius[:, :1])
+    first = np.argmax(low, axis=1)
+    return np.where(low.any(axis=1), time[np.arange(len(time)), first + 1], 1.5)
+
+
+def _cameras(rng: np.random.Generator, collapse: Floats, t_c: Floats) -> Any:
+    """A camera and its losses for each of m curves, as a record array; times in t* of the true R_max, lengths in R_max.
+
+    collapse: (m,) t* of the first one. t_c: (m,) s.
+    """
+
+    def uniform(low: Any = 0.0, high: Any = 1.0) -> Floats:
+        return low + (high - low) * rng.random(len(t_c))
+
+    def log_uniform(low: Any, high: Any) -> Floats:
+        return np.exp(uniform(np.log(low), np.log(high)))
+
+    def in_share(share: float, values: Any, otherwise: Any = 0.0) -> Floats:
+        return np.where(uniform() < share, values, otherwise)
+
+    end = in_share(0.25, END, uniform(np.minimum(1.25 * collapse + 0.15, END - 0.5), END))
+    slowest = np.minimum(SLOWEST / t_c, end / FEWEST)
+    frame = log_uniform(np.maximum(FASTEST / t_c, end / MOST), np.maximum(slowest, end / MOST * 1.01))
+    grows = uniform() < 0.6
+    growth = np.maximum(np.minimum(uniform(1.0, 9.0), 3.0 / frame), uniform(1.0, 1.0 + 0.6 / frame))
+    before = np.where(grows, np.floor(np.minimum(growth, 200.0)), 0.0)  # frames before R_max
+    slow = in_share(0.5, log_uniform(1e-3, 2e-2))
+    gap = in_share(0.1, uniform(0.5, end), 2.0 * END)
+    columns = {
+        "frame": frame,
+        "before": before - np.where(grows, uniform(-0.5, 0.5), uniform(-1.0, 1.0)),
+        "count": np.minimum(before + np.floor(end / frame) + 1.0, _ROOM),
+        "exposure": in_share(0.3, frame * uniform()),
+        "scale": 1.0 + SCALE * ndtri(uniform(ndtr(-3.0), ndtr(3.0))),
+        "white": in_share(0.12, 1e-4, log_uniform(1e-3, 5e-2)),
+        "slow": slow,  # discrepancy of the radius
+        "late": slow * rng.choice((0.0, 0.5, 2.0), len(t_c)),  # and of the clock
+        "tau": rng.choice((0.1, 0.5, 2.0), len(t_c)),  # their correlation time
+        "lost": in_share(0.3, uniform(0.0, 0.2)),  # part of the frames
+        "smallest": np.maximum(in_share(0.2, uniform(0.05, 0.25)), 0.003),  # radius that is measured
+        "gap": gap,
+        "gap_end": gap + uniform(0.0, 0.5),
+    }
+    return np.rec.fromarrays(list(columns.values()), dtype=[(name, float) for name in columns])
 
 
 @compiled
-def _at(curve: Any, t: float) -> float:
-    """R/R_max at t* of a curve (STEPS + 1,) at regular times; R is even about R_max."""
-    place = abs(t) * (STEPS / END)
-    if place >= STEPS:
-        return curve[STEPS]
-    low = int(place)
-    return curve[low] + (place - low) * (curve[low + 1] - curve[low])
-
-
-@compiled
-def _solve(a: float, b: float, c: float, d: float, e: float, f: float, x: float, y: float, z: float) -> Any:
-    """The solution of the symmetric [[a, b, c], [b, d, e], [c, e, f]] with right side x, y, z; Cramer's rule."""
-    p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
-    whole = a * p + b * q + c * r
-    if abs(whole) < 1e-300:
-        return 0.0, 0.0, 0.0
-    first = (x * p + y * q + z * r) / whole
-    second = (x * q + y * (a * f - c * c) + z * (b * c - a * e)) / whole
-    third = (x * r + y * (b * c - a * e) + z * (a * d - b * b)) / whole
-    return first, second, third
-
-
-@compiled
-def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float, float]:
+def _maximum(time: Any, radius: Any) -> tuple[float, float, float]:
     """(time, radius, 1 if no growth is seen) of the maximum as landmarks.fit_maximum reads it, without skew; radius 0
     if there is none."""
-    smooth = np.empty(n)
-    for i in range(n):
-        a, b, c = radius[max(i - 1, 0)], radius[i], radius[min(i + 1, n - 1)]
-        if i == 0:
-            a = radius[1]
-        if i == n - 1:
-            c = radius[n - 2]
-        smooth[i] = max(min(a, b), min(max(a, b), c))
-    peak, highest = 0, 0.0
-    largest = np.max(smooth)
+    n = len(time)
+    before, after = np.append(radius[1:2], radius[:-1]), np.append(radius[1:], radius[-2:-1])
+    smooth = np.maximum(np.minimum(before, after), np.minimum(np.maximum(before, after), radius))
+    peak, highest, largest = 0, 0.0, np.max(smooth)
     for i in range(n):
         highest = max(highest, smooth[i])
         if smooth[i] < 0.6 * highest and highest > 0.5 * largest:
@@ -113,12 +136,11 @@ def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float, float]:
         if smooth[i] > smooth[peak]:
             peak = i
     level = 0.9 * smooth[peak]
-    last = peak
+    first = last = peak
     while last < n and smooth[last] > level:
         last += 1
     if last == n:
         return 0.0, 0.0, 0.0
-    first = peak
     while first > 0 and smooth[first - 1] > level:
         first -= 1
     grown = first > 0 or np.min(smooth[: peak + 1]) < 0.97 * smooth[peak]
@@ -127,144 +149,78 @@ def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float, float]:
     unit = time[last - 1] - time[first]
     if not unit > 0:
         return 0.0, 0.0, 0.0
-    zero, highest_smooth = time[peak], smooth[peak]
-    s0 = s1 = s2 = s3 = s4 = r0 = r1 = r2 = 0.0  # the parabola through them
-    top = 0.0
-    for i in range(first, last):
-        x, y = (time[i] - zero) / unit, radius[i] / highest_smooth
-        top = max(top, y)
-        s0, s1, s2, s3, s4 = s0 + 1.0, s1 + x, s2 + x * x, s3 + x**3, s4 + x**4
-        r0, r1, r2 = r0 + y, r1 + x * y, r2 + x * x * y
-    _, c1, c2 = _solve(s0, s1, s2, s2, s3, s4, r0, r1, r2)
-    start, stop = (time[first] - zero) / unit, (time[last - 1] - zero) / unit
-    centre, a = start, max(-c2, 1e-3)
+    x, y = (time[first:last] - time[peak]) / unit, radius[first:last] / smooth[peak]
+    rows = np.stack((np.ones(len(x)), x, x * x))
+    _, slope, bend = np.linalg.solve(rows @ rows.T, rows @ y)
+    top, centre, a = np.max(y), x[0], max(-bend, 1e-3)
     if grown:
-        centre = min(max(-c1 / (2.0 * c2), start), stop) if c2 < 0 else 0.0
+        centre = min(max(-slope / (2.0 * bend), x[0]), x[-1]) if bend < 0 else 0.0
     for _ in range(10):
-        m00 = m01 = m02 = m11 = m12 = m22 = v0 = v1 = v2 = 0.0
-        for i in range(first, last):
-            s = (time[i] - zero) / unit - centre
-            u = a * s * s
-            shape = 1.0 - u - u * u * (2.0 / 3.0)
-            slope = -top * (1.0 + u * (4.0 / 3.0))
-            residual = radius[i] / highest_smooth - top * shape
-            weight = 1.0 / np.sqrt(1.0 + (residual / 0.005) ** 2)
-            g1, g2 = slope * s * s, -2.0 * a * slope * s
-            m00, m01, m02 = m00 + weight * shape * shape, m01 + weight * shape * g1, m02 + weight * shape * g2
-            m11, m12, m22 = m11 + weight * g1 * g1, m12 + weight * g1 * g2, m22 + weight * g2 * g2
-            v0, v1, v2 = v0 + weight * shape * residual, v1 + weight * g1 * residual, v2 + weight * g2 * residual
+        s = x - centre
+        u = a * s * s
+        shape, fall = 1.0 - u - u * u * (2.0 / 3.0), -top * (1.0 + u * (4.0 / 3.0))
+        residual = y - top * shape
+        weight = 1.0 / np.sqrt(1.0 + (residual / 0.005) ** 2)
+        rows = np.stack((shape, fall * s * s, -2.0 * a * fall * s))[: 3 if grown else 2]
+        step = np.linalg.solve((rows * weight) @ rows.T, rows @ (weight * residual))
+        top += step[0]
         if grown:
-            d0, d1, d2 = _solve(m00, m01, m02, m11, m12, m22, v0, v1, v2)
-            centre += min(max(d2, -0.25), 0.25)
-        else:
-            d0, d1, _ = _solve(m00, m01, 0.0, m11, 0.0, 1.0, v0, v1, 0.0)
-        top += d0
-        a = max(a + min(max(d1, -0.5 * a), a), 1e-6)
-    if not (0.9 < top < 1.15 and start - 1.0 <= centre <= stop):
+            centre += min(max(step[2], -0.25), 0.25)
+        a = max(a + min(max(step[1], -0.5 * a), a), 1e-6)
+    if not (0.9 < top < 1.15 and x[0] - 1.0 <= centre <= x[-1]):
         return 0.0, 0.0, 0.0
-    return zero + centre * unit, top * highest_smooth, 0.0 if grown else 1.0
+    return time[peak] + centre * unit, top * smooth[peak], 0.0 if grown else 1.0
 
 
 @compiled
-def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radius: Any, summary: Any) -> None:
-    """Film each curve into a row of `out_time` (t* of the read R_max) and `out_radius`; `summary` as `film` takes it
-    apart, in t* of the true R_max; a row that stays 0 could not be read."""
+def _drifting(rho: float, n: int) -> Any:
+    """(n,) of a stationary Gaussian process of variance 1 with the correlation `rho` from one to the next."""
+    values = np.random.normal(0.0, 1.0, n)
+    for i in range(1, n):
+        values[i] = rho * values[i - 1] + np.sqrt(1.0 - rho * rho) * values[i]
+    return values
+
+
+@compiled
+def _film(nodes: Any, radii: Any, cameras: Any, seed: int, out_time: Any, out_radius: Any, summary: Any) -> None:
+    """Film each curve by its camera into a row of `out_time` (t* of the read R_max) and `out_radius`.
+
+    summary: frames, time and size of R_max as they are read, in t* and parts of the true one, noise from frame to
+    frame, and 1 where no growth is seen; a row that stays 0 could not be read.
+    """
     np.random.seed(seed)
-    time, radius, third = np.empty(_ROOM), np.empty(_ROOM), np.empty(_ROOM)
-    curve = np.empty(STEPS + 1)
-    for m in range(len(t_c)):
-        node, value = nodes[m], values[m]
-        for i in range(1, len(node)):
-            a, b = float(node[i - 1]), float(node[i])
-            y, rise = (
-                value[i - 1] * (TOP / 65535.0),
-                (float(value[i]) - float(value[i - 1])) * (TOP / 65535.0) / (b - a),
+    for m in range(len(cameras)):
+        node, curve, camera = nodes[m], radii[m], cameras[m]
+        n, frame = int(camera.count), camera.frame
+        t = (np.arange(n) - camera.before) * frame
+        if camera.exposure > 0:
+            y = np.zeros(n)
+            for k in range(5):
+                y += 0.2 * np.interp(np.abs(t + (0.2 * k - 0.4) * camera.exposure), node, curve)
+        else:
+            y = np.interp(np.abs(t), node, curve)  # R is even about R_max
+        if camera.slow > 0:
+            ahead, behind = (
+                np.interp(np.abs(t + 0.5 * frame), node, curve),
+                np.interp(np.abs(t - 0.5 * frame), node, curve),
             )
-            for j in range(node[i - 1], node[i] + 1):
-                curve[j] = y + rise * (j - a)
-        fall = 1.5
-        for i in range(1, len(node) - 1):  # the first collapse
-            if value[i] < value[i - 1] and value[i] <= value[i + 1] and value[i] < 0.9 * value[0]:
-                fall = node[i] * (END / STEPS)
-                break
-        shortest = min(1.25 * fall + 0.15, END - 0.5)
-        end = shortest + (END - shortest) * np.random.random()
-        if np.random.random() < 0.25:
-            end = END
-        quickest = np.log(max(FASTEST / t_c[m], end / MOST))
-        slowest = np.log(max(min(SLOWEST / t_c[m], end / FEWEST), end / MOST * 1.01))
-        frame = np.exp(quickest + (slowest - quickest) * np.random.random())
-        grows = np.random.random() < 0.6
-        phase = np.random.random() - 0.5 if grows else 2.0 * np.random.random() - 1.0
-        before = int(min(1.0 + 8.0 * np.random.random(), 3.0 / frame, 60.0)) if grows else 0
-        if grows:
-            before = int(min(max(before, 0.6 / frame * np.random.random() + 1.0), 200.0))
-        n = min(before + int(end / frame) + 1, _ROOM)
-        exposure = 0.0
-        if np.random.random() < 0.3:
-            exposure = frame * np.random.random()
-        scale = 2.0
-        while abs(scale - 1.0) > 3.0 * SCALE:
-            scale = 1.0 + SCALE * np.random.standard_normal()
-        white = np.exp(np.log(1e-3) + np.log(50.0) * np.random.random())
-        if np.random.random() < 0.12:
-            white = 1e-4
-        disturbed = np.random.random() < 0.5
-        slow = late = 0.0
-        tau = 1.0
-        if disturbed:
-            slow = np.exp(np.log(1e-3) + np.log(20.0) * np.random.random())
-            which = 3.0 * np.random.random()
-            late = 0.0 if which < 1 else 0.5 * slow if which < 2 else 2.0 * slow
-            which = 3.0 * np.random.random()
-            tau = 0.1 if which < 1 else 0.5 if which < 2 else 2.0
-        lost = 0.2 * np.random.random() if np.random.random() < 0.3 else 0.0
-        small = 0.05 + 0.2 * np.random.random() if np.random.random() < 0.2 else 0.0
-        gap_start, gap_end = 2.0 * END, 0.0
-        if np.random.random() < 0.1:
-            gap_start = 0.5 + (end - 0.5) * np.random.random()
-            gap_end = gap_start + 0.5 * np.random.random()
-        count = 0
-        a, b = np.random.standard_normal(), np.random.standard_normal()
-        rho = np.exp(-frame / tau)
-        innovation = np.sqrt(1.0 - rho * rho)
-        for i in range(n):
-            t = (i - before + phase) * frame
-            if exposure > 0:
-                y = 0.0
-                for k in range(5):
-                    y += 0.2 * _at(curve, t + (0.2 * k - 0.4) * exposure)
-            else:
-                y = _at(curve, t)
-            if disturbed:
-                a = rho * a + innovation * np.random.standard_normal()
-                b = rho * b + innovation * np.random.standard_normal()
-                speed = (_at(curve, t + 0.5 * frame) - _at(curve, t - 0.5 * frame)) / frame
-                y += slow * a + late * b * speed * (1.0 if t > 0 else -1.0)
-            y += white * np.random.standard_normal()
-            away = np.random.random() < lost or y < small or gap_start < t < gap_end
-            if away or y <= 0.003 or t > END:
-                continue
-            time[count], radius[count] = t, y
-            count += 1
-        if count < 12:
+            rho = np.exp(-frame / camera.tau)
+            y = y + camera.slow * _drifting(rho, n)
+            y += camera.late * _drifting(rho, n) * np.sign(t) * (ahead - behind) / frame
+        y = y + camera.white * np.random.normal(0.0, 1.0, n)
+        measured = (np.random.random(n) >= camera.lost) & (y >= camera.smallest) & (t <= END)
+        measured &= (t <= camera.gap) | (t >= camera.gap_end)
+        t, y = t[measured], y[measured]
+        if len(t) < 12:
             continue
-        origin, read, no_growth = _maximum(time, radius, count)
+        origin, read, no_growth = _maximum(t, y)
         if read < 0.7 or read > 1.4:
             continue
-        first = 0
-        while first < count and time[first] < origin:
-            first += 1
-        left = count - first
-        if left < 10:
+        t, y = (t[t >= origin] - origin) / read, y[t >= origin] / read
+        n = len(t)
+        if n < 10:
             continue
-        for i in range(left):
-            out_time[m, i] = (time[first + i] - origin) / read
-            out_radius[m, i] = radius[first + i] / read
-        for i in range(left - 3):
-            rise = out_radius[m, i + 3] - out_radius[m, i]
-            third[i] = abs(rise - 3.0 * (out_radius[m, i + 2] - out_radius[m, i + 1]))
-        noise = 1.4826 * np.sort(third[: left - 3])[(left - 3) // 2] / np.sqrt(20.0)
-        summary[m, 0], summary[m, 1], summary[m, 2], summary[m, 3], summary[m, 4] = left, origin, read, frame, exposure
-        summary[m, 5], summary[m, 6], summary[m, 7], summary[m, 8] = noise, 1.0 if disturbed else 0.0, scale, white
-        summary[m, 9] = no_growth
+        out_time[m, :n], out_radius[m, :n] = t, y
+        third = y[3:] - y[:-3] - 3.0 * (y[2:-1] - y[1:-2])
+        noise = 1.4826 * np.median(np.abs(third)) / np.sqrt(20.0)
+        summary[m, 0], summary[m, 1], summary[m, 2], summary[m, 3], summary[m, 4] = n, origin, read, noise, no_growth

@@ -3,7 +3,7 @@
 A network that gives one value maps R/R_max on the grid of its problem, (batch, frames) float32, to the prior's scale,
 (batch, outputs) float32: log10 of SI values, the scaling of the targets included. A posterior network gives draws and
 densities (`SequentialDraws`); its weights have half precision, and it computes at single. The card (JSON) says what the
-model is and what it was made of (inference/card.py).
+model is and what it was made of (inference/model.py).
 """
 
 from __future__ import annotations
@@ -29,11 +29,10 @@ from torch import nn
 
 from cavirheo.errors import require
 from cavirheo.inference.bins import SIZE
-from cavirheo.inference.card import ModelCard, PosteriorCard
-from cavirheo.inference.flow import INPUTS
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.latent import SLOTS
-from cavirheo.inference.model import predict
+from cavirheo.inference.model import ModelCard, PosteriorCard, predict
+from cavirheo.inference.posterior_network import INPUTS
 from cavirheo.parameters import LOG10, about
 from cavirheo.physics.media import WATER
 from cavirheo.problem import TrainingProblem
@@ -70,26 +69,20 @@ def export(
         target = folder / f"{recipe.export.name}.onnx"
         with whole(target) as temporary:
             if isinstance(recipe, PosteriorRecipe):
-                with of_run(run / "best.safetensors"):
-                    network = load_posterior_network(run / "best.safetensors", recipe)
-                write_posterior_onnx(network, temporary)
-                check_graph(temporary.read_bytes(), INPUTS)
-                deviation = 0.0
+                added = _export_posterior(recipe, run, temporary)
             else:
-                deviation = _export_point(recipe, run, temporary)
+                added = _export_point(recipe, run, temporary)
         with of_run(run / "result.json"):
-            content: dict[str, Any] = {"schema": 1, "name": target.stem}
-            sha256 = hashlib.sha256(target.read_bytes()).hexdigest()
-            if isinstance(recipe, PosteriorRecipe):
-                content |= _posterior_card(recipe, result) | {"onnx": {"sha256": sha256}}
-            else:
-                content |= _point_card(recipe, result)
-                content["onnx"] = {"sha256": sha256, "opset": OPSET, "largest_difference_from_torch": deviation}
+            card = (
+                _posterior_card(recipe, result) if isinstance(recipe, PosteriorRecipe) else _point_card(recipe, result)
+            )
+            content = {"schema": 1, "name": target.stem} | card
+            content["onnx"] = {"sha256": hashlib.sha256(target.read_bytes()).hexdigest()} | added
             packages = ("cavirheo", "numpy", "onnxruntime")
             versions = {"python": platform.python_version(), "torch": result["torch"]}
             content["versions"] = versions | {package: version(package) for package in packages}
             content |= {"license": "MIT", "date": (on or datetime.now(UTC).date()).isoformat()}
-            (PosteriorCard if isinstance(recipe, PosteriorRecipe) else ModelCard).model_validate(content)
+            (PosteriorCard if card["kind"] == "posterior" else ModelCard).model_validate(content)
         text = json.dumps(content, indent=2)
         # a list of numbers or words on one line
         text = re.sub(r"\[\s+([^][{}]+?)\s+\]", lambda match: f"[{' '.join(match[1].split())}]", text)
@@ -97,18 +90,40 @@ def export(
     return target
 
 
-def _export_point(recipe: Recipe, run: Path, path: Path) -> float:
-    """Write the model; the largest difference from the trained network on the curves of the test part."""
+def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
+    """Write the model; what the card says of the file, its largest difference from the trained network among it: in the
+    prior's scale, on the curves of the test part, which are fed together and one alone."""
     with of_run(run / "best.safetensors"):
         model = load_model(run / "best.safetensors")
     with of_run(run / "test.npz"), np.load(run / "test.npz") as test:
         radius = test["radius"]
     write_onnx(model, recipe.problem.grid.frames, path)
-    deviation = largest_difference(model, path, radius)
+    with torch.inference_mode():
+        expected = model(torch.from_numpy(radius)).numpy()
+    together, single = predict(path, radius), predict(path, radius[:1])
+    deviation = float(max(np.abs(together - expected).max(), np.abs(single - expected[:1]).max()))
     if not deviation <= TOLERANCE:
         raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {TOLERANCE:g}")
     check_graph(path.read_bytes())  # else nobody could use it
-    return deviation
+    return {"opset": OPSET, "largest_difference_from_torch": deviation}
+
+
+def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[str, Any]:
+    """Write the model, with a free number of draws; it computes what was trained, but for its weights' precision."""
+    with of_run(run / "best.safetensors"):
+        network = PosteriorNetwork(len(recipe.posterior.kinds), recipe.network)
+        network.load_state_dict(read_tensors(run / "best.safetensors")[0])
+    d, kinds = len(SLOTS), len(network.kind)
+    random = torch.zeros(5, d, network.parts), torch.zeros(5, d), torch.zeros(5, d), torch.zeros(d)
+    example = torch.zeros(1, SIZE), torch.zeros(1, kinds), torch.ones(d), torch.ones(d), *random
+    draws = torch.export.Dim("draws", min=2)
+    free = (None, None, None, None, {0: draws}, {0: draws}, {0: draws}, None)
+    content = _onnx(SequentialDraws(network.eval()), example, INPUTS, ["z", "log_density", "guess"], free)
+    _halve(content.graph)
+    onnx.checker.check_model(content)
+    onnx.save_model(content, path)
+    check_graph(path.read_bytes(), INPUTS)
+    return {}
 
 
 def load_model(checkpoint: Path) -> Standardised:
@@ -120,30 +135,10 @@ def load_model(checkpoint: Path) -> Standardised:
     return Standardised(network, *scaling(problem.prior, outputs)).eval()
 
 
-def load_posterior_network(checkpoint: Path, recipe: PosteriorRecipe) -> PosteriorNetwork:
-    """The posterior network of a best.safetensors, ready to answer."""
-    network = PosteriorNetwork(len(recipe.posterior.kinds), **recipe.network.model_dump())
-    network.load_state_dict(read_tensors(checkpoint)[0])
-    return network.eval()
-
-
 def write_onnx(model: Standardised, frames: int, path: Path) -> None:
     """A self-contained file with a free batch size."""
     free = {"radius": {0: torch.export.Dim("batch", min=1)}}
     onnx.save_model(_onnx(model, (torch.ones(2, frames),), ["radius"], ["theta"], free), path)
-
-
-def write_posterior_onnx(network: PosteriorNetwork, path: Path) -> None:
-    """A self-contained file with a free number of draws."""
-    slots, kinds = len(SLOTS), len(network.kind)
-    random = torch.zeros(5, slots, network.parts), torch.zeros(5, slots), torch.zeros(5, slots), torch.zeros(slots)
-    example = torch.zeros(1, SIZE), torch.zeros(1, kinds), torch.ones(slots), torch.ones(slots), *random
-    draws = torch.export.Dim("draws", min=2)
-    free = (None, None, None, None, {0: draws}, {0: draws}, {0: draws}, None)
-    content = _onnx(SequentialDraws(network), example, INPUTS, ["z", "log_density", "guess"], free)
-    _halve(content.graph)
-    onnx.checker.check_model(content)
-    onnx.save_model(content, path)
 
 
 def _onnx(
@@ -179,14 +174,6 @@ def _halve(graph: onnx.GraphProto) -> None:
     del graph.initializer[:], graph.node[:]
     graph.initializer.extend(arrays)
     graph.node.extend(nodes)
-
-
-@torch.inference_mode()
-def largest_difference(model: Standardised, path: Path, radius: np.ndarray) -> float:
-    """Largest difference over curves (curves, frames), fed together and one alone, in the prior's scale."""
-    expected = model(torch.from_numpy(radius)).numpy()
-    together, single = predict(path, radius), predict(path, radius[:1])
-    return float(max(np.abs(together - expected).max(), np.abs(single - expected[:1]).max()))
 
 
 def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:

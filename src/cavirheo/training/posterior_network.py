@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor, nn
 
 from cavirheo.inference.bins import SIZE
 from cavirheo.inference.latent import SLOTS
+
+if TYPE_CHECKING:
+    from cavirheo.training.posterior_recipe import PosteriorNetworkTable
 
 LOG_2PI = math.log(2.0 * math.pi)
 
@@ -24,18 +28,18 @@ class _Residual(nn.Module):
 
 
 class PosteriorNetwork(nn.Module):
-    """Density of the slots z of one of `kinds` laws and bubbles, given a recording's cells.
+    """Density of the slots z of one of `kinds` laws and bubbles, given a recording's bins.
 
     Slot k is a mixture of `parts` Gaussians whose shares, means and widths a small network makes of what the encoder
     read, the kind, and the slots before it. One encoder reads for all kinds.
     """
 
-    def __init__(self, kinds: int, width: int = 512, depth: int = 5, hidden: int = 96, parts: int = 8) -> None:
+    def __init__(self, kinds: int, size: PosteriorNetworkTable) -> None:
         super().__init__()
-        d = len(SLOTS)
+        d, width, hidden, parts = len(SLOTS), size.width, size.hidden, size.parts
         self.parts = parts
         self.first = nn.Linear(SIZE, width)
-        self.blocks = nn.ModuleList([_Residual(width) for _ in range(depth)])
+        self.blocks = nn.ModuleList([_Residual(width) for _ in range(size.depth)])
         self.norm = nn.LayerNorm(width)
         self.read = nn.Linear(width, d * hidden)
         self.kind = nn.Parameter(0.1 * torch.randn(kinds, d, hidden))

@@ -90,10 +90,6 @@ class PosteriorTrainingTable(Section):
     def steps(self) -> int:
         return max(self.samples // self.batch, 1)
 
-    def rate_at(self, step: int) -> float:
-        left = (self.steps - step) / max(self.falling * self.steps, 1.0)
-        return self.rate * min(1.0, (step + 1) / self.warm_up) * min(1.0, max(left, 0.0) + 0.003)
-
 
 class PosteriorRecipe(Section):
     posterior: PosteriorTable

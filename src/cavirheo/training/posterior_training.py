@@ -7,6 +7,7 @@ averaged along the way.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ VALIDATION = 0.03  # of the curves, which no step sees
 MOST_HELD = 4000  # of them: all of these are in memory, as the network reads them
 EVERY = 800  # steps from one validation to the next
 KIND_LOSS = 0.1  # weight of the loss of law and bubble
+DRAWS = 300  # of each recording, by which the coverage is counted
 
 
 class PosteriorTraining(Training[PosteriorNetwork]):
@@ -38,13 +40,14 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         self.steps = self.schedule.steps
         torch.manual_seed(self.schedule.seed)
         self.kinds = [(law, bubble) for law, bubble, _ in recipe.posterior.kinds]
-        self.network = PosteriorNetwork(len(self.kinds), **recipe.network.model_dump())
-        self.average = PosteriorNetwork(len(self.kinds), **recipe.network.model_dump()).requires_grad_(False)
-        self.average.load_state_dict(self.network.state_dict())
+        self.network = PosteriorNetwork(len(self.kinds), recipe.network)
+        self.average = deepcopy(self.network).requires_grad_(False)
         self.optimiser = torch.optim.AdamW(
             self.network.parameters(), self.schedule.rate, weight_decay=self.schedule.decay, fused=True
         )
-        self.mask = masks(self.kinds)
+        self.mask = torch.zeros(len(self.kinds), len(SLOTS))  # which slots a kind has
+        for i, kind in enumerate(self.kinds):
+            self.mask[i, used(*kind)] = 1.0
         n = len(curves.kind)
         identity: dict[str, Any] = self.settings | {"curves": n}
         first_unseen = round((1.0 - VALIDATION) * n)
@@ -56,7 +59,9 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         self.validation = film(curves, self.held, 2**31 - 1)
 
     def rate(self, step: int) -> float:
-        return self.schedule.rate_at(step)
+        schedule = self.schedule
+        left = (self.steps - step) / max(schedule.falling * self.steps, 1.0)
+        return schedule.rate * min(1.0, (step + 1) / schedule.warm_up) * min(1.0, max(left, 0.0) + 0.003)
 
     def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
         batch = self._batch(step)
@@ -102,37 +107,29 @@ class PosteriorTraining(Training[PosteriorNetwork]):
             "curves": len(self.train),
             "held_out": len(self.held),
             "loss_by_kind": self.history[-1]["kinds"],
-            "coverage": coverage(self.exported, self.kinds, self.validation),
+            "coverage": self._coverage(),
         }
 
-
-def masks(kinds: Sequence[tuple[str, str]]) -> Tensor:
-    """(kinds, 9) which slots a kind has."""
-    mask = torch.zeros(len(kinds), len(SLOTS))
-    for i, kind in enumerate(kinds):
-        mask[i, used(*kind)] = 1.0
-    return mask
-
-
-@torch.inference_mode()
-def coverage(
-    network: PosteriorNetwork, kinds: Sequence[tuple[str, str]], recordings: Filmed, draws: int = 300
-) -> dict[str, Any]:
-    """Shares of recordings whose truth is in the central 50 and 90 % of the network's draws, by slot."""
-    rng, sequential, mask = torch.Generator().manual_seed(0), SequentialDraws(network.eval()), masks(kinds)
-    below: dict[str, list[float]] = {name: [] for name in SLOTS}
-    nothing, one_hot = torch.zeros(len(SLOTS)), torch.eye(len(kinds))
-    for i, kind in enumerate(recordings.kind.tolist()):
-        uniform = torch.rand((draws, len(SLOTS), network.parts), generator=rng).clamp(1e-9)
-        normal, inputs = torch.randn((draws, len(SLOTS)), generator=rng), torch.from_numpy(recordings.inputs[i : i + 1])
-        has, choice = mask[kind], -torch.log(-torch.log(uniform))
-        z, _, _ = sequential(inputs, one_hot[kind : kind + 1], has, has, choice, normal, normal, nothing)
-        share = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)
-        for k in used(*kinds[kind]):
-            below[SLOTS[k]].append(float(share[k]))
-    away = {name: np.abs(2.0 * np.array(shares) - 1.0) for name, shares in below.items() if shares}
-    by_slot = {
-        name: {str(level): round(float(np.mean(off < level / 100)), 4) for level in (50, 90)}
-        for name, off in away.items()
-    }
-    return {"recordings": len(recordings.kind), "by_slot": by_slot}
+    @torch.inference_mode()
+    def _coverage(self) -> dict[str, Any]:
+        """Shares of the recordings whose truth is in the central 50 and 90 % of the network's draws, by slot."""
+        recordings, one_hot, nothing = self.validation, torch.eye(len(self.kinds)), torch.zeros(len(SLOTS))
+        rng, sequential = torch.Generator().manual_seed(0), SequentialDraws(self.exported.eval())
+        below: dict[str, list[float]] = {name: [] for name in SLOTS}
+        for i, kind in enumerate(recordings.kind.tolist()):
+            uniform = torch.rand((DRAWS, len(SLOTS), self.exported.parts), generator=rng).clamp(1e-9)
+            normal, inputs = (
+                torch.randn((DRAWS, len(SLOTS)), generator=rng),
+                torch.from_numpy(recordings.inputs[i : i + 1]),
+            )
+            has, choice = self.mask[kind], -torch.log(-torch.log(uniform))
+            z, _, _ = sequential(inputs, one_hot[kind : kind + 1], has, has, choice, normal, normal, nothing)
+            share = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)
+            for k in used(*self.kinds[kind]):
+                below[SLOTS[k]].append(float(share[k]))
+        away = {name: np.abs(2.0 * np.array(shares) - 1.0) for name, shares in below.items() if shares}
+        by_slot = {
+            name: {str(level): round(float(np.mean(off < level / 100)), 4) for level in (50, 90)}
+            for name, off in away.items()
+        }
+        return {"recordings": len(recordings.kind), "by_slot": by_slot}

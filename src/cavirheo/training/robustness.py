@@ -7,7 +7,6 @@ of every measurement, R_max and its time being fitted. Without growth it begins 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -35,7 +34,7 @@ LONGER = 1.05  # the recording outlasts the network's grid by this: a fitted R_m
 
 
 @dataclass(frozen=True)
-class Recording:
+class Degradation:
     """How a curve is filmed; the default is the grid of times that the network was trained with."""
 
     name: str
@@ -45,19 +44,19 @@ class Recording:
     missing: float = 0.0  # part of the frames that have no radius
 
 
-RECORDINGS = (
-    Recording("as in training"),
-    Recording("1 % radius noise", noise=0.01),
-    Recording("2 % radius noise", noise=0.02),
-    Recording("half the frame rate", frame_rate=0.5),
-    Recording("double the frame rate", frame_rate=2.0),
-    Recording("first frame up to half a frame off", offset=0.5),
-    Recording("10 % of the frames missing", missing=0.1),
+DEGRADATIONS = (
+    Degradation("as in training"),
+    Degradation("1 % radius noise", noise=0.01),
+    Degradation("2 % radius noise", noise=0.02),
+    Degradation("half the frame rate", frame_rate=0.5),
+    Degradation("double the frame rate", frame_rate=2.0),
+    Degradation("first frame up to half a frame off", offset=0.5),
+    Degradation("10 % of the frames missing", missing=0.1),
 )
 
 
 def robustness(
-    network: Network, data: Dataset, chosen: Indices, progress: bool = True, executor: Executor | None = None
+    network: Network, data: Dataset, chosen: Indices, progress: bool, executor: Executor | None
 ) -> dict[str, Any]:
     """Metrics of a network on the curves `chosen` of a set, filmed in every way.
 
@@ -77,41 +76,39 @@ def robustness(
 
     def network_answer(curve: RadiusCurve) -> Floats:
         try:
-            return estimator.network_alone(curve)
+            return estimator.network_only(curve)
         except InputError:  # counted as failed
             return nothing
 
     def score(values: list[Floats], curves: Indices) -> dict[str, Any]:
         answers = np.reshape(values, (len(curves), len(names)))
-        answered = np.isfinite(answers).all(axis=1)
-        numbers = metrics(names, truth[curves][answered], answers[answered]) if answered.sum() >= 2 else None
-        return {"curves": len(curves), "failed": int(np.sum(~answered)), "metrics": numbers}
-
-    def answered(curves: list[RadiusCurve], step_done: Callable[..., None]) -> list[Posterior]:
-        by_index = dict[int, Posterior]()
-        with closing((executor or Threads()).flow(partial(default.answer, workers=1), curves)) as flow:
-            for index, answer in flow:
-                by_index[index] = answer
-                step_done()
-        return [by_index[index] for index in range(len(curves))]
+        finite = np.isfinite(answers).all(axis=1)
+        numbers = metrics(names, truth[curves][finite], answers[finite]) if finite.sum() >= 2 else None
+        return {"curves": len(curves), "failed": int(np.sum(~finite)), "metrics": numbers}
 
     rows = []
     filmed: dict[tuple[float, float], list[tuple[Floats, Floats]]] = {}  # several ways film at the same times
-    with bar("filming, answering", len(RECORDINGS) * len(sample), shown=progress, unit="answers") as advance:
-        for recording in RECORDINGS:
-            key = recording.frame_rate, recording.offset
+    with bar("filming, answering", len(DEGRADATIONS) * len(sample), shown=progress, unit="answers") as advance:
+        for degradation in DEGRADATIONS:
+            key = degradation.frame_rate, degradation.offset
             if key not in filmed:
-                filmed[key] = film(data.problem, data.theta, chosen, recording)
-            curves = [degrade(*true, R_max, recording, i) for true, i in zip(filmed[key], chosen, strict=True)]
+                filmed[key] = film(data.problem, data.theta, chosen, degradation)
+            curves = [degrade(*true, R_max, degradation, i) for true, i in zip(filmed[key], chosen, strict=True)]
             read = [network_answer(curve) for curve in curves]
-            posteriors = answered([curves[i] for i in sample], lambda *_: advance())
+            by_index = dict[int, Posterior]()
+            answer_one = partial(default.answer, workers=1)
+            with closing((executor or Threads()).flow(answer_one, [curves[i] for i in sample])) as flow:
+                for index, answer in flow:
+                    by_index[index] = answer
+                    advance()
+            posteriors = [by_index[index] for index in range(len(sample))]
             medians = [[scaled(n, answer.median(natural_name(n))) for n in names] for answer in posteriors]
             answers = list(map(np.array, medians))
             verdicts = [posterior.checks.verdict for posterior in posteriors]
             ok = [i for i, verdict in enumerate(verdicts) if verdict == "ok"]
             rows.append(
                 {
-                    "recording": asdict(recording),
+                    "recording": asdict(degradation),
                     "network": score(read, chosen),
                     "network_same_curves": score([read[i] for i in sample], chosen[sample]),
                     "answer": score(answers, chosen[sample]) | {"verdicts": dict(Counter(verdicts))},
@@ -121,11 +118,13 @@ def robustness(
     return {"seed": SEED, "curves": len(chosen), "answers": len(sample), "rows": rows}
 
 
-def film(problem: TrainingProblem, theta: Floats, chosen: Indices, recording: Recording) -> list[tuple[Floats, Floats]]:
+def film(
+    problem: TrainingProblem, theta: Floats, chosen: Indices, degradation: Degradation
+) -> list[tuple[Floats, Floats]]:
     """For each chosen row of theta the times of the camera's frames (n,) s and the true radii (n,) m there."""
-    step = problem.grid.frame_interval / recording.frame_rate
+    step = problem.grid.frame_interval / degradation.frame_rate
     count = int(np.ceil(LONGER * problem.grid.time[-1] / step)) + 1
-    offset = [_random(i, 0).uniform(-recording.offset, recording.offset) for i in chosen]
+    offset = [_random(i, 0).uniform(-degradation.offset, degradation.offset) for i in chosen]
     times = step * (np.arange(count) + np.array(offset)[:, None])
     since_max = np.abs(times)  # half a frame before R_max the curve is, to third order in time, that after it
     order = np.argsort(since_max, axis=1)
@@ -135,11 +134,11 @@ def film(problem: TrainingProblem, theta: Floats, chosen: Indices, recording: Re
     return list(zip(times, radii, strict=True))
 
 
-def degrade(time: Floats, radius: Floats, max_radius: float, recording: Recording, index: int) -> RadiusCurve:
+def degrade(time: Floats, radius: Floats, max_radius: float, degradation: Degradation, index: int) -> RadiusCurve:
     """The measured curve from true radii (n,) m at the times (n,) s of the frames; R_max scales the noise."""
     rng = _random(index, 1)
-    measured = radius + recording.noise * max_radius * rng.standard_normal(len(radius))
-    lost = rng.permutation(len(radius))[: round(recording.missing * len(radius))]
+    measured = radius + degradation.noise * max_radius * rng.standard_normal(len(radius))
+    lost = rng.permutation(len(radius))[: round(degradation.missing * len(radius))]
     measured[lost] = np.nan
     measured[~(measured > 0)] = np.nan  # no camera reports these
     return RadiusCurve(time, measured, meta={"name": f"curve {index}"})

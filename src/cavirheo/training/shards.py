@@ -116,7 +116,7 @@ def read_shard(path: Path, kind: FileKind, expected: Mapping[str, Any] | None = 
             layout, start = kind.layout(json.loads(head[kind.attribute])), head["start"]
             failed = 0 if "status" in layout.columns else int(file.attrs["failed"])
             count = min(layout.per_file, head["total"] - start) - failed
-            items = {name: limits.own(file, name) for name in layout.columns}
+            items = {name: limits.local_item(file, name) for name in layout.columns}
             limits.arrays(items.values())
             shapes = {name: (item.dtype, item.shape) for name, item in items.items()}
             needed = {name: (np.dtype(of), (count, *shape)) for name, (of, shape) in layout.columns.items()}

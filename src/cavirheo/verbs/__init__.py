@@ -1,4 +1,4 @@
-"""The command line: one file per verb; what they share is in `command`, `options` and `run`."""
+"""The command line: one file per group of verbs; what they share is in `command`, `options` and `run`."""
 
 from __future__ import annotations
 
@@ -6,41 +6,38 @@ import os
 import signal
 import sys
 from contextlib import suppress
-from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 
 import cavirheo
 from cavirheo.errors import InputError, SolverError
+from cavirheo.verbs import companions, curves, documents, machine, measure, networks, simulate
 from cavirheo.verbs.command import Command
 from cavirheo.verbs.options import option
 from cavirheo.writing.digits import elide
 from cavirheo.writing.terminal import say
 
-_VERBS = {  # command: its class, or the function where the options are few
-    "infer": "Infer",
-    "watch": "Watch",
-    "fit": "Fit",
-    "which-law": "WhichLaw",
-    "measure": "Measure",
-    "design": "Design",
-    "compare": "Compare",
-    "rheometer": "Rheometer",
-    "collapse-time": "CollapseTime",
-    "show": "show",
-    "cite": "cite",
-    "app": "app",
-    "simulate": "Simulate",
-    "laws": "laws",
-    "models": "models",
-    "generate": "generate",
-    "train": "train",
-    "evaluate": "Evaluate",
-    "cluster": "cluster",
-}
-_FOUND = {
-    name: getattr(import_module(f"cavirheo.verbs.{name.replace('-', '_')}"), verb) for name, verb in _VERBS.items()
+_VERBS: dict[str, Any] = {  # command: its class, or the function where the options are few
+    "infer": curves.Infer,
+    "watch": curves.Watch,
+    "fit": curves.Fit,
+    "which-law": curves.WhichLaw,
+    "measure": measure.Measure,
+    "design": companions.Design,
+    "compare": companions.Compare,
+    "rheometer": companions.Rheometer,
+    "collapse-time": companions.CollapseTime,
+    "show": documents.show,
+    "cite": documents.cite,
+    "app": machine.app,
+    "simulate": simulate.Simulate,
+    "laws": simulate.laws,
+    "models": networks.models,
+    "generate": networks.generate,
+    "train": networks.train,
+    "evaluate": networks.Evaluate,
+    "cluster": machine.cluster,
 }
 _Usage: Any = typer.BadParameter.__base__  # every mistake in the words of a call; typer has no public name for it
 app = typer.Typer(
@@ -49,7 +46,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-for _name, _verb in _FOUND.items():
+for _name, _verb in _VERBS.items():
     app.command(_name, cls=Command)(_verb)
 
 
@@ -63,7 +60,7 @@ def _options(
     if verbose and not version:
         raise typer.BadParameter("--verbose goes with --version")
     if version:
-        print(import_module("cavirheo.verbs.versions").report() if verbose else f"cavirheo {cavirheo.__version__}")
+        print(machine.report() if verbose else f"cavirheo {cavirheo.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         context.fail("Missing command.")
@@ -74,14 +71,14 @@ def main() -> None:
     try:
         sys.exit(app(prog_name="cavirheo", standalone_mode=False))
     except _Usage as error:
-        said = error.format_message().replace("Value error, ", "")  # pydantic's
-        if "\n" in said.strip():  # no words at all: the help
+        message = error.format_message().replace("Value error, ", "")  # pydantic's
+        if "\n" in message.strip():  # no words at all: the help
             error.show()
         else:
             where = error.ctx.command_path if error.ctx else "cavirheo"
             errors = getattr(error.__cause__, "errors", None)  # pydantic's, which tell what was given
-            given = f", got {elide(repr(errors()[0]['input']), 60)}" if errors else ""
-            say(f"error: {said.rstrip('.')}{given}; see {where} --help")
+            got = f", got {elide(repr(errors()[0]['input']), 60)}" if errors else ""
+            say(f"error: {message.rstrip('.')}{got}; see {where} --help")
         sys.exit(2)
     except (InputError, SolverError, OSError) as error:
         say(f"error: {error}")

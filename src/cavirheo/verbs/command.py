@@ -29,9 +29,9 @@ class Command(TyperCommand):
     def invoke(self, ctx: Any) -> None:
         """Raises InputError: a number that is not finite. An interrupt where nothing is to be saved is status 130."""
         for name, value in ctx.params.items():
-            for one in value if isinstance(value, tuple) else (value,):
-                fine = not isinstance(one, float) or isfinite(one)
-                require(fine, f"--{name.replace('_', '-')} must be a finite number, got {one}", "option.finite")
+            for number in value if isinstance(value, tuple) else (value,):
+                fine = not isinstance(number, float) or isfinite(number)
+                require(fine, f"--{name.replace('_', '-')} must be a finite number, got {number}", "option.finite")
         try:
             verb = super().invoke(ctx)
             if isinstance(verb, Verb):
@@ -43,13 +43,13 @@ class Command(TyperCommand):
 
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:
         """(argument or option, its help) of each panel, by title."""
-        found: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
-        for parameter in sorted(self.get_params(ctx), key=lambda one: one.name in _LAST):
+        panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for parameter in sorted(self.get_params(ctx), key=lambda parameter: parameter.name in _LAST):
             if row := parameter.get_help_record(ctx):
                 argument = parameter.param_type_name == "argument"
                 title = getattr(parameter, "rich_help_panel", None) or ("Arguments" if argument else "Options")
-                found.setdefault(title, []).append((str(parameter.metavar), row[1]) if argument else row)
-        return {title: rows for title, rows in found.items() if rows}
+                panels.setdefault(title, []).append((str(parameter.metavar), row[1]) if argument else row)
+        return {title: rows for title, rows in panels.items() if rows}
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """'[OPTIONS] FILE...'"""

@@ -29,7 +29,7 @@ def many_law_names(incomplete: str) -> list[str]:
 
 def any_law_names(incomplete: str) -> list[str]:
     """All laws, also as the next part of a sum."""
-    from cavirheo.physics.laws import LAWS
+    from cavirheo.physics.materials import LAWS
 
     return _begun(incomplete, LAWS, "+")
 
@@ -49,7 +49,7 @@ def medium_names(incomplete: str) -> list[str]:
 def _laws() -> list[str]:
     """`ABLE` of inference/law, which takes a second to import: those whose parameters have a range or a default."""
     from cavirheo.parameters import PARAMETERS, inferred_as
-    from cavirheo.physics.laws import LAWS
+    from cavirheo.physics.materials import LAWS
 
     takes = {name: inspect.signature(law).parameters.values() for name, law in LAWS.items()}
     return [
@@ -61,8 +61,8 @@ def _laws() -> list[str]:
 
 def _begun(incomplete: str, words: Iterable[str], between: str = "") -> list[str]:
     """The words that go on from what is typed; where several may be given, from what follows the last separator."""
-    done = max((incomplete.rfind(one) for one in between), default=-1) + 1
-    kept, typed = incomplete[:done], incomplete[done:]
-    kept += typed[: len(typed) - len(typed.lstrip())]
-    used = kept.replace(",", " ").split() if "," in between else []
-    return [kept + word for word in words if word.startswith(typed.strip()) and word not in used]
+    start = max((incomplete.rfind(mark) for mark in between), default=-1) + 1
+    prefix, typed = incomplete[:start], incomplete[start:]
+    prefix += typed[: len(typed) - len(typed.lstrip())]
+    used = prefix.replace(",", " ").split() if "," in between else []
+    return [prefix + word for word in words if word.startswith(typed.strip()) and word not in used]

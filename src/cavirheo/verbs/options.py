@@ -15,8 +15,9 @@ from cavirheo.errors import require
 from cavirheo.verbs import completion
 
 if TYPE_CHECKING:
+    from cavirheo.curve import RadiusCurve
     from cavirheo.inference.analysis import Analysis
-    from cavirheo.io.shots import Recordings
+    from cavirheo.io.shots import CurveSet
     from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.media import Medium
     from cavirheo.verbs.run import Run
@@ -136,29 +137,6 @@ class Reading(Trust):
 
             shot_numbers(self.shots)
 
-    def recordings(self, files: list[Path], medium: "Medium", exclude: str | None = None) -> "Recordings":
-        """`read_shots` with these settings."""
-        from cavirheo.io.shots import read_shots
-
-        message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
-        require(exclude is None or len(files) == 1, message, "option.exclude")
-        scale = None if self.rmax_um is None else self.rmax_um * 1e-6
-        about: dict[str, Any] = {"density": medium.density, "pressure": medium.pressure, "shots": self.shots}
-        about |= {"frame_rate_hz": self.fps, "exclude": exclude}
-        about |= {"um_per_px": self.um_per_px, "exposure": self.exposure_us and self.exposure_us * 1e-6}
-        found = read_shots(files, max_radius=scale, group=self.group, **about)
-        if self.exposure_us is None:
-            return found
-        return found._replace(curves=[curve.with_exposure(self.exposure_us * 1e-6) for curve in found.curves])
-
-
-@dataclass(kw_only=True)
-class Measured(Reading):
-    """Files that are given by name."""
-
-    files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
-    exclude: Exclude = None
-
 
 @dataclass(kw_only=True)
 class Liquid(Trust):
@@ -201,14 +179,14 @@ class _BubbleValues:
 
         from cavirheo.physics.bubble import bubbles_of
 
-        known = ("contents", "accommodation", "confinement_damping", "confinement_inertia", "vapour_excess")
-        values = {name: value for name in known if (value := getattr(self, name)) is not None}
+        fields = ("contents", "accommodation", "confinement_damping", "confinement_inertia", "vapour_excess")
+        values = {name: value for name in fields if (value := getattr(self, name)) is not None}
         if self.wall_distance_um is not None:
             values["wall_distance"] = self.wall_distance_um * 1e-6
         if not names and not values and damages == ["none"]:
             return None
-        found = (one for name in names or ["real"] for one in bubbles_of(name))
-        return tuple(replace(one, damage=damage, **values) for one in found for damage in damages)
+        bubbles = (bubble for name in names or ["real"] for bubble in bubbles_of(name))
+        return tuple(replace(bubble, damage=damage, **values) for bubble in bubbles for damage in damages)
 
 
 @dataclass(kw_only=True)
@@ -283,6 +261,14 @@ class Pictures:
         True
     )
 
+    def drawing(self, run: "Run") -> bool:
+        """Whether pictures are drawn; where they are asked for and cannot be, a note of the run says so."""
+        from cavirheo.writing import style
+
+        able = style.available()
+        run.notes += [style.NO_PICTURES] if self.pictures and not able else []
+        return self.pictures and able
+
 
 @dataclass(kw_only=True)
 class Figures(Pictures):
@@ -330,6 +316,55 @@ class Question:
 class Answering(Printing, Documents, Pictures, Seed, Liquid, Reading):
     """What all verbs share that answer measured curves."""
 
+    def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
+        """`read_shots` with these settings."""
+        from cavirheo.io.shots import read_shots
+
+        message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
+        require(exclude is None or len(files) == 1, message, "option.exclude")
+        exposure = self.exposure_us and self.exposure_us * 1e-6
+        found = read_shots(
+            files,
+            max_radius=None if self.rmax_um is None else self.rmax_um * 1e-6,
+            group=self.group,
+            density=self.liquid.density,
+            pressure=self.liquid.pressure,
+            shots=self.shots,
+            frame_rate_hz=self.fps,
+            exclude=exclude,
+            um_per_px=self.um_per_px,
+            exposure=exposure,
+        )
+        if exposure is None:
+            return found
+        return found._replace(curves=[curve.labelled(exposure_s=exposure) for curve in found.curves])
+
+
+@dataclass(kw_only=True)
+class Measured(Answering):
+    """Files that are given by name."""
+
+    files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
+    exclude: Exclude = None
+
+    def read(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
+        """All curves of the files, with what a declared column says of them, and the solver loaded. Raises InputError:
+        there is none, or the column is not theirs."""
+        from cavirheo.parallel import aside
+        from cavirheo.physics.simulate import load_solver
+
+        recordings = self.recordings(files, self.exclude)
+        run.refuse(recordings.problems)
+        run.notes += recordings.remarks + recordings.hints
+        curves = recordings.curves
+        run.need(curves, "curve")
+        if self.column is not None:
+            from cavirheo.io.option_tables import with_column
+
+            curves = with_column(curves, self.column)
+        aside(load_solver)
+        return curves
+
 
 @dataclass(kw_only=True)
 class Inference(Answering, OneBubble, Question):
@@ -341,16 +376,16 @@ class Inference(Answering, OneBubble, Question):
         from cavirheo.inference.analysis import Analysis
 
         names = ("model", "material", "stretch", "window", "trust_input", "verify", "seed")
-        asked: dict[str, Any] = {name: getattr(self, name) for name in names}
-        return Analysis(**asked, bubble=self.bubbles, medium=self.liquid, discrepancy=not self.exact_law)
+        settings: dict[str, Any] = {name: getattr(self, name) for name in names}
+        return Analysis(**settings, bubble=self.bubbles, medium=self.liquid, discrepancy=not self.exact_law)
 
     def check_verify(self, files: Iterable[Path]) -> None:
         """Raises InputError for an option that only --verify would use, before hours are spent.
 
         Videos among the files use the exposure, too."""
-        from cavirheo.io.recordings import is_recording
+        from cavirheo.video.frames import is_video
 
-        exposed = self.exposure_us is not None and not any(map(is_recording, files))
-        given = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
-        idle = self.verify == "none" and given
-        require(not idle, f"{' and '.join(given)} would change nothing without --verify map or full: give that too")
+        exposed = self.exposure_us is not None and not any(map(is_video, files))
+        idle = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
+        message = f"{' and '.join(idle)} would change nothing without --verify map or full: give that too"
+        require(self.verify != "none" or not idle, message)

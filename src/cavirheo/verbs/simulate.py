@@ -1,4 +1,4 @@
-"""`cavirheo simulate`: parameters in, one simulated radius history out."""
+"""`cavirheo simulate`: parameters in, one simulated radius history out; `cavirheo laws`: every law's parameters."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Simulate(options.Documents, options.Liquid):
     def __call__(self, run: Run) -> None:
         import numpy as np
 
-        from cavirheo.io.trace import read_trace
+        from cavirheo.io.option_tables import read_trace
         from cavirheo.physics import simulate as forward
         from cavirheo.physics.accuracy import DEFAULT, PRECISE
         from cavirheo.physics.driving import Pulse, Trace
@@ -106,7 +106,7 @@ class Simulate(options.Documents, options.Liquid):
         outputs = Outputs(self.out, *writers, inputs=[driving] if driving else [])
         forward.load_solver()
         with _named(driving):
-            made = forward.simulate(
+            simulation = forward.simulate(
                 law,
                 max_radius=self.rmax_um * 1e-6,
                 stretch=self.stretch,
@@ -119,7 +119,7 @@ class Simulate(options.Documents, options.Liquid):
                 accuracy=PRECISE if self.precise else DEFAULT,
             )
         for name, writer in writers.items():
-            outputs.write(name, writer, made)
+            outputs.write(name, writer, simulation)
         outputs.finish()
         run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES}")
 
@@ -129,8 +129,8 @@ class Simulate(options.Documents, options.Liquid):
 
         idle = self.accommodation is not None and self.contents != "kinetic"
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
-        alone = "--damage-by changes nothing without --damage: give that too"
-        require(self.damage is not None or self.damage_by == "first-rebound", alone, "simulate.idle")
+        message = "--damage-by changes nothing without --damage: give that too"
+        require(self.damage is not None or self.damage_by == "first-rebound", message, "simulate.idle")
         try:
             return Bubble(
                 contents=self.contents,
@@ -150,20 +150,19 @@ class Simulate(options.Documents, options.Liquid):
         """A name whose parameters are options of the command, or a sum of laws that holds its own."""
         from inspect import signature
 
-        from cavirheo.physics.laws import LAWS, parse
-        from cavirheo.physics.materials import MATERIALS
+        from cavirheo.physics.materials import LAWS, MATERIALS, parse
 
         names = ("shear_modulus", "viscosity", "stiffening")
-        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        values = {name: value for name in names if (value := getattr(self, name)) is not None}
         if self.material in MATERIALS:
             needed = list(signature(LAWS[self.material]).parameters)
-            takes = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(given) or 'nothing'}"
-            require(sorted(given) == sorted(needed), takes, "simulate.parameters")
-            return LAWS[self.material](**given)
-        words = ", ".join(f"--{key.replace('_', '-')}" for key in given)
+            message = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(values) or 'nothing'}"
+            require(sorted(values) == sorted(needed), message, "simulate.parameters")
+            return LAWS[self.material](**values)
+        words = ", ".join(f"--{key.replace('_', '-')}" for key in values)
         law = parse(self.material)
-        why = f"--material {self.material!r} holds its own parameters: leave out {words}"
-        require(not given, why, "simulate.parameters_twice")
+        message = f"--material {self.material!r} holds its own parameters: leave out {words}"
+        require(not values, message, "simulate.parameters_twice")
         return law
 
 
@@ -195,3 +194,19 @@ def _write_fields(path: Path, run: Simulation) -> None:
         file["time_s"], file["radius_m"] = run.time, run.radius
         file["position"] = run.contents.position
         file["temperature_K"], file["vapour_mass_fraction"] = run.contents.temperature, run.contents.vapour
+
+
+def laws() -> None:
+    """All laws for `simulate --material`: parameters with units, and the energy or viscosity function."""
+    from cavirheo.physics.materials import EXAMPLE, KINDS, summary, usage
+
+    for kind, names in KINDS.items():
+        print(f"{kind}:")
+        for name in names:
+            print(f"  {usage(name)}\n      {summary(name)}")
+        print()
+    print(
+        "A material is one law, or a sum of one elastic part, one viscous part and any with memory:\n"
+        f"  --material '{EXAMPLE}'"
+    )
+    print("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")

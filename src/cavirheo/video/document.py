@@ -9,10 +9,10 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.video.measurement import Measurement, Stated
+from cavirheo.video.measurement import Measurement, StatedNumber
 from cavirheo.video.track import FLAGS
 from cavirheo.writing import document, terminal
-from cavirheo.writing.document import Document, Finite, Record
+from cavirheo.writing.document import Document, Finite
 
 COLUMNS = {
     "time_us": "from the first frame of the recording on",
@@ -27,18 +27,6 @@ COLUMNS = {
     "flag": "; ".join(f"{flag}: {meaning}" for flag, meaning in FLAGS.items()),
     "frame": "number of the frame, from 1",
 }
-
-
-class StatedNumber(Record):
-    """A number that somebody must say.
-
-    Attributes:
-        value: in SI, but for um per pixel; null where nobody says it.
-        origin: who says so.
-    """
-
-    value: Finite
-    origin: str
 
 
 class Measured(Document):
@@ -105,9 +93,9 @@ def describe(measurement: Measurement, curve: RadiusCurve, doubts: list[str], **
         width=footage.frames.shape[2],
         height=footage.frames.shape[1],
         bits=8 * footage.frames.dtype.itemsize,
-        frame_rate_hz=_stated(measurement.frame_rate),
-        um_per_px=_stated(measurement.um_per_px),
-        exposure_s=_stated(measurement.exposure),
+        frame_rate_hz=measurement.frame_rate,
+        um_per_px=measurement.um_per_px,
+        exposure_s=measurement.exposure,
         measured_with=measurement.options,
         optics_sigma_px=track.optics,
         flags=measurement.counts,
@@ -118,10 +106,6 @@ def describe(measurement: Measurement, curve: RadiusCurve, doubts: list[str], **
         unusable=unusable,
         doubts=doubts,
     )
-
-
-def _stated(number: Stated) -> StatedNumber:
-    return StatedNumber(value=number.value, origin=number.origin)
 
 
 def write_csv(path: Path, measurement: Measurement) -> None:

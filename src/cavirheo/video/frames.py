@@ -69,7 +69,7 @@ class Footage:
         return replace(self, **{name: array[chosen] for name, array in arrays.items() if array is not None})
 
 
-def is_recording(path: Path) -> bool:
+def is_video(path: Path) -> bool:
     """Whether the name is that of a recording: a video, or a folder with images."""
     try:
         folder = path.is_dir()
@@ -320,8 +320,8 @@ def _cine(path: Path) -> Footage:
     return replace(movie, notes=tuple(notes), warnings=tuple(warnings), **times)
 
 
-def _cut_short(frames: int, stated: float, about: str = "") -> Message:
-    return Message("check_input.file_cut_short", {"frames": frames, "stated": stated, "about": about})
+def _cut_short(frames: int, stated: float, precision: str = "") -> Message:
+    return Message("check_input.file_cut_short", {"frames": frames, "stated": stated, "about": precision})
 
 
 def _mraw(path: Path) -> Footage:

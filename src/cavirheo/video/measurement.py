@@ -21,6 +21,7 @@ from cavirheo.video.frames import Footage
 from cavirheo.video.stage import Stage, set_stage
 from cavirheo.video.track import FLAGS, USED, Track, follow
 from cavirheo.writing import digits
+from cavirheo.writing.document import Finite, Record
 
 _PIXEL = 1e-6  # m, that stands in for a pixel until there is a scale
 _DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean different ones
@@ -31,11 +32,15 @@ _HOW = "give it (--fps; in Python frame_rate=)"
 _NO_RATE = f"how fast it was recorded is not known, for a video file states how fast it is played; {_HOW}"
 
 
-@dataclass(frozen=True)
-class Stated:
-    """A number, in SI but for um per pixel, and who says so; None where nobody does."""
+class StatedNumber(Record):
+    """A number that somebody must say.
 
-    value: float | None = None
+    Attributes:
+        value: in SI, but for um per pixel; null where nobody says it.
+        origin: who says so.
+    """
+
+    value: Finite = None
     origin: str = "not known"
 
 
@@ -49,11 +54,11 @@ class Measurement:
     track: Track
     recording: Footage
     time: Floats
-    frame_rate: Stated
-    um_per_px: Stated
-    exposure: Stated
+    frame_rate: StatedNumber
+    um_per_px: StatedNumber
+    exposure: StatedNumber
     options: dict[str, Any]
-    told: tuple[str, ...]  # by the recording
+    footage_notes: tuple[str, ...]  # of the file
     warnings: tuple[Message, ...]
     first: int = 1
     corner: tuple[int, int] = (0, 0)
@@ -67,7 +72,18 @@ class Measurement:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the recording tells, and what became of its frames."""
-        return (*self.told, *_counted(self))
+        used = sum(self.counts.get(flag, 0) for flag in USED)
+        notes = [*self.footage_notes, f"{used} of {len(self.track.flags)} frames measured"]
+        usual = ("ok", "before", "excluded")
+        notes += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in self.counts.items() if flag not in usual]
+        if listed := self.options.get("exclude"):
+            notes.append(f"excluded by hand: frames {listed}")
+        notes += [self.cut] if self.cut else []
+        hint = self.track.exposure_hint
+        if self.exposure.value is None and hint and isfinite(hint):
+            share = f"{min(hint, 1.0):.2g} of the time between frames"
+            notes.append(f"exposure not known; the blur of fast frames suggests {share}")
+        return tuple(notes)
 
     @property
     def cut(self) -> str:
@@ -83,8 +99,8 @@ class Measurement:
         left = np.isin(np.arange(self.first, last + 1), listed)
         arrays = {name: array for name, array in vars(self.track).items() if isinstance(array, np.ndarray)}
         del arrays["flags"]
-        rest: dict[str, Any] = {name: np.where(left, np.nan, array) for name, array in arrays.items()}
-        track = replace(self.track, **rest, flags=np.where(left, "excluded", self.track.flags))
+        remaining: dict[str, Any] = {name: np.where(left, np.nan, array) for name, array in arrays.items()}
+        track = replace(self.track, **remaining, flags=np.where(left, "excluded", self.track.flags))
         require(bool(np.isfinite(track.radius).any()), "all measured frames are excluded", "video.exclude")
         listed = (np.flatnonzero(track.flags == "excluded") + self.first).tolist()
         return replace(self, track=track, options={**self.options, "exclude": digits.ranges(listed)})
@@ -192,15 +208,18 @@ def _camera_rate(recording: Footage) -> tuple[float | None, str]:
     return float(1.0 / np.median(np.diff(recording.time))), "the camera's time stamps"
 
 
-def _agreed(what: str, stated: float | None, camera: tuple[float | None, str]) -> tuple[Stated, tuple[Message, ...]]:
+def _agreed(
+    what: str, stated: float | None, camera: tuple[float | None, str]
+) -> tuple[StatedNumber, tuple[Message, ...]]:
     """The number that counts, the user's before the camera's; a warning where they differ."""
     value, origin = camera
     if stated is None:
-        return (Stated(value, origin) if value else Stated()), ()
+        return (StatedNumber(value=value, origin=origin) if value else StatedNumber()), ()
+    number = StatedNumber(value=stated, origin="the user")
     if not value or abs(stated / value - 1.0) <= _DIFFERS:
-        return Stated(float(stated), "the user"), ()
+        return number, ()
     values = {"given": stated, "what": what, "origin": origin, "value": value}
-    return Stated(float(stated), "the user"), (Message("check_input.camera_differs", values),)
+    return number, (Message("check_input.camera_differs", values),)
 
 
 def _region(images: frames.Pixels, roi: tuple[int, int, int, int]) -> frames.Pixels:
@@ -219,21 +238,3 @@ def _warnings(track: Track, stage: Stage) -> tuple[Message, ...]:
     if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT:
         warnings.append(Message("check_input.overexposed"))
     return tuple(warnings)
-
-
-def _counted(measurement: Measurement) -> list[str]:
-    track, counts = measurement.track, measurement.counts
-    used = sum(counts.get(flag, 0) for flag in USED)
-    messages = [f"{used} of {len(track.flags)} frames measured"]
-    messages += [
-        f"{n} {flag} ({FLAGS[flag]})" for flag, n in counts.items() if flag not in ("ok", "before", "excluded")
-    ]
-    if listed := measurement.options.get("exclude"):
-        messages.append(f"excluded by hand: frames {listed}")
-    messages += [measurement.cut] if measurement.cut else []
-    hint = track.exposure_hint
-    if measurement.exposure.value is None and hint and isfinite(hint):
-        messages.append(
-            f"exposure not known; the blur of fast frames suggests {min(hint, 1.0):.2g} of the time between frames"
-        )
-    return messages

@@ -176,7 +176,7 @@ def _on_rays(stage: Stage, i: int, x0: float, y0: float, radius: float, half: fl
     lag = _lag(smooth, away, wall, outside_level, contrast, 1.2 * _median(outside - within, 2.0) + 1.5)[on]
     light = np.nan
     if radius < 20 and inside_frame.mean() > 0.99:
-        light = _light(covered, x0 - left, y0 - top, radius + 3 * width + 2.0, outside_level, 1.0)
+        light = _light(covered, x0 - left, y0 - top, radius + 3 * width + 2.0, outside_level)
     edge = Edge(width, _median(lag, 0.0), light, contrast, float(on.mean()))
     return fitted(points, (x0, y0), edge)
 
@@ -187,7 +187,7 @@ def _median(values: NDArray[np.floating], otherwise: float) -> float:
 
 
 def _level(values: NDArray[np.floating], otherwise: float) -> float:
-    """Their mean without stray ones: the median alone would be a whole grey value."""
+    """Their mean without outliers: the median alone would be a whole grey value."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return otherwise
@@ -212,18 +212,18 @@ def _lag(
     along: NDArray[np.floating], away: Floats, wall: Floats, outside_level: float, contrast: float, distance: float
 ) -> Floats:
     """(rays,) by how much the mean of the wall over the exposure is beyond its half level: all that the profile covers
-    within `reach` of it, which motion and optics do not change."""
+    within `distance` of it, which motion and optics do not change."""
     within = np.abs(away - wall[:, None]) <= distance
     begin = away[within.argmax(1)] - _STEP / 2
     covered = np.where(within, (along - outside_level) / contrast, 0.0).sum(1) * _STEP
     return np.asarray(begin + covered - wall)
 
 
-def _light(covered: Image, x: float, y: float, distance: float, outside_level: float, full: float) -> float:
+def _light(covered: Image, x: float, y: float, distance: float, outside_level: float) -> float:
     """Radius of the disc that takes as much light."""
     v, u = np.ogrid[: covered.shape[0], : covered.shape[1]]
     within = (u - x) ** 2 + (v - y) ** 2 < distance**2
-    missing = float(np.nansum(covered[within] - outside_level)) / full
+    missing = float(np.nansum(covered[within] - outside_level))
     return float(np.sqrt(max(missing, 0.0) / np.pi))
 
 

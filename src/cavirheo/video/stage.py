@@ -198,12 +198,12 @@ def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Sta
             count[k] += part
     passed = count[1] > 0.5 * count[0]  # by a shock wave, in a few frames
     total, count = np.where(passed, total[1], total[0]), np.where(passed, count[1], count[0])
-    seen = count > 0
-    if seen.mean() < 0.05:
+    measured = count > 0
+    if measured.mean() < 0.05:
         return stage
     reference = stage.reference.copy()
-    reference[seen] = (total[seen] / count[seen]).astype(np.float32)
-    if not stage.empty and not seen.all():
-        reference[~seen] = smooth_surface(reference, seen)[~seen]
+    reference[measured] = (total[measured] / count[measured]).astype(np.float32)
+    if not stage.empty and not measured.all():
+        reference[~measured] = smooth_surface(reference, measured)[~measured]
     blind = reference < _OPAQUE * float(np.median(reference)) if stage.depth > 0 else stage.blind
     return replace(stage, reference=np.maximum(reference, np.float32(1e-3 * usual)), blind=blind, gains=gains)

@@ -44,7 +44,7 @@ class Rules:
     faint: float = 0.5  # of the usual contrast
     fits: float = 0.5  # of the points that must be near the circle
     jump: float = 12.0  # of the centre, beside half the radius
-    near: int = 15  # outlines seen whole, that give their centre to others
+    neighbours: int = 15  # outlines seen whole, that give their centre to others
     gap: int = 1  # frames without a bubble that the way back to its beginning may cross
     spike: float = 0.1  # of the largest radius
     swing: float = 0.2  # change of the radius within an exposure that a reversal must make
@@ -87,7 +87,7 @@ class Track:
     twins: int = 0
 
 
-def follow(stage: Stage, exposure: float | None = None, done: Callable[[], None] = lambda: None) -> Track:
+def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], None] = lambda: None) -> Track:
     """The bubble through all frames. exposure: in frames; None is unknown.
 
     Raises InputError: no bubble.
@@ -103,12 +103,15 @@ def follow(stage: Stage, exposure: float | None = None, done: Callable[[], None]
         if not patches_of[i]:
             patches_of[i] = outline.patches(stage, i)
     chosen, elsewhere = _one_bubble(patches_of, n)
-    twins = sum(_is_twin(patches_of[i], patch) for i, patch in chosen.items())
+    twins = sum(
+        any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches_of[i])
+        for i, bubble in chosen.items()
+    )
     outlines: dict[int, Outline] = {}
     for i, patch in chosen.items():
         if measured := outline.measure(stage, i, patch):
             outlines[i] = measured
-        done()
+        advance()
     require(bool(outlines), _NOTHING, "video.no_bubble")
     return _judged(stage, _centred(outlines), elsewhere, exposure, twins)
 
@@ -124,7 +127,7 @@ def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, P
     for way in (range(largest, n), range(largest - 1, -1, -1)):
         last, gone = peak, 0
         for i in way:
-            candidates = [patch for patch in patches_of.get(i, ()) if _distance(patch, last) < _reach(patch, last)]
+            candidates = [patch for patch in patches_of.get(i, ()) if _is_near(patch, last)]
             if candidates:
                 weights = [patch.area / (1.0 + (_distance(patch, last) / 10.0) ** 2) for patch in candidates]
                 last, gone = candidates[int(np.argmax(weights))], 0
@@ -142,12 +145,8 @@ def _distance(a: Patch, b: Patch) -> float:
     return hypot(a.x - b.x, a.y - b.y)
 
 
-def _reach(a: Patch, b: Patch) -> float:
-    return RULES.jump + 0.5 * max(a.radius, b.radius)
-
-
-def _is_twin(patches: list[Patch], bubble: Patch) -> bool:
-    return any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches)
+def _is_near(a: Patch, b: Patch) -> bool:
+    return _distance(a, b) < RULES.jump + 0.5 * max(a.radius, b.radius)
 
 
 def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
@@ -158,7 +157,7 @@ def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
     def centred(i: int, fit: Outline) -> Outline:
         if fit.edge.arc > WHOLE:
             return fit
-        neighbours = [outlines[k] for k in sorted(whole, key=lambda k: abs(k - i))[: RULES.near]]
+        neighbours = [outlines[k] for k in sorted(whole, key=lambda k: abs(k - i))[: RULES.neighbours]]
         weight = np.array([1.0 / max(each.sigma, 0.02) for each in neighbours])
         x, y = (_weighted_median(np.array([getattr(each, axis) for each in neighbours]), weight) for axis in "xy")
         spread = 1.4826 * float(np.median([hypot(each.x - x, each.y - y) for each in neighbours])) + 0.3

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
@@ -12,19 +11,17 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, TypeVar
 
-import numpy as np
-
 from cavirheo.curve import RadiusCurve
 from cavirheo.messages import Message
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
-from cavirheo.writing.packing import pack, unpack
+from cavirheo.writing.packing import decode, encode
 
 _TYPES = (Posterior, Checks, Message, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
-_Kept = TypeVar("_Kept")
+_Value = TypeVar("_Value")
 
 
 class Store:
@@ -41,7 +38,7 @@ class Store:
         self._held: OrderedDict[str, Future[Any]] = OrderedDict()
         self._lock = Lock()
 
-    def get(self, key: str, kind: type[_Kept] = Posterior) -> _Kept | None:  # type: ignore[assignment]
+    def get(self, key: str, kind: type[_Value] = Posterior) -> _Value | None:  # type: ignore[assignment]
         """What is kept under a key; None where there is nothing, or nothing of this kind that can be read."""
         with self._lock:
             held = self._held.get(key)
@@ -59,12 +56,12 @@ class Store:
             self.written.add(key)
         self._hold(key, value)
 
-    def once(self, key: str, work: Callable[[], _Kept]) -> _Kept:
+    def once(self, key: str, work: Callable[[], _Value]) -> _Value:
         """What is held under a key, or what `work` finds: the first thread that asks finds it, and the others wait. A
         failure is told to all who wait, and is not kept."""
         with self._lock:
             mine = key not in self._held
-            task: Future[_Kept] = self._held.setdefault(key, Future())
+            task: Future[_Value] = self._held.setdefault(key, Future())
             self._held.move_to_end(key)
             self._trim()
         if mine:
@@ -76,7 +73,7 @@ class Store:
                 task.set_exception(error)
         return task.result()
 
-    def values(self, kind: type[_Kept]) -> Iterable[_Kept]:
+    def values(self, kind: type[_Value]) -> Iterable[_Value]:
         """All of a kind that are in files."""
         for place in sorted(self.folder.glob("*.npz")) if self.folder else ():
             if (value := read_kept(place, kind)) is not None:
@@ -115,18 +112,14 @@ class Store:
 
 
 def keep(path: Path, value: Any) -> None:
-    """An answer, a curve, or several of them in a tuple or a dict: arrays as such, all else as JSON. Numbers come back
-    to the last bit. Raises OSError."""
-    arrays: list[np.ndarray] = []
-    text = json.dumps(pack(value, arrays), default=str)
+    """An answer, a curve, or several of them in a tuple or a dict. Raises OSError."""
     with whole(path) as temporary:
-        np.savez(temporary, np.frombuffer(text.encode(), np.uint8), *arrays)
+        temporary.write_bytes(encode(value, default=str))
 
 
-def read_kept(path: Path, kind: type[_Kept]) -> _Kept | None:
+def read_kept(path: Path, kind: type[_Value]) -> _Value | None:
     """What `keep` wrote; None where there is nothing, or nothing of this kind that can be read."""
-    with suppress(Exception), np.load(path) as file:  # whatever is wrong with it, the answer is found anew
-        arrays = [file[name] for name in file.files]
-        value = unpack(json.loads(arrays[0].tobytes()), arrays[1:], _KINDS)
+    with suppress(EOFError, OSError):  # whatever is wrong with it, the answer is found anew
+        value = decode(path.read_bytes(), _KINDS)
         return value if isinstance(value, kind) else None
     return None

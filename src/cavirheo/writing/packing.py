@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -13,26 +14,47 @@ import numpy as np
 from cavirheo.errors import InputError
 
 
-def pack(value: Any, arrays: list[np.ndarray]) -> Any:
-    """As JSON can hold it: records, lists, tuples and dicts as {kind: content}; arrays are appended to `arrays`."""
+def encode(value: Any, default: Callable[[Any], str] | None = None) -> bytes:
+    """Records, lists, tuples, dicts, numbers, texts and arrays as .npz, of which the first array is their JSON. Numbers
+    come back to the last bit.
+
+    default: makes a text of anything else. Raises TypeError: there is something else, and no default.
+    """
+    arrays: list[np.ndarray] = []
+    text, stream = json.dumps(_pack(value, arrays), default=default), BytesIO()
+    np.savez(stream, np.frombuffer(text.encode(), np.uint8), *arrays)
+    return stream.getvalue()
+
+
+def decode(content: bytes, kinds: Mapping[str, Any]) -> Any:
+    """What was encoded; kinds: the records that it may hold, by name. Raises EOFError: it is none of ours."""
+    try:
+        with np.load(BytesIO(content)) as file:
+            text, *arrays = (file[name] for name in file.files)
+        return _unpack(json.loads(text.tobytes()), arrays, kinds)
+    except Exception as error:  # a damaged file or process may give anything
+        raise EOFError(f"nothing that was encoded here ({type(error).__name__})") from error
+
+
+def _pack(value: Any, arrays: list[np.ndarray]) -> Any:
+    """As JSON can hold it, as {kind: content}; arrays are appended to `arrays`."""
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, InputError):
         return {"InputError": {"message": value.message, "code": value.code, "where": value.where}}
     names = [field.name for field in fields(value)] if is_dataclass(value) else getattr(value, "_fields", None)
+    names = getattr(type(value), "model_fields", names)
     if names is not None and not isinstance(value, type):
-        return {type(value).__name__: {name: pack(getattr(value, name), arrays) for name in names}}
+        return {type(value).__name__: {name: _pack(getattr(value, name), arrays) for name in names}}
     if isinstance(value, Mapping):
-        return {"dict": [[pack(key, arrays), pack(item, arrays)] for key, item in value.items()]}
+        return {"dict": [[_pack(key, arrays), _pack(item, arrays)] for key, item in value.items()]}
     if isinstance(value, tuple | list):
-        return {"tuple" if isinstance(value, tuple) else "list": [pack(item, arrays) for item in value]}
+        return {"tuple" if isinstance(value, tuple) else "list": [_pack(item, arrays) for item in value]}
     return value.item() if isinstance(value, np.generic) else value
 
 
-def unpack(value: Any, arrays: list[np.ndarray], kinds: Mapping[str, Any]) -> Any:
-    """What was packed; kinds: the records that it may hold, by name. Raises KeyError, IndexError, TypeError or
-    ValueError: it holds something else."""
+def _unpack(value: Any, arrays: list[np.ndarray], kinds: Mapping[str, Any]) -> Any:
     if isinstance(value, list):
         raise ValueError("a list without its kind")
     if not isinstance(value, dict):
@@ -41,16 +63,16 @@ def unpack(value: Any, arrays: list[np.ndarray], kinds: Mapping[str, Any]) -> An
     if kind == "array":
         return arrays[inside]
     if kind in kinds:
-        return kinds[kind](**{name: unpack(item, arrays, kinds) for name, item in inside.items()})
+        return kinds[kind](**{name: _unpack(item, arrays, kinds) for name, item in inside.items()})
     if kind == "dict":
-        return {unpack(key, arrays, kinds): unpack(item, arrays, kinds) for key, item in inside}
-    return {"list": list, "tuple": tuple}[kind](unpack(item, arrays, kinds) for item in inside)
+        return {_unpack(key, arrays, kinds): _unpack(item, arrays, kinds) for key, item in inside}
+    return {"list": list, "tuple": tuple}[kind](_unpack(item, arrays, kinds) for item in inside)
 
 
 def key_of(content: Any) -> str:
-    """SHA-256 of whatever `pack` can pack."""
+    """SHA-256 of whatever `encode` takes."""
     arrays: list[np.ndarray] = []
-    digest = hashlib.sha256(json.dumps(pack(content, arrays), default=str).encode())
+    digest = hashlib.sha256(json.dumps(_pack(content, arrays), default=str).encode())
     for array in arrays:
         digest.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
     return digest.hexdigest()

@@ -17,16 +17,20 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.writing.digits import printable
+from cavirheo.writing.digits import elide, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from PIL.Image import Image
 
 BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222", "#888888"
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 DPI = 150  # of PNG files
+_WHOLE, _UPPER, _LOWER = (
+    (0.1, 0.115, 0.875, 0.72),
+    (0.1, 0.415, 0.875, 0.4),
+    (0.1, 0.115, 0.875, 0.22),
+)  # places of axes in a figure
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
 # Where it can write no home it takes a temporary folder, of which no user need hear.
 _HOMELESS = ("mkdir -p failed for path", "%s is not a writable directory", "Matplotlib created a temporary")
@@ -67,32 +71,49 @@ def write(where: Any, x: float, y: float, text: str, *, size: float, color: str 
     return where.text(x, y, printable(text), fontsize=size, color=color, parse_math=False, **place, **how)
 
 
-def drawn(figure: Figure, dpi: int = DPI) -> Image:
-    """The figure as an image (RGB)."""
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image
-
-    figure.dpi = dpi
-    canvas: Any = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    faster: Any = {"text.hinting": "none"}  # by a fifth, and nothing shows it
-    with _settings, matplotlib.rc_context(faster), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: they are drawn as boxes
-        canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+def headed(name: str, right: str, answer: list[str]) -> Figure:
+    """A figure with its title and the answer in a box. Raises InputError without matplotlib."""
+    figure = new_figure(4.5)
+    write(figure, 0.1, 0.955, elide(name, 50), size=11, weight="bold")
+    write(figure, 0.975, 0.955, right, size=10, weight="bold", ha="right", color=INK)
+    box = {"boxstyle": "round,pad=0.45", "facecolor": "#f4f1ea", "edgecolor": "none"}
+    write(figure, 0.111, 0.895, "\u2003\u2002".join(filter(None, answer)), size=9.0, bbox=box)
+    return figure
 
 
-def save_png(path: str | Path, figure: Figure) -> None:
-    drawn(figure).save(path, dpi=(DPI, DPI), compress_level=1)
+def one_panel(figure: Figure, x: str, y: str) -> Axes:
+    return new_axes(figure, _WHOLE, x, y)
 
 
-def save(path: str | Path, figure: Figure, kind: str, dpi: int = DPI) -> None:
+def two_panels(figure: Figure, upper_y: str, x: str, lower_y: str) -> tuple[Axes, Axes]:
+    """Upper and lower axes; the lower one names x for both."""
+    upper, lower = new_axes(figure, _UPPER, "", upper_y), new_axes(figure, _LOWER, x, lower_y)
+    upper.tick_params(labelbottom=False)
+    return upper, lower
+
+
+def named_curves(axes: Axes, count: int, **how: Any) -> None:
+    """The names of so many curves in one line at the upper right of a panel, above the curves."""
+    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.985), "ncols": count}
+    axes.legend(**place, fontsize=8.5, frameon=False, handlelength=1.6, **how)
+
+
+def plain_ticks(axis: Any, steps: tuple[int, ...], most: int | None = None) -> None:
+    """0.01, 1, 100 instead of powers, and such multiples of these."""
+    from matplotlib.ticker import LogLocator
+
+    axis.set_major_locator(LogLocator(subs=steps, numticks=most))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter("")
+
+
+def save(path: str | Path, figure: Figure, kind: str = "png", dpi: int = DPI) -> None:
     """As "png", "svg" or "pdf": with text as text, and the same bytes each time."""
     import matplotlib
 
-    fonts: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "cavirheo"}
+    settings: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "cavirheo"}
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
-    with _settings, matplotlib.rc_context(fonts), warnings.catch_warnings():
+    with _settings, matplotlib.rc_context(settings), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: they are drawn as boxes
         figure.savefig(path, format=kind, dpi=dpi, metadata=undated[kind])
 

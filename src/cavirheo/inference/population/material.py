@@ -100,16 +100,19 @@ class Population:
         require(len(self.centre) > 0, f"the population has no draws: {'; '.join(self.doubts)}", "population.no_draws")
         return self.names.index(name)
 
+    def _ends(self, draws: Floats, name: str, level: float) -> tuple[float, float, float]:
+        return _quantiles(draws[:, self._column(name)], level)
+
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the material's parameter, SI. Raises InputError: no such parameter, or no draws."""
-        low, middle, high = (10.0 ** _quantiles(self.centre[:, self._column(name)], level)).tolist()
-        return low, middle, high
+        low, middle, high = self._ends(self.centre, name, level)
+        return 10.0**low, 10.0**middle, 10.0**high
 
     def bound(self, name: str) -> Bound | None:
         """What is known of a parameter that the shots only bound: "upper", "lower" or "undetermined", as
         `Posterior.bound`; None where its interval lies inside the range, and at least three shots determine it by
         themselves. Raises InputError: as `interval`."""
-        low, high = _quantiles(self.centre[:, self._column(name)], 0.9)[[0, 2]].tolist()
+        low, _, high = self._ends(self.centre, name, 0.9)
         reached = bound_of(low, high, self.prior[name]) if name in self.prior else None
         return reached or self.shots_bound.get(name)
 
@@ -127,20 +130,17 @@ class Population:
         """(low, median, high) of the material's parameter, SI, if all shots that belong had it exactly; as `interval`.
 
         Too narrow where shots scatter: `scattered` says how probable that is."""
-        low, middle, high = (10.0 ** _quantiles(self.common[:, self._column(name)], level)).tolist()
-        return low, middle, high
+        low, middle, high = self._ends(self.common, name, level)
+        return 10.0**low, 10.0**middle, 10.0**high
 
     def scatter(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the standard deviation of the shots about the material, decades; as `interval`."""
-        low, middle, high = _quantiles(self.spread[:, self._column(name)], level).tolist()
-        return low, middle, high
+        return self._ends(self.spread, name, level)
 
     def trend(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the slope along the column, decades per unit; as `interval`."""
-        k = self._column(name)
         require(self.slope is not None, "the population was made without a column (along)", "population.along")
-        low, middle, high = _quantiles(np.asarray(self.slope)[:, k], level).tolist()
-        return low, middle, high
+        return self._ends(np.asarray(self.slope), name, level)
 
     @property
     def strays(self) -> dict[str, float]:
@@ -210,34 +210,18 @@ class Population:
         """This material over the other, by parameter that both determine. Raises InputError: one has no draws.
 
         Both must rest on one law and bubble, and an error that they share (the radius scale) is in neither."""
-        found = {}
+        differences = {}
         for name in (name for name in self.determined if name in other.determined):
             mine, its = self.centre[:, self._column(name)], other.centre[:, other._column(name)]
             count = min(len(mine), len(its))
-            apart = mine[:count] - its[:count]
-            low, middle, high = (10.0 ** _quantiles(apart, 0.9)).tolist()
-            square, mean = max(float(np.var(apart)), 1e-12), float(np.mean(apart))  # none between equal groups
+            difference = mine[:count] - its[:count]
+            low, middle, high = _quantiles(difference, 0.9)
+            square, mean = max(float(np.var(difference)), 1e-12), float(np.mean(difference))  # 0 between equal groups
             wide = square + UNLIKE**2
             log_odds = 0.5 * np.log(square / wide) + 0.5 * mean**2 * (1.0 / square - 1.0 / wide)
-            higher = float(np.mean(apart > 0))
-            found[name] = Difference((low, middle, high), higher, float(expit(log_odds)))
-        return found
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; intervals as (5 %, 50 %, 95 %)."""
-        made = len(self.centre) > 0
-        return {
-            "material": self.material, "bubble": self.bubble.name, "line": self.line, "remarks": self.remarks,
-            "shots": list(self.shots), "left_out": dict(self.left_out), "strays": self.strays,
-            "bound": {name: bound for name in self.names if made and (bound := self.bound(name))},
-            "centre": {name: self.interval(name) for name in self.names if made},
-            "common": {name: self.if_common(name) for name in self.names if made},
-            "spread_decades": {name: self.scatter(name) for name in self.names if made},
-            "correlation": self.correlations(),
-            "slope": {name: self.trend(name) for name in self.names if self.slope is not None},
-            "log_evidence_of_scatter": self.scattered.log if self.scattered else None,
-            "log_evidence": self.evidence.log if self.evidence else None,
-        }  # fmt: skip
+            higher = float(np.mean(difference > 0))
+            differences[name] = Difference((10.0**low, 10.0**middle, 10.0**high), higher, float(expit(log_odds)))
+        return differences
 
     def to_dataframe(self) -> Any:
         """The draws as a pandas.DataFrame: of the material ("shear_modulus_Pa"), of the scatter about it
@@ -273,16 +257,16 @@ class Population:
 
     def correlations(self) -> dict[str, tuple[float, float, float]]:
         """(5 %, 50 %, 95 %) of the scatter's correlations, by "name, name"."""
-        found = {}
+        ends = {}
         for i, name in enumerate(self.names):
             for j in range(i if len(self.centre) else 0):
-                low, middle, high = _quantiles(self.correlation[:, i, j], 0.9).tolist()
-                found[f"{self.names[j]}, {name}"] = low, middle, high
-        return found
+                ends[f"{self.names[j]}, {name}"] = _quantiles(self.correlation[:, i, j], 0.9)
+        return ends
 
 
-def _quantiles(values: Floats, level: float) -> Floats:
-    return np.asarray(np.quantile(values, [(1.0 - level) / 2.0, 0.5, (1.0 + level) / 2.0]))
+def _quantiles(values: Floats, level: float) -> tuple[float, float, float]:
+    low, middle, high = np.quantile(values, [(1.0 - level) / 2.0, 0.5, (1.0 + level) / 2.0]).tolist()
+    return low, middle, high
 
 
 def relative_scatter(decades: float) -> float:

@@ -1,4 +1,6 @@
-"""A declared column, such as a concentration or a temperature: a table of shots, files or groups and one number each.
+"""Tables that an option names: a declared column, and the pressure far from the bubble over time.
+
+A declared column, such as a concentration or a temperature, has shots, files or groups and one number each:
 
     shot,concentration_percent
     gel_1.csv,0.5
@@ -16,10 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io.files import guarded
-from cavirheo.io.formats import Cells, is_number
+from cavirheo.io.formats import TIME_UNITS, Cells, is_number
 from cavirheo.io.tables import Name, Term, Vocabulary, read_columns
 
 SIZE = "R_max"  # the word
@@ -29,9 +32,19 @@ _DECLARED = Vocabulary(
     {"any": Term("")},
     "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
     dict.fromkeys(("columns", "empty"), "column.head") | dict.fromkeys(("number", "comma", "width"), "column.number"),
-    other=lambda _: Name("any"),
+    fallback=lambda _: Name("any"),
     marks="#",
     declared=True,
+)
+
+
+_TRACE = Vocabulary(
+    {
+        "time": Term("t time zeit temps tiempo 時間 时间", TIME_UNITS),
+        "pressure": Term("p pressure druck pression presion 圧力 压力 壓力", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}),
+    },
+    "expected a pressure trace with the columns time_us,pressure_kPa",
+    dict.fromkeys(("columns", "empty", "no_unit", "unit"), "trace.header") | {"twice": "trace.twice"},
 )
 
 
@@ -118,3 +131,15 @@ def listed(names: Sequence[str]) -> str:
     """The first of them, for a message."""
     unlike = list(dict.fromkeys(names))
     return (", ".join(unlike[:_LISTED]) or "nothing") + f" and {len(unlike) - _LISTED} more" * (len(unlike) > _LISTED)
+
+
+def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
+    """(n,) times in s, (n,) pressures above the ambient one in Pa, and notes of what was recognised or left out, from
+    the columns time_us and pressure_kPa (or in other units, which must be named).
+
+    Raises:
+        InputError: the file cannot be read, has no such columns, or a cell that is no number.
+    """
+    with guarded(path):
+        (table,) = read_columns(path, _TRACE, ("time", "pressure"))
+        return table.column("time").si, table.column("pressure").si, table.notes

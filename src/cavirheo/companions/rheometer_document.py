@@ -10,13 +10,22 @@ import re
 from collections.abc import Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from cavirheo.companions.rheometer.sweeps import Sweep, frequency_sweep, strain_sweep
+import numpy as np
+
+from cavirheo.companions.rheometer import Sweep, frequency_sweep, strain_sweep
 from cavirheo.reporting.group import Published, PublishedValue
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Spread, spread_of, write_rows
+from cavirheo.writing.style import BLUE, INK, VERMILLION, headed, named_curves, plain_ticks, two_panels, write
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_NARROWEST = 5.0  # highest over lowest viscosity of an axis
+_MARK: Any = {"ls": "none", "ms": 8, "mew": 1.4, "mec": INK, "mfc": "none", "zorder": 4, "clip_on": False}
 
 
 class Shown(NamedTuple):
@@ -69,8 +78,8 @@ class Rheometry(Document):
             "shear_modulus": self.shear_modulus_Pa,
             f"viscosity_at_{self.at_rad_per_s:g}_rad_per_s": self.viscosity_Pa_s,
         }
-        known = {name: PublishedValue(**dict(value)) for name, value in values.items() if value.mean is not None}
-        return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": known}
+        published = {name: PublishedValue(**dict(value)) for name, value in values.items() if value.mean is not None}
+        return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": published}
 
 
 def shown(document: Rheometry, kind: str) -> list[Shown]:
@@ -91,18 +100,18 @@ def shown(document: Rheometry, kind: str) -> list[Shown]:
 
 
 def rheometry(
-    found: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
+    sweeps: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
 ) -> Rheometry:
     """The document of these sweeps as they were read; `head`: command, date, notes."""
-    strain = [strain_sweep(one, tolerance) for one in found if one.kind == "strain"]
-    frequency = [frequency_sweep(one, at) for one in found if one.kind == "frequency"]
+    strain = [strain_sweep(one, tolerance) for one in sweeps if one.kind == "strain"]
+    frequency = [frequency_sweep(one, at) for one in sweeps if one.kind == "frequency"]
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
     if modulus.mean is None:
         solid = [s for s in strain if (s.plateau_storage_Pa or 0.0) > (s.plateau_loss_Pa or 0.0)]
         held = _known(s.held for s in solid)
         modulus = spread_of([s.plateau_storage_Pa for s in solid])
         origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
-    made = Rheometry(
+    document = Rheometry(
         material=material,
         tolerance=tolerance,
         at_rad_per_s=at,
@@ -113,13 +122,13 @@ def rheometry(
         **head,
     )
     limit = min(_known(sweep.plateau_to for sweep in strain if sweep.departs), default=math.inf)
-    made.notes += [
+    document.notes += [
         f"{sweep.name} was run at a strain of {digits.percent(sweep.held)} %, beyond the linear range "
         f"(to {digits.percent(limit)} %): its moduli are not those of the linear range"
         for sweep in frequency
         if (sweep.held or 0.0) > limit
     ]
-    return made
+    return document
 
 
 def write_csv(path: Path, document: Rheometry) -> None:
@@ -186,13 +195,67 @@ def _known(values: Iterable[float | None]) -> list[float]:
 
 def _span(values: Iterable[float | None], count: int = 3, to: str = " to ") -> str:
     """'0.10 to 100', '1.5e5 to 2.5e5', or one number where both ends read the same."""
-    known = _known(values)
+    finite = _known(values)
     ends = [
         digits.significant(end, count) if end < 1e4 else f"{end:.{count - 1}e}".replace("e+0", "e")
-        for end in ([min(known), max(known)] if known else [])
+        for end in ([min(finite), max(finite)] if finite else [])
     ]
     return to.join(dict.fromkeys(ends)) or digits.MISSING
 
 
 def _with_unit(value: Spread, factor: float, unit: str) -> str:
     return digits.spread(value, factor) + ("" if value.mean is None else f" {unit}")
+
+
+def figure(document: Rheometry, kind: str) -> Figure:
+    """Moduli with the range of the plateau that all have; below, how far G' is from its plateau, or G''/omega with the
+    viscosity marked. What was not found is not drawn."""
+    sweeps, strain, band = document.of(kind), kind == "strain", 100 * document.tolerance
+    (factor, unit), scale = document.unit, 100.0 if strain else 1.0
+
+    def column(name: str) -> np.ndarray:
+        return np.array([getattr(sweep, name) for sweep in sweeps], dtype=float)
+
+    entries = [entry for entry in shown(document, kind) if entry.words]
+    means = [(entry, spread_of([getattr(sweep, entry.field) for sweep in sweeps])) for entry in entries]
+    answer = [entry.words.format(digits.spread(mean, entry.factor)) for entry, mean in means if mean.mean is not None]
+    what = f"{kind} sweep" if len(sweeps) == 1 else f"{len(sweeps)} {kind} sweeps: mean ± std"
+    drawing = headed(document.material, what, answer)
+    labels = ("strain (%)", "G′ from plateau (%)") if strain else ("angular frequency ω (rad/s)", "G″/ω (Pa s)")
+    upper, lower = two_panels(drawing, f"G′, G″ ({unit})", *labels)
+    line: Any = {"ms": 4.0 if len(sweeps) == 1 else 3.0, "lw": 0.7}
+    for k, (sweep, level) in enumerate(zip(sweeps, column("plateau_storage_Pa"), strict=True)):
+        x, names = scale * sweep.x, [None, None] if k else ["G′", "G″"]
+        upper.plot(x, factor * sweep.storage, "o-", color=BLUE, label=names[0], **line)
+        upper.plot(x, factor * sweep.loss, "o-", color=VERMILLION, mfc="white", mew=0.9, label=names[1], **line)
+        y, colour = (100 * (sweep.storage / level - 1), BLUE) if strain else (sweep.loss / sweep.x, VERMILLION)
+        lower.plot(x, y, "o-", color=colour, **line | {"ms": 3.2})
+    upper.plot(scale * column("crossover"), factor * column("crossover_modulus_Pa"), "D", **_MARK)
+    named_curves(upper, 2, columnspacing=1.2, borderaxespad=0.1)
+    first, last = scale * np.fmax.reduce(column("plateau_from")), scale * np.fmin.reduce(column("plateau_to"))
+    if first < last:
+        for axes in (upper, lower):
+            axes.axvspan(first, last, color="#00694d", alpha=0.09, lw=0, zorder=0)
+        words = ("linear range" if strain else "plateau") + " of all" * (len(sweeps) > 1)
+        place: Any = {"transform": upper.get_xaxis_transform(), "ha": "center", "va": "bottom", "fontsize": 8}
+        upper.text(np.sqrt(first * last), 1.02, words, color="#00694d", **place)
+    upper.loglog()
+    lower.semilogx()
+    lower.set_xlim(upper.get_xlim())
+    if strain:
+        lower.axhspan(-band, band, color=BLUE, alpha=0.13, lw=0)
+        lower.axhline(0.0, color=INK, lw=0.8)
+        lower.set_ylim(-5 * band, 5 * band)
+        write(lower, 1.0, 1.06, f"band: ± {band:g} %", size=8, color=INK, ha="right")
+    else:
+        lower.plot(column("at_rad_per_s"), column("viscosity_Pa_s"), "o", **_MARK)
+        lower.set_yscale("log")
+        low, high = lower.get_ylim()
+        widen = max(np.sqrt(_NARROWEST * low / high), 1.0)  # or noise would fill the panel
+        lower.set_ylim(low / widen, high * widen)
+    for axis in (upper.xaxis, upper.yaxis, lower.xaxis, *([] if strain else [lower.yaxis])):
+        low, high = axis.get_view_interval()
+        plain_ticks(axis, (1, 2, 5) if 0 < high < 100 * low else (1,), 9)
+    for axes in (upper, lower):
+        axes.tick_params(which="minor", color="#bbbbbb", length=2)
+    return drawing

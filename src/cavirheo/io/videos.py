@@ -1,18 +1,18 @@
-"""Recordings -> RadiusCurves, guarded as other files are."""
+"""Videos -> RadiusCurves, guarded as other files are; and what a person types of their camera."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import inf
 from pathlib import Path
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import as_path
-from cavirheo.io.files import guarded, sha256, shown
-from cavirheo.video.frames import is_recording
+from cavirheo.errors import InputError, as_path, number_of
+from cavirheo.io.files import file_label, guarded, sha256
+from cavirheo.video.frames import CAMERAS, STACKS
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
-
-__all__ = ["examine", "history", "is_recording", "measure"]
 
 
 def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:
@@ -50,9 +50,43 @@ def examine(
 def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> RadiusCurve:
     """The curve of a measurement, with what the file says of it. Raises InputError."""
     digest = None if path.is_dir() else sha256(path)
-    origin = {"name": path.stem, "group": path.stem, "source": shown(path), "source_sha256": digest}
+    origin = {"name": path.stem, "group": path.stem, "source": file_label(path), "source_sha256": digest}
     if sheet:
         from cavirheo.video.picture import sheet_address
 
         origin["contact_sheet"] = sheet_address(measurement)
     return measurement.curve(**origin)
+
+
+class Camera(NamedTuple):
+    """Frames per s, um per pixel, exposure in us; None: not given."""
+
+    frame_rate: float | None = None
+    um_per_px: float | None = None
+    exposure_us: float | None = None
+
+    @property
+    def options(self) -> str:
+        """Of `cavirheo infer`, that mean the same."""
+        values = zip(("fps", "um-per-px", "exposure-us"), self, strict=True)
+        return "".join(f" --{name} {value:.10g}" for name, value in values if value is not None)
+
+
+def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -> tuple[Camera, list[str]]:
+    """The camera that these texts say; why a recording with this ending cannot be measured so, field by field, empty
+    where it can. unscaled: its file is known to state no scale."""
+    values: list[float | None] = []
+    wrong = []
+    for text, field in zip(texts, Camera._fields, strict=True):
+        value, why = None, ""
+        try:
+            value = number_of(text, field.replace("_", " "))
+        except InputError as error:
+            why = str(error)
+        values.append(value)
+        wrong.append(why if value is None or 0 < value < inf else "must be a positive number")
+    if values[0] is None and ending not in CAMERAS:
+        wrong[0] = wrong[0] or "missing: type the rate of the camera; the file states only how fast it is played"
+    if values[1] is None and (ending not in STACKS or unscaled):
+        wrong[1] = wrong[1] or "missing: type how many micrometres a pixel shows"
+    return Camera(*values), wrong

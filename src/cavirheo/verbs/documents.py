@@ -1,4 +1,4 @@
-"""`cavirheo show`: what a file holds (a document, training set, model, measured curves), or what a network is."""
+"""`cavirheo show`: what a file holds, or what a network is; `cavirheo cite`: how a paper describes a result."""
 
 from __future__ import annotations
 
@@ -28,27 +28,22 @@ def show(
 
     Of a network: what it answers, the ranges and recordings it was trained on, and how well it answers.
     """
-    if len(file.parts) == 1 and not file.suffix and not _there(file):
+    if len(file.parts) == 1 and not file.suffix and not _exists(file):
         file = _shipped(file.name)
+    network = file.suffix.lower() == ".onnx" or (file.suffix == ".json" and file.with_suffix(".onnx").is_file())
+    document = not network and (file.is_dir() or _is_json(file))
     message = f"--shots is for measurements, and {file} is none: leave it out"
-    card = file.suffix == ".json" and file.with_suffix(".onnx").is_file()
-    if card or file.suffix.lower() == ".onnx" or file.is_dir() or _is_json(file):
-        require(shots is None, message, "show.shots")
-    written = not card and file.suffix.lower() != ".onnx" and (file.is_dir() or _is_json(file))
-    require(written or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
-    if card or file.suffix.lower() == ".onnx":
+    require(shots is None or not (network or document), message, "show.shots")
+    require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
+    if network:
         _show_model(file.with_suffix(".onnx"))
-    elif written:
+    elif document:
         _show_written(file, json)
     else:
         try:
             _show_curves(file, shots)
         except InputError:
-            try:
-                beside = _loadable(file.parent) if file.is_file() else False
-            except InputError:
-                beside = False
-            if not beside:
+            if not (file.is_file() and _holds_document(file.parent)):
                 raise
             say(f"{file} holds no measurement; {file.parent} holds:")
             _show_written(file.parent, json)
@@ -57,24 +52,31 @@ def show(
 def _shipped(name: str) -> Path:
     from cavirheo.inference.model import shipped
 
-    known = shipped()
-    message = f"{name} does not exist, nor is it the name of a shipped network ({', '.join(known)})"
-    require(name in known, message, "show.missing")
-    return known[name]
+    networks = shipped()
+    message = f"{name} does not exist, nor is it the name of a shipped network ({', '.join(networks)})"
+    require(name in networks, message, "show.missing")
+    return networks[name]
 
 
-def _there(file: Path) -> bool:
+def _exists(file: Path) -> bool:
     try:
         return file.exists()
     except OSError:  # a name that is too long
         return False
 
 
-def _loadable(folder: Path) -> bool:
-    """Whether it holds a training set or a document. Raises InputError: several documents, or none."""
+def _is_training_set(folder: Path) -> bool:
+    return any(folder.glob("shard-*.h5")) or any(folder.glob("curves-*.h5"))
+
+
+def _holds_document(folder: Path) -> bool:
+    """Whether it holds a training set or one document."""
     from cavirheo.loading import load
 
-    return any(folder.glob("shard-*.h5")) or any(folder.glob("curves-*.h5")) or bool(load(folder))
+    try:
+        return _is_training_set(folder) or bool(load(folder))
+    except InputError:
+        return False
 
 
 def _is_json(path: Path) -> bool:
@@ -91,10 +93,10 @@ def _show_written(path: Path, json: bool) -> None:
     from cavirheo.loading import load
     from cavirheo.writing.document import Document
 
-    if path.is_dir() and (any(path.glob("shard-*.h5")) or any(path.glob("curves-*.h5"))):
+    if path.is_dir() and _is_training_set(path):
         _show_training_set(path)
-    elif isinstance(found := load(path), Document):
-        _show_document(found, path, json)
+    elif isinstance(document := load(path), Document):
+        _show_document(document, path, json)
 
 
 def _show_document(document: Document, path: Path, json: bool) -> None:
@@ -105,8 +107,8 @@ def _show_document(document: Document, path: Path, json: bool) -> None:
     if json:
         print(as_json(document), end="")
         return
-    name, made = type(document).__name__, f", {document.date}" if document.date else ""
-    console().print(f"{path}: {name.lower()}, written by cavirheo {document.version}{made}\n{document.command}\n")
+    name, date = type(document).__name__, f", {document.date}" if document.date else ""
+    console().print(f"{path}: {name.lower()}, written by cavirheo {document.version}{date}\n{document.command}\n")
     module, _, name = KINDS[document.kind].table.rpartition(".")
     getattr(import_module(f"cavirheo.{module}"), name)(document)
 
@@ -116,23 +118,25 @@ def _show_training_set(path: Path) -> None:
     from cavirheo.training import dataset
     from cavirheo.writing.terminal import console
 
-    found = dataset.survey(path)
-    lines = [f"{path}: training set, written by cavirheo {found.made_by}, seed {found.seed}"]
-    growing = f"growing: {found.lacking} of {found.files + found.lacking} files are still to be made"
-    lines.append(f"  {found.curves} of {found.total} curves, {growing if found.lacking else 'complete'}")
-    lines += [f"  {line}" for line in found.summary]
-    lines += [f"  {count} {what}" for what, count in sorted(found.statuses.items(), key=lambda one: -one[1])]
-    lines.append(f"  {found.size / 1e6:.3g} MB, {found.size / found.curves:.0f} bytes a curve; checksum {found.sha256}")
+    survey = dataset.survey(path)
+    growing = f"growing: {survey.lacking} of {survey.files + survey.lacking} files are still to be made"
+    lines = [
+        f"{path}: training set, written by cavirheo {survey.made_by}, seed {survey.seed}",
+        f"  {survey.curves} of {survey.total} curves, {growing if survey.lacking else 'complete'}",
+        *(f"  {line}" for line in survey.summary),
+        *(f"  {count} {status}" for status, count in sorted(survey.statuses.items(), key=lambda item: -item[1])),
+        f"  {survey.size / 1e6:.3g} MB, {survey.size / survey.curves:.0f} bytes a curve; checksum {survey.sha256}",
+    ]
     console().print("\n".join(lines))
 
 
 def _show_model(path: Path) -> None:
     from cavirheo.inference.model import card
-    from cavirheo.verbs.models import explain
+    from cavirheo.verbs.networks import explain
 
-    about = card(path)
+    content = card(path)
     try:
-        explain(path.stem, path, about)
+        explain(path.stem, path, content)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
 
@@ -164,3 +168,19 @@ def _show_curves(path: Path, shots: str | None) -> None:
     )
     terminal.print_remarks(console, terminal.once(remarks))
     terminal.print_remarks(console, terminal.once((one.name, note) for one in curves for note in one.notes))
+
+
+def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")]) -> None:
+    """What a paper must say about a result: models, window, priors, method, versions; and the references as BibTeX."""
+    from cavirheo.loading import load
+    from cavirheo.reporting.citation import methods
+    from cavirheo.reporting.record import Result
+
+    document = load(result)
+    if not isinstance(document, Result):
+        kind = type(document).__name__.lower()
+        message = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
+        raise InputError(message, "cite.kind")
+    paragraph, sources = methods(document)
+    require(bool(paragraph), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
+    print("\n\n".join([paragraph, *(source.bibtex for source in sources)]))

@@ -1,0 +1,293 @@
+"""The minima of one shot: searches on windows that grow by a collapse, several of them side by side.
+
+A long window has many minima, for a rebound can slip by a period; a short one has few, but determines less. So the best
+few of each window start the next one, with the best coarse simulations there beside them. While the residual is not
+noise, more coarse simulations start it all again in a further round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import SolverError
+from cavirheo.inference.camera import NAMES
+from cavirheo.inference.experiment import FORWARD, Experiment, Prediction
+from cavirheo.parallel import each
+from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.accuracy import COARSE, ROUGH, Accuracy
+from cavirheo.physics.collapse import analytic_modulus
+
+STARTS = 64  # coarse simulations of the first round
+ROUNDS = (STARTS, 3 * STARTS, 6 * STARTS)  # coarse simulations of each round
+FOLLOWED = 3e-4  # of R_max: the rough simulations of a search are not nearer
+NOISIEST = 0.01  # of R_max: what looks like more noise from frame to frame may be motion
+ABOVE = 2.0  # of the frame-to-frame noise: a larger residual is not noise
+WITHIN = 1.2  # of it: a smaller one is nothing else
+FIRST, FURTHER = 4, 2  # starts from coarse simulations on the first window and on each longer one; two more each round
+BREADTH = 4  # minima that go on to the next window
+LOWEST, ALIKE = 6.0, 0.02  # of their costs: over the lowest one's, and over what 14 % of sigma give beside
+_QUICK = {"ftol": 1e-2, "xtol": 3e-3, "gtol": 1e-8, "max_nfev": 8}  # on all windows but the last
+SAME = 0.01  # of each range: a search so near to a known minimum is given up
+FAR = 0.08  # of a range: starts that are nearer to each other in all parameters lead to one minimum
+LIMITS: dict[str, Any] = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
+POLISH: dict[str, Any] = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
+Cut = tuple[int | None, float | None]  # a window: how many collapses (None: all), its end at the latest in s
+
+
+class Minimum(NamedTuple):
+    """Where a search ended: x (parameters,), cost (half the sum of squared weighted residuals), these residuals."""
+
+    x: Floats
+    cost: float
+    residual: Floats
+
+
+class LeastSquares:
+    """The residuals of an experiment with its weights, which those of the normal priors follow."""
+
+    def __init__(self, shot: Experiment, workers: int = 1) -> None:
+        self.shot: Experiment = shot
+        self.workers: int = workers
+        self.bounds: Floats = shot.bounds
+        prior = shot.prior()
+        self.columns = np.flatnonzero(np.isfinite(prior.std))  # of x, that have a normal prior
+        self.mean, self.std = prior.mean[self.columns], prior.std[self.columns]
+
+    def predictions(self, points: Sequence[Floats], accuracy: Accuracy) -> list[Prediction | None]:
+        """One simulation for each x (parameters,), on so many threads."""
+        return each(lambda x: self.shot.predict(x, accuracy), points, self.workers)
+
+    def residuals(self, x: Floats, accuracy: Accuracy) -> Floats:
+        """(frames + priors,) weighted residuals."""
+        return self.weighted(x, self.shot.predict(x, accuracy))
+
+    def weighted(self, x: Floats, prediction: Prediction | None) -> Floats:
+        """(frames + priors,) weighted residuals, of what the camera has seen at x."""
+        return np.concatenate([self.shot.residual(prediction), (x[self.columns] - self.mean) / self.std])
+
+    def jacobian(self, x: Floats, accuracy: Accuracy, at: Prediction | None) -> Floats:
+        """(frames + priors, parameters) by forward differences from what the camera has seen at x, without a column
+        whose simulation fails. Those by clock and scales cost no simulation in a search."""
+        shot, residuals = self.shot, self.weighted(x, at)
+        steps = FORWARD * shot.steps * np.where(x < np.mean(self.bounds, axis=1), 1.0, -1.0)
+        alike = accuracy is ROUGH and at is not None
+        moved = [i for i, name in enumerate(shot.names) if not (alike and name in NAMES)]
+        points = [x + np.where(np.arange(len(x)) == i, steps, 0.0) for i in moved]
+        frames, result = len(shot.measured), np.zeros((len(residuals), len(x)))
+        for i, prediction in zip(moved, self.predictions(points, accuracy), strict=True):
+            if prediction is not None:
+                result[:frames, i] = (shot.residual(prediction) - residuals[:frames]) / steps[i]
+        if alike and at is not None:
+            by_camera = [i for i, name in enumerate(shot.names) if name in NAMES]
+            result[:frames, by_camera] = shot.camera_slopes(x, at, result[:frames, : shot.law])
+        result[range(frames, len(residuals)), self.columns] = 1.0 / self.std
+        return result
+
+    def minimise(
+        self,
+        start: Floats,
+        accuracy: Accuracy,
+        limits: Mapping[str, Any] = LIMITS,
+        minima: Sequence[Minimum] = (),
+        unlike: float = 0.0,
+    ) -> Minimum:
+        """Trust-region least squares within the bounds (scipy), weights as they are.
+
+        Every second Jacobian is the one before with Broyden's update, which costs no simulation; the last one is not,
+        unless `minima` are known: a search that comes to one, or to frames that differ from its frames by less than
+        `unlike` (sum of weighted squares), ends there, with infinite cost.
+        """
+        from scipy.optimize import least_squares
+
+        low, high = self.bounds.T
+        inside = 1e-6 * (high - low)
+        last: list[Prediction | None] = [None]  # what the camera has seen at the current point
+        slopes: list[tuple[Floats, Floats, Floats]] = []  # x, residuals, Jacobian: by differences, then updated
+
+        def fun(x: Floats) -> Floats:
+            last[0] = self.shot.predict(x, accuracy)
+            return self.weighted(x, last[0])
+
+        def jac(x: Floats) -> Floats:
+            at = self.weighted(x, last[0])
+            for minimum in minima:
+                close = np.all(np.abs(x - minimum.x) < SAME * (high - low))
+                if close or np.sum((at - minimum.residual) ** 2) < unlike:
+                    raise KnownMinimumError
+            if len(slopes) == 1:
+                ((x0, at0, slope),) = slopes
+                move = x - x0
+                slope = slope + np.outer(at - at0 - slope @ move, move) / (move @ move)
+            else:
+                slopes.clear()
+                slope = self.jacobian(x, accuracy, last[0])
+            slopes.append((x.copy(), at, slope))
+            return slope.copy()
+
+        x = start
+        try:
+            for _ in range(1 if minima else 2):
+                x = np.clip(x, low + inside, high - inside)
+                found = least_squares(fun, x, jac=jac, bounds=(low, high), method="trf", **limits)
+                if len(slopes) == 1:
+                    break
+                slopes.clear()
+                x = found.x
+        except KnownMinimumError:
+            return Minimum(x, np.inf, np.empty(0))
+        return Minimum(found.x, float(found.cost), found.fun)
+
+
+class KnownMinimumError(Exception):
+    """A search came to a minimum that is known; does not leave `LeastSquares.minimise`."""
+
+
+class Scan:
+    """Coarse simulations over the whole window of a shot, from which every window takes its starts.
+
+    Every second point lies where materials usually are, the others all over the ranges. Where law and curve allow, two
+    of four have the shear modulus that the collapse time t_1 asks for at their viscosity and stretch
+    (physics/collapse.py). Points from `first` on are those of the same sequence. Raises SolverError: all of them
+    failed.
+    """
+
+    def __init__(self, fit: LeastSquares, count: int = STARTS, first: int = 0) -> None:
+        shot, family = fit.shot, fit.shot.family
+        self.bounds = fit.bounds
+        stated = shot.stretch_prior
+        logs = [PARAMETERS[name] for name in shot.logs]
+        usual = np.concatenate([family.bounds(started=True), np.array([p.started for p in logs]).reshape(-1, 2)])
+        wide = np.concatenate([family.bounds(), np.array([p.searched for p in logs]).reshape(-1, 2)])
+        if stated and "stretch" in shot.logs:
+            row = shot.law + shot.logs.index("stretch")
+            usual[row] = np.clip(np.log10([max(stated[0] - stated[1], 1e-3), stated[0] + stated[1]]), *wide[row])
+        numbers = np.arange(first, first + count)
+        self.points = shot.starts(np.zeros((count, len(fit.bounds))))
+        self.searched = slice(0, len(wide))  # columns that are not at nothing
+        cube = spread_starts(np.tile([0.0, 1.0], (len(wide), 1)), first + count)[first:]
+        for box, taken in ((usual, numbers % 2 == 0), (wide, numbers % 2 == 1)):
+            self.points[taken, self.searched] = box[:, 0] + cube[taken] * (box[:, 1] - box[:, 0])
+        names, times = family.parameters, shot.curve.collapse_times()
+        if len(times) and {"shear_modulus", "viscosity"} <= set(names):
+            column = names.index("shear_modulus")
+            viscosity = 10.0 ** self.points[:, names.index("viscosity")]
+            stretch, until = shot.natural(self.points.T)["stretch"], float(times[0] - shot.curve.time_of_max)
+            modulus = analytic_modulus(shot.max_radius, stretch, viscosity, until, shot.medium)
+            log10 = np.log10(np.where(modulus > 0, modulus, np.nan))
+            low, high = fit.bounds[column]
+            timed = (log10 > low) & (log10 < high) & (numbers // 2 % 2 == 0)
+            self.points[timed, column] = log10[timed]
+        self.predictions = fit.predictions(list(self.points), COARSE)
+        if not any(self.predictions):
+            raise SolverError(f"all {count} simulations of {family.name} failed that were to start the search")
+
+    def best(self, shot: Experiment, count: int, used: list[Floats]) -> list[Floats]:
+        """Points with the smallest cost in the window of a shot, far from each other and from those used."""
+        m = len(shot.since)
+        costs = [np.sum(shot.residual(p and Prediction(*(values[:m] for values in p))) ** 2) for p in self.predictions]
+        width = (self.bounds[:, 1] - self.bounds[:, 0])[self.searched]
+        chosen: list[Floats] = []
+        for i in np.argsort(costs):
+            point = self.points[i]
+            off = [np.abs(point - start)[self.searched] / width for start in (*used, *chosen)]
+            if all(np.max(one) > FAR for one in off):
+                chosen.append(point)
+            if len(chosen) == count:
+                break
+        return chosen
+
+
+def spread_starts(bounds: Floats, count: int) -> Floats:
+    """(count, d) points that fill a box (d, 2) evenly: the additive recurrence of the generalised golden ratio.
+
+    Roberts 2018, "The unreasonable effectiveness of quasirandom sequences"; the same points every time.
+    """
+    d = len(bounds)
+    phi = 2.0
+    for _ in range(40):
+        phi = (1.0 + phi) ** (1.0 / (d + 1))
+    cube = (0.5 + np.outer(np.arange(1, count + 1), phi ** -np.arange(1.0, d + 1))) % 1.0
+    return np.asarray(bounds[:, 0] + cube * (bounds[:, 1] - bounds[:, 0]))
+
+
+class Search:
+    """shots: the experiment of each window, the whole one last. stages: x of the best of each but the last. rounds: how
+    many there were. unlike: least squared difference of the weighted frames of two minima; if it is not 0, no coarse
+    simulation is gone on from in a longer window where minima of the one before leave nothing but noise."""
+
+    def __init__(self, shot: Experiment, workers: int = 1, unlike: float = 0.0) -> None:
+        self.shot, self.workers, self.unlike = shot, workers, unlike
+        cuts: list[Cut] = [*((n, shot.cut[1]) for n in range(1, min(shot.view.collapses, 4))), shot.cut]
+        self.shots: dict[Cut, Experiment] = {cut: shot.cut_to(*cut) for cut in cuts}
+        self.stages: dict[Cut, Floats] = {}
+        self.used: list[Floats] = []
+        self.rounds = 0
+
+    def starts(self) -> tuple[list[Floats], list[Floats]]:
+        """x of one more round where the minima of the whole window may be: minima of the window before, and coarse
+        simulations. Raises SolverError: none of these succeeds."""
+        scan = Scan(LeastSquares(self.shot, self.workers), ROUNDS[self.rounds], sum(ROUNDS[: self.rounds]))
+        earlier = list[Floats]()
+        *shorter, whole = self.shots
+        for cut in shorter:
+            new = self._new(scan, self.shots[cut], earlier)
+            earlier = [minimum.x for minimum in self._lowest(self.shots[cut], earlier, new, _QUICK)]
+            self.stages.setdefault(cut, earlier[0])
+        new = self._new(scan, self.shots[whole], earlier)
+        self.rounds += 1
+        return earlier, new
+
+    def minima(self) -> list[Minimum]:
+        """Those of the whole window to which the starts of one round lead, best first."""
+        found = self._lowest(self.shot, *self.starts(), LIMITS)
+        # a rough simulation may step over what stops the default one, such as chains that are taut
+        return [one for one in found if self.shot.predict(one.x) is not None] or found
+
+    def enough(self, missed: Floats) -> bool:
+        """Whether to stop at what a simulation missed, over R_max, of the frames that count: nothing but noise is left,
+        or two rounds found what a law may leave of a real bubble."""
+        rmse, noise = _rms(missed), self.shot.curve.noise / self.shot.max_radius
+        if self.shot.clean:
+            return bool(rmse < max(ABOVE * noise, FOLLOWED)) or self.rounds == len(ROUNDS)
+        return bool(rmse < ABOVE * min(noise, NOISIEST) or self.rounds > 1)
+
+    def only_noise(self, missed: Floats) -> bool:
+        """Whether what a simulation missed, over R_max, is nothing but noise."""
+        return self.unlike > 0 and _rms(missed) < WITHIN * self.shot.curve.noise / self.shot.max_radius
+
+    def _new(self, scan: Scan, shot: Experiment, earlier: Sequence[Floats]) -> list[Floats]:
+        """The best coarse simulations of the window of a shot beside the minima of the one before."""
+        count = (FURTHER if earlier else FIRST) + 2 * self.rounds
+        new = scan.best(shot, count, [*earlier, *self.used])
+        self.used += new
+        return new
+
+    def _lowest(
+        self, shot: Experiment, earlier: Sequence[Floats], new: Sequence[Floats], limits: Mapping[str, Any]
+    ) -> list[Minimum]:
+        """The lowest minima of the window of a shot, from minima of the one before and from coarse simulations."""
+        fit, found = LeastSquares(shot, self.workers), list[Minimum]()
+        for number, start in enumerate([*earlier, *new]):
+            if number == len(earlier) and any(self.only_noise(_missed(shot, minimum)) for minimum in found):
+                break
+            minimum = fit.minimise(start, ROUGH, limits, found, self.unlike)
+            if np.isfinite(minimum.cost):
+                found.append(minimum)
+            if minimum.cost < 0.5 * np.sum((FOLLOWED / shot.sigma) ** 2):
+                break
+        found.sort(key=lambda minimum: minimum.cost)
+        limit = LOWEST * found[0].cost + ALIKE * len(shot.measured)
+        return [minimum for minimum in found if minimum.cost < limit][:BREADTH]
+
+
+def _missed(shot: Experiment, minimum: Minimum) -> Floats:
+    """What a minimum missed, over R_max, of the frames that count in the window of a shot."""
+    return np.asarray((minimum.residual[: len(shot.sigma)] * shot.sigma * shot.noise_factor)[shot.counted])
+
+
+def _rms(missed: Floats) -> float:
+    return float(np.sqrt(np.mean(missed**2)))

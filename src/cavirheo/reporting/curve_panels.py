@@ -1,0 +1,209 @@
+"""What the picture of one curve shows, in the units of its axes: the same panels for the report, the page for the wall,
+the app and the files that are asked for."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.posterior import Checks
+from cavirheo.reporting.answer import CurveRecord
+from cavirheo.writing import digits
+
+RMAX = "Rₘₐₓ"
+_STEPS = (1.0, 2.0, 5.0, 10.0)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Name and ends of an axis, and a remark on it, for which a paper has no room."""
+
+    label: str
+    low: float
+    high: float
+    remark: str = ""
+
+    @property
+    def title(self) -> str:
+        """The name with the remark."""
+        return ", ".join(filter(None, (self.label, self.remark)))
+
+    @property
+    def unit(self) -> str:
+        """What stands in brackets in the name."""
+        return self.label.partition("(")[2].rstrip(")")
+
+    def ticks(self, most: int) -> list[float]:
+        """At most so many round numbers within the ends, evenly spaced; the ends where no round number is known."""
+        rough = (self.high - self.low) / max(most, 1)
+        if not np.isfinite(rough) or rough <= 0.0:
+            return []
+        ten = 10.0 ** np.floor(np.log10(rough))
+        step = next(factor * ten for factor in _STEPS if factor * ten >= rough * (1.0 - 1e-9))
+        first, last = np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9)
+        return [float(f"{number * step:.10g}") + 0.0 for number in np.arange(first, last + 1.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Points of a panel that look alike.
+
+    Attributes:
+        shape: "dots", "line", "bars" (values with their intervals), "band" (between two values of `y`) or "ticks" (on
+            the lower end of `y`).
+        look: by which every way of drawing has colours and sizes: "measured", "simulated", ...
+        x: (n,); of bars (n, 3) lower ends, middles and upper ends; of a band (2,) the ends of the axis.
+        y: likewise; of ticks zeros.
+        name: in the key of the picture; "" is left out.
+        tones: (n,) of points in colours of their own, or (1,) of a line, from 0, dark, to 1, light; None: that of the
+            look.
+        share: part of the points of a picture that it may have; None: it is drawn as it is.
+    """
+
+    shape: Literal["dots", "line", "bars", "band", "ticks"]
+    look: str
+    x: Floats
+    y: Floats
+    name: str = ""
+    tones: Floats | None = None
+    share: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Axes with layers over each other.
+
+    Attributes:
+        top: a second axis along the top; None where there is none.
+        note: words beside the key.
+    """
+
+    x: Axis
+    y: Axis
+    layers: tuple[Layer, ...]
+    top: Axis | None = None
+    note: str = ""
+
+    def layer(self, look: str) -> Layer:
+        """The first of this look, or one without points."""
+        nothing = Layer("dots", look, np.empty(0), np.empty(0))
+        return next((layer for layer in self.layers if layer.look == look), nothing)
+
+
+def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simulation") -> list[Panel]:
+    """The radius, measured and simulated, then what is left between, if anything was compared.
+
+    checks: what was found when its answer was simulated; a failed one leaves the measured points alone. simulated_as:
+    the name of the line. Raises ValueError: times and values of a line are not as many.
+    """
+    if checks.verdict == "failed":
+        checks = Checks("failed")
+    origin, per_second, x_label = _clock(curve)
+    per_metre, y_label = _scale(curve)
+    time, radius = (curve.time - origin) * per_second, curve.radius * per_metre
+    simulated_time, compared_time = (
+        np.empty(0) if values is None else (values - origin) * per_second
+        for values in (checks.reconstruction_time, checks.compared_time)
+    )
+    simulated_radius, residual = (
+        np.empty(0) if values is None else factor * values
+        for values, factor in ((checks.reconstruction_radius, per_metre), (checks.residual_over_rmax, 100.0))
+    )
+    for values, times in ((simulated_radius, simulated_time), (residual, compared_time)):
+        if values.size and values.shape != times.shape:
+            raise ValueError(f"{len(values)} values at {len(times)} times")
+    answered, rmse = checks.verdict != "failed", 100.0 * (checks.rmse_over_rmax or 0.0)
+    compared = np.full(len(time), not answered)
+    if len(compared_time):
+        slack = 1e-6 * (time[-1] - time[0])
+        compared = (time >= compared_time[0] - slack) & (time <= compared_time[-1] + slack)
+    low, high = _view(time, compared_time)
+    measured = np.isfinite(radius) & (time >= low) & (time <= high)
+    remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
+    x = Axis(x_label, low, high, remark)
+    top = 1.05 * float(np.max([*radius[measured], *simulated_radius], initial=0.0)) or 1.05
+    share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # as much as the simulation has
+    dots = [
+        Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some))
+        for look, name, some in (
+            ("measured", "measured", measured & compared),
+            ("outside", "not compared", measured & ~compared),
+        )
+    ]
+    line = Layer("line", "simulated", simulated_time, simulated_radius, simulated_as, share=0.4)
+    note = "" if answered else "no answer: no line is drawn"
+    t_c = (checks.time_scale or 0.0) * per_second
+    panels = [
+        Panel(
+            x,
+            Axis(y_label, 0.0, top),
+            tuple(layer for layer in (*dots, line) if len(layer.y)),
+            Axis("t*", low / t_c, high / t_c) if t_c else None,
+            note if measured.any() else "no measured radius",
+        )
+    ]
+    if len(residual):
+        largest = 1.15 * max(float(np.max(np.abs(residual), initial=0.1)), rmse)
+        ends = np.array([low, high])
+        band = [Layer("band", "band", ends, np.array([-rmse, rmse]))] if rmse else []
+        zero = Layer("line", "zero", ends, np.zeros(2))
+        difference = Layer("dots", "residual", compared_time, residual, share=0.2)
+        note = f"band: ± RMSE = {digits.significant(rmse, 2)} %" if rmse else ""
+        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, difference), note=note))
+    return panels
+
+
+def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> list[Panel]:
+    """The panels of a curve as its row says: a row without an answer has none of the simulation."""
+    name = f"simulation: {digits.simulated(record.method)}"
+    return curve_panels(curve, checks if record.answered else Checks("failed"), name)
+
+
+def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
+    """The panel of a curve before it is answered: which frames are compared (those of `window`), which stand out, and
+    which have no radius. Raises InputError: the curve has no R_max."""
+    (panel,) = curve_panels(curve, Checks("unverified", compared_time=window.time))
+    origin, per_second, _ = _clock(curve)
+    time, radius = (curve.time - origin) * per_second, curve.radius * _scale(curve)[0]
+    within = (time >= panel.x.low) & (time <= panel.x.high)
+    outliers = np.isin(np.arange(len(time)), curve.spikes()) & within
+    missing = np.isnan(radius) & within
+    layers = (
+        Layer("dots", "outlier", time[outliers], radius[outliers], "stands out, kept"),
+        Layer("ticks", "missing", time[missing], np.zeros(np.count_nonzero(missing)), "no radius"),
+    )
+    return [replace(panel, layers=(*panel.layers, *(layer for layer in layers if len(layer.x))))]
+
+
+def _clock(curve: RadiusCurve) -> tuple[float, float, str]:
+    """Origin (s), units per second, and name of the axis of time."""
+    if curve.time_unscaled:
+        return 0.0, 1.0, "time (no scale)"
+    with suppress(InputError):  # no maximum
+        return curve.time_of_max, 1e6, f"time after {RMAX} (µs)"
+    return 0.0, 1e6, "time of the recording (µs)"
+
+
+def _scale(curve: RadiusCurve) -> tuple[float, str]:
+    """Units per metre, and name of the axis of radius."""
+    if curve.unscaled:
+        return 1.0 / float(np.nanmax(curve.radius, initial=1e-300)), "R / largest R"
+    return 1e6, "R (µm)"
+
+
+def _view(time: Floats, window: Floats) -> tuple[float, float]:
+    """From the first frame to half a window beyond the window: a long quiet tail would squeeze what was compared."""
+    if not len(time):
+        return 0.0, 1.0
+    first, last = float(time[0]), float(time[-1])
+    if len(window):
+        last = min(last, float(window[-1] + 0.5 * (window[-1] - window[0])))
+        first = max(first, float(window[0] - (window[-1] - window[0])))
+    margin = 0.015 * (last - first) or 1.0
+    return first - margin, last + margin

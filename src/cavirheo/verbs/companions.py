@@ -1,0 +1,278 @@
+"""`cavirheo compare`, `rheometer`, `collapse-time` and `design`: what stands beside answers of bubbles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cavirheo.errors import InputError, require
+from cavirheo.verbs import completion, options
+from cavirheo.verbs.options import argument, option
+from cavirheo.verbs.run import Run, doubtful
+
+CAMERA, SEARCH = "Camera", "Search"
+_Range = tuple[float, float]
+_SOURCE = "holds the measurements, a file, subfolder or glob per set; or a result.json"
+_REFERENCE = "errors are relative to it; may be repeated  [default: IMR, rheometer]"
+_FIT = "least squares with this law (nhkv, ...) instead of networks"
+_SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
+_TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin"
+_STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
+_FIND = "find where this posterior network is least sure, and write a recipe for it"
+
+
+@dataclass(kw_only=True)
+class Compare(options.Printing, options.Documents, options.Pictures, options.Trust, options.OneBubble):
+    """Your answers beside published values, with relative errors: those of `infer`, with the field's bubble."""
+
+    source: Annotated[Path, argument("FOLDER", _SOURCE)]
+    references: Annotated[Path, option("CSV of sets and published values, see docs/how-to/compare.md")]
+    reference_method: Annotated[list[str] | None, option(_REFERENCE, metavar="METHOD")] = None
+    model: options.ModelName = "posterior"
+    material: options.Material = None
+    fit_law: Annotated[str | None, option(_FIT, None, "--fit", autocompletion=completion.sum_names)] = None
+    out: options.Out = Path("cavirheo-comparison")
+
+    def __call__(self, run: Run) -> None:
+        from cavirheo.companions.comparison import Answering, compare
+        from cavirheo.reporting.comparison import print_comparison
+        from cavirheo.writing import digits
+
+        result, run.unreadable, interrupted = compare(
+            self.source,
+            self.references,
+            self.out,
+            how=Answering(self.model, self.material, self.fit_law, self.bubbles or "field", self.trust_input),
+            reference_methods=self.reference_method or [],
+            pictures=self.pictures,
+            command=run.command,
+            progress=not run.quiet,
+        )
+        table = self.out / "comparison.md"
+        if interrupted:
+            run.stop(result.notes[0], table)
+        run.show(result, print_comparison)
+        counts = f"{digits.counted(len(result.groups), 'set')}, {digits.counted(len(result.curves), 'shot')}"
+        run.end(f"{counts} in {{seconds}}; table: {table}", doubtful(result))
+
+
+@dataclass(kw_only=True)
+class Rheometer(options.Printing, options.Documents, options.Pictures):
+    """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
+
+    files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
+    at: Annotated[float, option("angular frequency of the viscosity G''/omega, rad/s")] = 1.0
+    tolerance: Annotated[float, option("allowed change of G' within the linear range, %")] = 5.0
+    beside: Annotated[Path | None, option("result.json of `cavirheo infer`: one table with its bubbles")] = None
+    name: Annotated[str | None, option("of the material  [default: from the file names]")] = None
+    out: options.Out = Path("cavirheo-rheometer")
+
+    def __call__(self, run: Run) -> None:
+        from cavirheo.companions import rheometer
+        from cavirheo.companions import rheometer_document as document
+        from cavirheo.companions.published_values import set_beside
+        from cavirheo.reporting import comparison, read_json
+        from cavirheo.writing import style
+        from cavirheo.writing.document import Outputs, write_json
+
+        require(self.at > 0, f"--at must be an angular frequency in rad/s, got {self.at!r}")
+        require(0 < self.tolerance < 50, f"--tolerance must be between 0 and 50 %, got {self.tolerance!r}")
+        files, drawing = run.files(self.files), self.drawing(run)
+        names = ("rheometer.json", "rheometer.csv", "table.csv", "strain-sweep.png", "frequency-sweep.png")
+        outputs = Outputs(self.out, *names, inputs=[*files, *([self.beside] if self.beside else [])])
+        result = read_json(self.beside) if self.beside else None
+        sweeps = []
+        for path in files:
+            try:
+                sweeps += rheometer.read_sweeps(path)
+            except InputError as error:
+                run.refuse([str(error)])
+        run.need(sweeps, "sweep")
+        material = self.name or document.shared_name(files)
+        rheometry = document.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.head)
+        outputs.write("rheometer.csv", document.write_csv, rheometry)
+        if result:
+            set_beside(result.groups, {material: rheometry.published})
+            outputs.write("table.csv", comparison.write_csv, result)
+        for kind in ("strain", "frequency") if drawing else ():
+            if rheometry.of(kind):
+                rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, document.figure, rheometry, kind)
+        outputs.write("rheometer.json", write_json, rheometry)
+        outputs.finish()
+        run.show(rheometry, document.print_rheometry)
+        if result and not run.quiet:
+            comparison.print_beside(result, document.regimes(rheometry, result))
+        run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
+
+
+@dataclass(kw_only=True)
+class CollapseTime(options.Printing, options.Documents, options.Pictures, options.Liquid):
+    """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
+
+    files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
+    material: Annotated[Literal["nhkv", "nh", "newtonian"], option("nh has no viscosity, newtonian no elasticity")] = (
+        "nhkv"
+    )
+    exact: Annotated[bool, option("fit with simulated collapse times, too: seconds", None, "--exact")] = False
+    shear_modulus: Annotated[float | None, option("Pa, if it is known: only µ is fitted")] = None
+    viscosity: Annotated[float | None, option("Pa s, if it is known: only G is fitted")] = None
+    stretch: Annotated[float | None, option(_STRETCH)] = None
+    shots: options.Shots = None
+    group: options.Group = "auto"
+    out: options.Out = Path("cavirheo-collapse-time")
+
+    def __call__(self, run: Run) -> None:
+        from dataclasses import asdict
+
+        from cavirheo.companions import collapse_times
+        from cavirheo.io.shots import shot_numbers
+        from cavirheo.reporting import file_names
+        from cavirheo.writing import style
+        from cavirheo.writing.document import Outputs, write_json
+
+        shot_numbers(self.shots)
+        files, liquid = run.files(self.files), self.liquid
+        fine = self.stretch is None or 1 < self.stretch < 1e3
+        require(fine, f"--stretch must be R_max/R_0 above 1, got {self.stretch!r}", "collapse_time.stretch")
+        outputs = Outputs(self.out, "collapse-time.json", "shots.csv", inputs=files)
+        groups, problems, remarks = collapse_times.read_groups(files, liquid, self.stretch, self.group, self.shots)
+        run.refuse(problems)
+        run.notes += remarks
+        run.need(groups, "collapse time")
+        if self.exact:
+            run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
+        for group in groups:
+            group.answer(
+                self.material,
+                medium=liquid,
+                exact=self.exact,
+                shear_modulus=self.shear_modulus,
+                viscosity=self.viscosity,
+            )
+        drawn = [group for group in groups if group.best] if self.drawing(run) else []
+        document = collapse_times.CollapseTimes(
+            material=self.material, medium=asdict(liquid), groups=groups, **run.head
+        )
+        outputs.write("shots.csv", collapse_times.write_csv, document)
+        for group, stem in zip(drawn, file_names([group.name for group in drawn]), strict=True):
+            document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
+        outputs.write("collapse-time.json", write_json, document)
+        outputs.finish()
+        run.show(document, collapse_times.print_table)
+        run.end(f"written to {self.out}", any(group.incomplete or (self.exact and not group.exact) for group in groups))
+
+
+@dataclass(kw_only=True)
+class Design(options.Printing, options.Documents, options.Pictures, options.Seed, options.Liquid, options.OneBubble):
+    """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
+
+    known: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
+    group: Annotated[str | None, option("group of the result.json whose material is meant")] = None
+    shear_modulus: Annotated[_Range | None, option("range in Pa, if there is no result.json", metavar="LOW HIGH")] = (
+        None
+    )
+    viscosity: Annotated[_Range | None, option("Pa s", metavar="LOW HIGH")] = None
+    stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
+    material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=completion.sum_names)] = "nhkv"
+    rmax_um: Annotated[_Range, option("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
+    fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
+    frames: Annotated[int, option("of a recording", min=10)] = 128
+    noise_percent: Annotated[float, option("noise of the radius, % of R_max", CAMERA)] = 1.0
+    noise_um: Annotated[str, option("further noise, um; or one value for each frame rate, with commas", CAMERA)] = "0"
+    exposure_us: Annotated[float, option("exposure time of a frame, us", CAMERA, min=0.0)] = 0.0
+    wanted_percent: options.WantedPercent = 10.0
+    spread: Annotated[float | None, option("scatter of shots, decades  [default: of the result.json]", SEARCH)] = None
+    sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
+    draws: Annotated[int, option("simulated recordings for each setting", SEARCH, min=2)] = 12
+    check: Annotated[int, option("recordings of a recommended setting that `infer` answers", SEARCH, min=0)] = 6
+    for_training: Annotated[
+        str | None, option(_FIND, SEARCH, metavar="MODEL", autocompletion=completion.model_names)
+    ] = None
+    recordings: Annotated[int | None, option("number of them for --for-training  [default: 120]", SEARCH, min=30)] = (
+        None
+    )
+    out: options.Out = Path("cavirheo-design")
+
+    def __call__(self, run: Run) -> None:
+        if self.for_training is not None:
+            message = "--for-training looks at a network over its own training: give no result.json"
+            require(self.known is None, message, "design.for_training")
+            return self._network(self.for_training, run)
+        message = "--recordings is of --for-training: give that too, or --draws for the recordings of each setting"
+        require(self.recordings is None, message, "design.for_training")
+        message = "--group names a group of a result.json: give the file, or leave out --group"
+        require(self.known is not None or self.group is None, message, "design.group")
+        return self._shots(run)
+
+    def _shots(self, run: Run) -> None:
+        from cavirheo.companions.design import Rig, design
+        from cavirheo.companions.design_document import picture, print_table
+        from cavirheo.parallel import aside
+        from cavirheo.physics.simulate import load_solver
+        from cavirheo.writing import style
+        from cavirheo.writing.document import Outputs, write_json
+
+        rig = Rig(
+            max_radius=[1e-6 * end for end in self.rmax_um],
+            frame_rate=_numbers("--fps", self.fps),
+            frames=self.frames,
+            noise=[1e-6 * noise for noise in _numbers("--noise-um", self.noise_um)],
+            relative_noise=0.01 * self.noise_percent,
+            exposure=1e-6 * self.exposure_us,
+            material=self.material,
+            medium=self.liquid,
+            bubble=self.bubbles or "real",
+        )
+        drawing, names = self.drawing(run), ("shear_modulus", "viscosity", "stretch")
+        inputs = [self.known] if self.known else []
+        outputs = Outputs(self.out, "design.json", *(["design.png"] if drawing else []), inputs=inputs)
+        aside(load_solver)
+        with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
+            document = design(
+                self.known,
+                rig,
+                group=self.group,
+                ranges={name: ends for name in names if (ends := getattr(self, name))},
+                wanted=0.01 * self.wanted_percent,
+                spread=self.spread,
+                sizes=self.sizes,
+                draws=self.draws,
+                check=self.check,
+                seed=self.seed,
+                done=advance,
+            ).model_copy(update=run.head)
+        outputs.write("design.json", write_json, document)
+        if drawing and (failed := outputs.picture("design.png", style.save, picture, document)):
+            document.notes += failed
+            outputs.write("design.json", write_json, document)
+        outputs.finish()
+        run.show(document, print_table)
+        run.end(f"written to {self.out} in {{seconds}}")
+
+    def _network(self, model: str, run: Run) -> None:
+        from cavirheo.companions.network_design import network_design, print_table, recipe
+        from cavirheo.inference.posterior_network import load_posterior
+        from cavirheo.parallel import aside
+        from cavirheo.physics.simulate import load_solver
+        from cavirheo.writing.document import Outputs, write_json
+
+        network, recordings = load_posterior(model), self.recordings or 120
+        outputs = Outputs(self.out, "network-design.json", "recipe.toml")
+        aside(load_solver)
+        with run.bar("simulating", recordings) as advance:
+            document = network_design(
+                network, self.material, recordings=recordings, seed=self.seed, done=advance, **run.head
+            )
+        outputs.write("network-design.json", write_json, document)
+        outputs.write("recipe.toml", Path.write_text, recipe(document, network), encoding="utf-8")
+        outputs.finish()
+        run.show(document, print_table)
+        run.end(f"{document.recordings} recordings in {{seconds}}; recipe: {self.out / 'recipe.toml'}")
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option} must be numbers with commas, got {text!r}", "option.numbers") from None

@@ -1,0 +1,258 @@
+"""`cavirheo infer`, `fit`, `which-law` and `watch`: curves in; answers, a table, documents and pictures out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, fields
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cavirheo.errors import require
+from cavirheo.verbs import completion, options
+from cavirheo.verbs.options import INPUT, INTERVAL, argument, option
+from cavirheo.verbs.run import Run, doubtful
+
+if TYPE_CHECKING:
+    from cavirheo.curve import RadiusCurve
+    from cavirheo.inference.analysis import Analysis
+    from cavirheo.parallel import Executor
+
+_FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
+_WEIGHTS = "learnt: the residuals tell how much less frames beside collapses count"
+_OTHERS = "look at the field's bubble beside the real one, or the other way round"
+
+
+@dataclass(kw_only=True)
+class _Report(options.Cluster, options.Figures, options.Measured):
+    """The curves of files answered by one analysis, with a report."""
+
+    def requested(self, files: Sequence[Path]) -> Analysis:
+        """What is asked of each curve. Raises InputError: options that cannot be, or do not go together."""
+        raise NotImplementedError
+
+    def __call__(self, run: Run) -> None:
+        from cavirheo.reporting import DOCUMENTS
+        from cavirheo.workflow.cluster import connected
+        from cavirheo.writing.document import Outputs
+
+        files = run.files(self.files)
+        _, analysis = self.figure_kinds, self.requested(files)
+        Outputs(self.out, *DOCUMENTS, inputs=files)
+        with connected(self.scheduler, run.say) as executor:
+            self.report(run, self.read(run, files), analysis, executor)
+
+    def report(self, run: Run, curves: list[RadiusCurve], analysis: Analysis, executor: Executor | None = None) -> None:
+        """The curves answered, documents, the table, the exit status. Raises InputError, and typer.Exit."""
+        from cavirheo.parallel import cores
+        from cavirheo.reporting import outputs, write_report
+        from cavirheo.reporting.record import Answered
+        from cavirheo.reporting.table import print_table
+        from cavirheo.workflow.analyse import Unfinished
+        from cavirheo.writing import digits
+
+        out, figures = self.out, self.figure_kinds
+        folder, unfinished = outputs(out, curves, figures), Unfinished(out, shown=not run.quiet, executor=executor)
+        analysis.check(curves)
+        answers = unfinished.answers(curves, analysis)
+        pairs, note = (
+            Answered([curves[i] for i in answers.indices], answers),
+            unfinished.note(len(answers), len(curves)),
+        )
+        if note:
+            if folder.holds("report.html"):
+                run.stop(f"{note}; until then the earlier answers stay", out / "result.json")
+            if pairs:
+                notes = [note, *run.notes]
+                write_report(out, pairs, run.command, date=run.date, notes=notes, complete=False)
+            run.stop(note, out / "result.json" if pairs else None)
+        how: dict[str, Any] = {"date": run.date, "notes": run.notes, "draw": self.pictures, "workers": cores()}
+        with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
+            result = write_report(out, pairs, run.command, figures, done=advance, **how)
+        unfinished.remove()
+        run.show(result, partial(print_table, analysis=analysis, out=out, notes_shown=run.refusals))
+        message = f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
+        run.end(message, doubtful(result))
+
+
+@dataclass(kw_only=True)
+class Infer(_Report, options.Inference):
+    """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
+    believe them."""
+
+    def requested(self, files: Sequence[Path]) -> Analysis:
+        self.check_verify(files)
+        return self.analysis
+
+
+@dataclass(kw_only=True)
+class _FitOptions:
+    material: Annotated[
+        str,
+        option("nhkv, newtonian, power-law, ...; auto: the evidence chooses", autocompletion=completion.law_names),
+    ] = "nhkv"
+    stretch: options.Stretch = None
+    window: options.Window = None
+    window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
+    free: Annotated[str | None, option(_FREE, INTERVAL)] = None
+    t0_us: Annotated[float | None, option("largest |t0|, us  [default: half a frame]", INTERVAL)] = None
+    scale_percent: Annotated[float, option("limit of the change of scale and rmax, %", INTERVAL)] = 1.5
+    weights: Annotated[Literal["learnt", "equal"], option(_WEIGHTS, INTERVAL)] = "learnt"
+    others: Annotated[bool, option(_OTHERS, INTERVAL, "--others/--no-others")] = True
+
+
+@dataclass(kw_only=True)
+class Fit(_Report, options.OneBubble, _FitOptions):
+    """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
+
+    out: options.Out = Path("cavirheo-fit")
+
+    def requested(self, files: Sequence[Path]) -> Analysis:
+        from cavirheo.inference.analysis import Analysis
+
+        names = ("material", "free", "window", "weights", "stretch", "others", "trust_input", "seed")
+        settings: dict[str, Any] = {name: getattr(self, name) for name in names}
+        return Analysis(
+            "fit",
+            scale_bound=self.scale_percent / 100,
+            t0_bound=None if self.t0_us is None else self.t0_us * 1e-6,
+            end=None if self.window_us is None else self.window_us * 1e-6,
+            medium=self.liquid,
+            bubble=self.bubbles,
+            **settings,
+        )
+
+
+@dataclass(kw_only=True)
+class _LawOptions:
+    laws: Annotated[str, option("two or more laws, with commas", autocompletion=completion.many_law_names)] = (
+        "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
+    )
+    stretch: options.Stretch = None
+    window: options.Window = None
+    exact_law: options.ExactLaw = False
+
+
+@dataclass(kw_only=True)
+class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyBubbles, _LawOptions):
+    """Which of several laws explains the curves best? Evidence by importance sampling, 1 to 30 s a curve and law."""
+
+    out: options.Out = Path("cavirheo-laws")
+
+    def __call__(self, run: Run) -> None:
+        from cavirheo import reporting
+        from cavirheo.inference.options import Options
+        from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
+        from cavirheo.parallel import cores
+        from cavirheo.physics.bubble import REAL
+        from cavirheo.reporting.figures import laws_figure, names, save
+        from cavirheo.reporting.laws import Laws, firmly, print_table, records
+        from cavirheo.workflow.analyse import Unfinished
+        from cavirheo.workflow.cluster import connected
+        from cavirheo.writing import digits, document
+
+        files, liquid, out, figures = run.files(self.files), self.liquid, self.out, self.figure_kinds
+        materials = [name.strip() for name in self.laws.split(",") if name.strip()]
+        candidates = models(materials, self.bubbles or (REAL,))
+        Options(window=self.window, stretch=self.stretch)
+        outputs = document.Outputs(out, "laws.json", inputs=files)
+        report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
+        with connected(self.scheduler, run.say) as executor:
+            unfinished = Unfinished(out, shown=not run.quiet, executor=executor)
+            curves = self.read(run, files)
+            reporting.outputs(out, curves, figures)
+            how: dict[str, Any] = {"medium": liquid, "window": self.window, "trust_input": self.trust_input}
+            analyses = plans(candidates, stretch=self.stretch, seed=self.seed, discrepancy=not self.exact_law, **how)
+            by_law = weighed(curves, analyses, lambda *these: unfinished.answers(*these).numbered())
+        complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
+        answered, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
+        singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in by_law.items()})
+        by_curve, by_group = records(answered, singles, groups)
+        notes = [*([note] if note else []), *run.notes]
+        laws = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
+        if note and report.holds("report.html"):
+            run.stop(f"{note}; until then the earlier answers stay", out / "laws.json")
+        if answered:
+            outputs.write("laws.json", document.write_json, laws)
+        if note:
+            run.stop(note, out / "laws.json" if answered else None)
+        if "paper" in figures:
+            stems = names([one.name for one in laws.curves], [one.name for one in laws.groups], "paper-laws-")
+            undrawn: list[str] = []
+            for stem, record in zip(stems, [*laws.curves, *laws.groups], strict=True):
+                with document.drawing(stem, undrawn):
+                    save(outputs, stem, laws_figure(record))
+            if undrawn:
+                notes += undrawn
+                outputs.write("laws.json", document.write_json, laws.model_copy(update={"notes": notes}))
+        outputs.finish()
+        pairs = list(zip(answered, explained(singles, groups), strict=True))
+        how = {"date": run.date, "draw": self.pictures, "workers": cores(), "notes": [*firmly(laws), *notes]}
+        with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
+            reporting.write_report(out, pairs, run.command, figures, done=advance, **how)
+        unfinished.remove()
+        run.show(laws, print_table)
+        verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}
+        failed = "check_input" in verdicts or any(one.chosen is None for one in singles)
+        places = f"{out / 'laws.json'}; report: {out / 'report.html'}"
+        run.end(f"{digits.counted(len(curves), 'curve')} in {{seconds}}; {places}", failed)
+
+
+@dataclass(kw_only=True)
+class Watch(options.Inference):
+    """Every recording that arrives in a folder, answered as `infer` does, until Ctrl-C."""
+
+    folder: Annotated[Path, argument("FOLDER", "where the recordings arrive: R(t) files or videos", readable=False)]
+    once: Annotated[bool, option("answer the files that exist, write the report, and stop", None, "--once")] = False
+    patience: Annotated[float, option("how long to try a file again that cannot be read, s", INPUT, min=0.0)] = 10.0
+    wanted_percent: options.WantedPercent = 10.0
+
+    def __call__(self, run: Run) -> None:
+        from cavirheo import watch
+        from cavirheo.io.option_tables import is_size, read_column
+        from cavirheo.parallel import aside, cores
+        from cavirheo.physics.simulate import load_solver
+        from cavirheo.reporting import html, write_report
+        from cavirheo.reporting.table import print_line, print_table
+        from cavirheo.writing import digits
+
+        folder, out = self.folder, self.out
+        require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
+        self.check_verify([folder])
+        analysis = self.analysis
+        if self.column is not None and not is_size(self.column):
+            read_column(self.column)
+        reading = {one.name: getattr(self, one.name) for one in fields(options.Reading) if one.name != "column"}
+        watched = watch.Watch(
+            folder,
+            out,
+            analysis,
+            lambda path: self.recordings([path]),
+            reading,
+            group=self.group,
+            column=self.column,
+            command=run.command,
+            date=run.date,
+            say=run.say,
+            show=print_line if not run.quiet else lambda _: None,
+            patience=self.patience,
+            half_width=0.01 * self.wanted_percent,
+        )
+        aside(load_solver)
+        result = watched.write()
+        page = f"{out / html.LIVE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
+        run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
+        try:
+            while watched.once() or watched.pause() or not self.once:
+                pass
+            stopped = False
+        except KeyboardInterrupt:  # the usual end
+            stopped = True
+        pairs, notes = watched.answered()
+        how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": self.pictures, "workers": cores()}
+        result = write_report(out, pairs, run.command, **how)
+        run.show(result, print_table)
+        run.unreadable = 0 if stopped else watched.unreadable
+        message = f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
+        run.end(message, not stopped and doubtful(result))
