@@ -130,7 +130,7 @@ def main(repeats: int) -> None:
             drawn, call = page.evaluate(MOVE, 0.2 + 0.6 * (k * 0.618 % 1.0))
             busy.append(1e3 * (processor_time(tasks) - before))
             began = time.perf_counter()
-            steps.trial(session, session.curves[0].name, [30.0, 0.05 + 0.01 * (k % 7), 5.0])
+            steps.what_if(session, session.curves[0].name, [30.0, 0.05 + 0.01 * (k % 7), 5.0])
             trials.append(1e3 * (time.perf_counter() - began))
             moves.append(drawn)
             calls.append(call)

@@ -267,7 +267,7 @@ def main() -> None:
     }
     parser.add_argument("names", nargs="*", choices=[[], *made], help=argparse.SUPPRESS)
     for name in parser.parse_args().names or made:
-        style.drawn(made[name](), 120).save(FOLDER / f"{name}.png", optimize=True)
+        style.save(FOLDER / f"{name}.png", made[name](), dpi=120)
 
 
 if __name__ == "__main__":

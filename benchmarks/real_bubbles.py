@@ -213,9 +213,7 @@ def ahead(curve: RadiusCurve, material: str, bubble: Bubble) -> dict[str, Any]:
     if not answer.best:
         return {"verdict": "failed", "message": answer.checks.message}
     shot, missed = laid(curve, answer)
-    shot.set_window(1)
-    last = shot.since[-1]
-    shot.set_window(*shot.cut)
+    last = shot.cut_to(1).since[-1]
     later = shot.counted & (shot.since > last)
     share = None if answer.log_weight is None else np.exp(answer.log_weight - np.max(answer.log_weight))
     chosen = np.random.default_rng(0).choice(

@@ -306,7 +306,7 @@ def main() -> None:
         "peg": draw_peg(found), "sets": draw_sets(found), "ahead": draw_ahead(ahead), "growth": draw_growth(kept),
     }  # fmt: skip
     for name, figure in pictures.items():
-        style.drawn(figure, 110).save(given.out / f"{name}.png", optimize=True)
+        style.save(given.out / f"{name}.png", figure, dpi=110)
 
 
 if __name__ == "__main__":

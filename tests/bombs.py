@@ -17,56 +17,43 @@ HEAD = "time_us,radius_um\n"
 FILES: dict[Callable[[Path], object], tuple[str, str]] = {}
 
 
-def bomb(ending: str, code: str) -> Callable[[Any], Any]:
-    def kept(make: Callable[[Path], object]) -> Callable[[Path], object]:
+def bomb(ending: str, code: str, name: str = "") -> Callable[[Any], Any]:
+    def register(make: Callable[[Path], object]) -> Callable[[Path], object]:
+        make.__name__ = name or make.__name__
         FILES[make] = ending, code
         return make
 
-    return kept
+    return register
 
 
-def texts(**made: tuple[str, str, str | bytes]) -> None:
-    """Text files by their names: ending, code and content."""
-    for name, (ending, code, content) in made.items():
-
-        def write(path: Path, content: str | bytes = content) -> None:
-            path.write_bytes(content if isinstance(content, bytes) else content.encode())
-
-        write.__name__ = name
-        FILES[write] = ending, code
-
-
-def sheets(**made: tuple[str, str]) -> None:
-    """Workbooks by their names: code, and the XML of a sheet's rows."""
-    for name, (code, rows) in made.items():
-
-        def write(path: Path, rows: str = rows) -> None:
-            write_xlsx(path, {"a": f"<worksheet><sheetData>{rows}</sheetData></worksheet>"})
-
-        write.__name__ = name
-        FILES[write] = "xlsx", code
-
-
-texts(
-    csv_of_ten_million_lines=("csv", "limits.lines", HEAD.encode() + b"1,2\n" * 10_000_000),
-    csv_of_one_line=("csv", "limits.characters", "1," * 3_000_000),
-    csv_of_many_columns=("csv", "limits.columns", HEAD + "1,2\n" + "," * 20_000 + "1\n"),
-    csv_of_as_many_shots_as_lines=(
-        "csv", "limits.curves", "shot,time_us,radius_um\n" + "".join(f"{k},{k},100\n" for k in range(6_000)),
+MANY = [f"{k},{k},1\n" for k in range(6000)]
+TEXTS = {
+    "csv_of_ten_million_lines": ("csv", "limits.lines", HEAD + "1,2\n" * 10_000_000),
+    "csv_of_one_line": ("csv", "limits.characters", "1," * 3_000_000),
+    "csv_of_many_columns": ("csv", "limits.columns", HEAD + "1,2\n" + "," * 20_000 + "1\n"),
+    "csv_of_separators": ("txt", "limits.curves", "1,2\n-1000,-1000\n" * 6_000),
+    "csv_of_a_title_of_spaces": ("csv", "table.columns", "time" + " " * 90_000 + "us,radius_um\n1,2\n"),
+    "csv_of_many_cells": ("csv", "limits.cells", HEAD + ("1," * 999 + "1\n") * 5_100),
+    "csv_of_as_many_shots_as_lines": (
+        "csv",
+        "limits.curves",
+        f"shot,{HEAD}" + "".join(f"{k},{k},1\n" for k in range(6000)),
     ),
-    csv_of_separators=("txt", "limits.curves", "1,2\n-1000,-1000\n" * 6_000),
-    csv_of_a_title_of_spaces=("csv", "table.columns", "time" + " " * 90_000 + "us,radius_um\n1,2\n"),
-    csv_of_many_cells=("csv", "limits.cells", HEAD.encode() + (b"1," * 999 + b"1\n") * 5_100),
-)  # fmt: skip
-sheets(
-    xlsx_of_one_huge_cell=("limits.memory", f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>'),
-    xlsx_of_a_million_rows=("limits.cells", "<row><c><v>1</v></c><c><v>1</v></c></row>" * 600_000),
-    xlsx_of_one_text_named_often=("limits.text", f'<row><c t="str"><v>{"x" * 50_000}</v></c></row>' * 2_400),
-    xlsx_of_a_huge_grid=(  # two cells; the reader alone would end the whole process for want of memory
+}
+SHEETS = {  # the XML of rows
+    "xlsx_of_one_huge_cell": ("limits.memory", f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>'),
+    "xlsx_of_a_million_rows": ("limits.cells", "<row><c><v>1</v></c><c><v>1</v></c></row>" * 600_000),
+    "xlsx_of_one_text_named_often": ("limits.text", f'<row><c t="str"><v>{"x" * 50_000}</v></c></row>' * 2_400),
+    "xlsx_of_a_huge_grid": (  # two cells; the reader alone would end the whole process for want of memory
         "limits.memory",
         '<row r="1"><c r="A1"><v>1</v></c></row><row r="900000"><c r="XFD900000"><v>1</v></c></row>',
     ),
-)
+}
+for name, (ending, code, content) in TEXTS.items():
+    bomb(ending, code, name)(lambda path, content=content: path.write_text(content))
+for name, (code, rows) in SHEETS.items():
+    sheet = {"a": f"<worksheet><sheetData>{rows}</sheetData></worksheet>"}
+    bomb("xlsx", code, name)(lambda path, sheet=sheet: write_xlsx(path, sheet))
 
 
 @bomb("csv", "limits.bytes")
@@ -193,26 +180,24 @@ def theirs(path):
     return str(other)
 
 
-@bomb("h5", "limits.elsewhere")
-def hdf5_that_reads_another_file(path):
+def borrowed(path, other, way):
+    """A file whose radius is taken from another one, in one of three ways."""
     with h5py.File(path, "w") as file:
         file["time"] = np.arange(100.0)
-        file.create_dataset("radius", (100,), "u1", external=[(theirs(path), 0, 100)])
+        if way == "reads":
+            file.create_dataset("radius", (100,), "u1", external=[(other, 0, 100)])
+        elif way == "links_to":
+            file["radius"] = h5py.ExternalLink(other, "/radius")
+        else:
+            layout = h5py.VirtualLayout((100,), "f8")
+            layout[:] = h5py.VirtualSource(other, "radius", (100,))
+            file.create_virtual_dataset("radius", layout)
 
 
-@bomb("h5", "limits.elsewhere")
-def hdf5_that_links_to_another_file(path):
-    with h5py.File(path, "w") as file:
-        file["time"], file["radius"] = np.arange(100.0), h5py.ExternalLink(theirs(path), "/radius")
-
-
-@bomb("h5", "limits.elsewhere")
-def hdf5_that_shows_another_file(path):
-    with h5py.File(path, "w") as file:
-        file["time"] = np.arange(100.0)
-        layout = h5py.VirtualLayout((100,), "f8")
-        layout[:] = h5py.VirtualSource(theirs(path), "radius", (100,))
-        file.create_virtual_dataset("radius", layout)
+for way in ("reads", "links_to", "shows"):
+    bomb("h5", "limits.elsewhere", f"hdf5_that_{way}_another_file")(
+        lambda path, way=way: borrowed(path, theirs(path), way)
+    )
 
 
 @bomb("h5", "hdf5.twice")

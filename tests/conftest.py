@@ -2,13 +2,16 @@
 
 import importlib.util
 import os
+import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from cavirheo import verbs
+from cavirheo import InputError, verbs
 from cavirheo.messages import Message
 
 BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
@@ -16,7 +19,7 @@ BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, whe
 ROOT = Path(__file__).resolve().parents[1]
 collect_ignore_glob = [] if importlib.util.find_spec("av") else ["*test_video*"]  # without the extra [video]
 if not (ROOT / "docs").is_dir():  # the sdist, whose tests run from the wheel (tests/wheel.py)
-    collect_ignore_glob += ["test_documentation.py", "test_documented_commands.py", "test_site.py"]
+    collect_ignore_glob += ["meta/test_document*.py", "meta/test_site.py"]
 
 
 def load_benchmark(name: str) -> ModuleType:
@@ -32,6 +35,23 @@ def load_benchmark(name: str) -> ModuleType:
 def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:
     """Messages with a sentence of their own each."""
     return tuple(Message(code, {"text": text}) for text in texts if text)
+
+
+@contextmanager
+def refused(code: str, *words: str) -> Iterator[None]:
+    """An InputError of this code is raised, and its message has these words."""
+    with pytest.raises(InputError) as caught:
+        yield
+    assert caught.value.code == code
+    assert [word for word in words if word not in str(caught.value)] == []
+
+
+def refusal(called: tuple[int, str, str], *words: str) -> str:
+    """The one line with these words that a command ended with, at status 2."""
+    status, _, err = called
+    assert (status, err.count("\n")) == (2, 1), err
+    assert [word for word in words if word not in err] == []
+    return err
 
 
 LONGEST = (
@@ -59,6 +79,21 @@ def real_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data in {folder} (set CAVIRHEO_REAL_DATA)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[object]:
+    """A real browser; without one a test is skipped."""
+    program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if program is None or importlib.util.find_spec("playwright") is None:
+        pytest.skip("needs playwright and a Chromium")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        sandbox = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []  # Chromium refuses it to root
+        browser = driver.chromium.launch(executable_path=program, args=sandbox)
+        yield browser
+        browser.close()
 
 
 @pytest.fixture

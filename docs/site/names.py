@@ -1,7 +1,7 @@
 """Which names of Python the reference shows: by page and group, those of each room; the laws are those that are known.
 
-tests/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a public
-object holds or returns.
+tests/meta/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a
+public object holds or returns.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ ANSWERS = Page(
                 "cavirheo.companions.design_document": "Design DesignedSetting CheckedSetting",
                 "cavirheo.companions.network_design": "NetworkDesign WeakRange",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
-                "cavirheo.companions.rheometer.document": "Rheometry",
+                "cavirheo.companions.rheometer_document": "Rheometry",
                 "cavirheo.video.document": "Measured",
                 "cavirheo.video.measurement": "StatedNumber",
                 "cavirheo.writing.document": "Document Quantity Spread",
@@ -150,8 +150,7 @@ MORE = Page(
         Group(
             "Rheometer",
             {
-                "cavirheo.companions.rheometer": "read_sweeps strain_sweep frequency_sweep",
-                "cavirheo.companions.rheometer.sweeps": "Sweep",
+                "cavirheo.companions.rheometer": "Sweep read_sweeps strain_sweep frequency_sweep",
             },
             "[How](../docs/how-to/rheometer.md).",
         ),

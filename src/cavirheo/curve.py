@@ -56,18 +56,18 @@ def _numbers(name: str, values: Any) -> Floats:
 
 def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of `meta` with every text as it may be shown, the name and the notes among them."""
-    shown = {key: printable(value) if isinstance(value, str) else value for key, value in meta.items()}
-    words = {"name": str(shown.get("name", "curve")), "notes": tuple(map(printable, shown.get("notes", ())))}
-    return {**words, **shown, **words}
+    printed = {key: printable(value) if isinstance(value, str) else value for key, value in meta.items()}
+    words = {"name": str(printed.get("name", "curve")), "notes": tuple(map(printable, printed.get("notes", ())))}
+    return {**words, **printed, **words}
 
 
 def several(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
     """Curves as a list. Raises InputError for what is none, with what makes one of it."""
-    mend = "read_curves(path) reads the curves of a file; infer and fit take one, infer_many and fit_many a list"
-    expect(curves, Iterable, f"a list of RadiusCurves ({mend})")
+    advice = "read_curves(path) reads the curves of a file; infer and fit take one, infer_many and fit_many a list"
+    expect(curves, Iterable, f"a list of RadiusCurves ({advice})")
     listed = [curves] if isinstance(curves, str) else list(curves)
     for curve in listed:
-        expect(curve, RadiusCurve, f"a RadiusCurve ({mend})")
+        expect(curve, RadiusCurve, f"a RadiusCurve ({advice})")
     return listed
 
 
@@ -126,10 +126,9 @@ class RadiusCurve:
         expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
         time, radius, std = (_numbers(name, getattr(self, name)) for name in ("time", "radius", "radius_std"))
         std = std if std.size else np.full(radius.shape, np.nan)
-        shapes = f"{time.shape}, {radius.shape}, {std.shape}"
         fine = time.ndim == 1 and time.shape == radius.shape == std.shape
-        expected = "time, radius and radius_std must be one-dimensional and of one length"
-        require(fine, f"{expected}, got shapes {shapes}", "curve.shape")
+        message = "time, radius and radius_std must be one-dimensional and of one length, got shapes "
+        require(fine, f"{message}{time.shape}, {radius.shape}, {std.shape}", "curve.shape")
         if not np.isfinite(time).all():
             raise InputError(f"time must be finite; sample {np.argmin(np.isfinite(time))} is not", "curve.time")
         if np.any(np.diff(time) <= 0):
@@ -235,10 +234,6 @@ class RadiusCurve:
         """The same curve as a shot of another group; `source` is the file or folder that the group stands for."""
         return self.labelled(group=name, group_source=source)
 
-    def with_exposure(self, exposure: float) -> RadiusCurve:
-        """The same curve, each frame exposed for `exposure` (s)."""
-        return self.labelled(exposure_s=exposure)
-
     def with_max_radius(self, max_radius: float) -> RadiusCurve:
         """The curve scaled so that its fitted maximum is `max_radius` (m): for pixels, or a scale known better.
 
@@ -250,13 +245,12 @@ class RadiusCurve:
         start, top = self._maximum
         scale = max_radius / top
         time_factor = max_radius if self.time_unscaled else 1.0
-        said = f"R_max set to {max_radius * 1e6:.4g} um" + ("" if self.unscaled else f": radii scaled by {scale:.4g}")
-        return replace(
-            self, time=self.time * time_factor, radius=self.radius * scale, radius_std=self.radius_std * scale,
-            meta={**self.meta, "notes": (*self.notes, said)}, maximum=(start * time_factor, float(max_radius)),
-            stated_time_of_max=None, unscaled="", time_unscaled=False, late=self.begins_late,
-            warnings=tuple(one for one in self.warnings if one.code != UNIT),
-        )  # fmt: skip
+        note = f"R_max set to {max_radius * 1e6:.4g} um" + ("" if self.unscaled else f": radii scaled by {scale:.4g}")
+        warnings = tuple(warning for warning in self.warnings if warning.code != UNIT)
+        curve = self.labelled(warnings=warnings, notes=(*self.notes, note))
+        parts: Any = {"radius": self.radius * scale, "radius_std": self.radius_std * scale, "late": self.begins_late}
+        parts |= {"time": self.time * time_factor, "maximum": (start * time_factor, float(max_radius))}
+        return replace(curve, **parts, stated_time_of_max=None, unscaled="", time_unscaled=False)
 
     def normalised(self, medium: TimeScale) -> tuple[Floats, Floats]:
         """(m,) t* = (t - t_max)/t_c and (m,) R* = R/R_max of the measured frames, growth (t* < 0) included."""
@@ -278,14 +272,13 @@ class RadiusCurve:
         require(step > 0 and count >= 1, why, "curve.step")
         top = self.max_radius
         time, radius = self._after_max
-        since_max, wanted = time - time[0], step * np.arange(count)
-        missing = wanted > since_max[-1] * (1.0 + 1e-9)
+        since_max, times = time - time[0], step * np.arange(count)
+        missing = times > since_max[-1] * (1.0 + 1e-9)
         ends = f"the recording ends {since_max[-1] * 1e6:.4g} us after R_max"
-        needed = f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
+        needed = f"{times[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
         self._require(bool(allow_short or not missing.any()), f"{ends}; {needed}", "short")
-        result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + wanted, time[-1])))
-        result[missing] = np.nan
-        result[0] = top
+        result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + times, time[-1])))
+        result[missing], result[0] = np.nan, top
         return result
 
     def spikes(self) -> list[int]:
@@ -311,8 +304,8 @@ class RadiusCurve:
         stop = time[-1] if end is None else start + end
         if collapses is not None:
             minima, maxima = self._turning_points
-            shown = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
-            self._require(1 <= collapses <= len(minima), shown, "collapses")
+            message = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
+            self._require(1 <= collapses <= len(minima), message, "collapses")
             last = minima[collapses - 1]
             before = time[minima[collapses - 2]] if collapses > 1 else 2.0 * start - time[last]
             ends = [time[i] for i in maxima if i > last] + [2.0 * time[last] - before]
@@ -328,8 +321,7 @@ class RadiusCurve:
     def drifts_from(self) -> float | None:
         """Time, s, from which the radius drifts upwards (landmarks.drift), as that of no single bubble; None if not."""
         time, radius = self._after_max
-        rise = max(_DRIFT * radius[0], 6.0 * self.noise)
-        first = drift(time, radius, *self._turning_points, rise)
+        first = drift(time, radius, *self._turning_points, max(_DRIFT * radius[0], 6.0 * self.noise))
         return None if first is None else float(time[first])
 
     def strain_rate(self) -> float:
@@ -381,8 +373,8 @@ class RadiusCurve:
         has no R_max. density in kg/m3, pressure in Pa.
         """
         try:
-            seen = float(self.collapse_times()[0] - self.time_of_max)
-            return seen / (RAYLEIGH * self.max_radius * float(np.sqrt(density / pressure)))
+            measured = float(self.collapse_times()[0] - self.time_of_max)
+            return measured / (RAYLEIGH * self.max_radius * float(np.sqrt(density / pressure)))
         except (InputError, IndexError):
             return None
 

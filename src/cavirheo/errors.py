@@ -14,26 +14,26 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
-_UNSEEN = re.compile(
+_INVISIBLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
 )
-_UNSEEN_IN_LINES = re.compile(rf"(?![\t\r\n]){_UNSEEN.pattern}")
+_INVISIBLE_IN_LINES = re.compile(rf"(?![\t\r\n]){_INVISIBLE.pattern}")
 _LONGEST = 2000  # characters of a message
 
 
 def printable(text: str) -> str:
     """The text with what a terminal would obey and a document cannot hold written as an escape: control characters,
     marks of direction, and the bytes of a file name that are no UTF-8 (`\\xe9`)."""
-    return _UNSEEN.sub(_escape, text)
+    return _INVISIBLE.sub(_escape, text)
 
 
 def without_unseen(text: str) -> tuple[str, int]:
     """(the text without such characters but tabs and ends of lines, how many there were)."""
-    return _UNSEEN_IN_LINES.subn("", text)
+    return _INVISIBLE_IN_LINES.subn("", text)
 
 
-def _escape(found: re.Match[str]) -> str:
-    code = ord(found[0])
+def _escape(character: re.Match[str]) -> str:
+    code = ord(character[0])
     return f"\\x{code & 0xFF:02x}" if code < 0x100 or 0xDC80 <= code <= 0xDCFF else f"\\u{code:04x}"
 
 
@@ -70,69 +70,69 @@ def require(fine: bool, message: str, code: str = "input", where: str = "") -> N
         raise InputError(message, code, where)
 
 
-def expect(given: object, kind: type, what: str) -> None:
-    """Raise InputError unless `given` is of this kind; `what` says what was expected, and how to come by it."""
-    if not isinstance(given, kind):  # else its text, which may take long, is not needed
-        raise InputError(f"expected {what}; got {type(given).__name__} {brief(given)}", "input.type")
+def expect(value: object, kind: type, what: str) -> None:
+    """Raise InputError unless the value is of this kind; `what` says what was expected, and how to come by it."""
+    if not isinstance(value, kind):  # else its text, which may take long, is not needed
+        raise InputError(f"expected {what}; got {type(value).__name__} {brief(value)}", "input.type")
 
 
-def expect_whole(given: object, name: str, least: int, code: str = "input.whole") -> None:
-    """Raise InputError unless `given` is a whole number, `least` or more."""
-    fine = isinstance(given, Integral) and int(given) >= least
-    require(fine, f"{name} must be a whole number from {least} up, got {brief(given)}", code)
+def expect_whole(value: object, name: str, least: int, code: str = "input.whole") -> None:
+    """Raise InputError unless the value is a whole number, `least` or more."""
+    fine = isinstance(value, Integral) and int(value) >= least
+    require(fine, f"{name} must be a whole number from {least} up, got {brief(value)}", code)
 
 
-def numbered(given: str | Iterable[int], what: str, code: str, first: int = 1, last: int | None = None) -> list[int]:
+def numbered(numbers: str | Iterable[int], what: str, code: str, first: int = 1, last: int | None = None) -> list[int]:
     """Sorted, each once: "1,4-7" or [1, 4, 5, 6, 7]. Raises InputError: no such list, or numbers beyond these ends."""
     ends = f"{first} up" if last is None else f"{first} to {last}"
     like = f"{first},{first + 3}-{first + 6}"
-    message = f'{what} must be numbers from {ends} and ranges of them, such as "{like}", got {given!r}'
-    found: set[int] = set()
-    for part in given.split(",") if isinstance(given, str) else map(str, given):
+    message = f'{what} must be numbers from {ends} and ranges of them, such as "{like}", got {numbers!r}'
+    chosen: set[int] = set()
+    for part in numbers.split(",") if isinstance(numbers, str) else map(str, numbers):
         match = re.fullmatch(r"\s*(\d{1,6})\s*(?:[-–]\s*(\d{1,6})\s*)?", part)
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
         require(first <= low <= high <= (last or high), message, code)
-        found.update(range(low, high + 1))
-    require(bool(found), message, code)
-    return sorted(found)
+        chosen.update(range(low, high + 1))
+    require(bool(chosen), message, code)
+    return sorted(chosen)
 
 
 def number_of(text: str | None, what: str) -> float | None:
     """What was typed; None where nothing was. Raises InputError: no number, or one that can be read in two ways."""
-    given = (text or "").strip()
-    two = f"{what} {given} can be read in two ways: type it without the comma, or with a point"
-    require(not re.fullmatch(r"[+-]?[1-9]\d{0,2}(,\d{3})+", given), two, "input.which_number")
+    number = (text or "").strip()
+    two = f"{what} {number} can be read in two ways: type it without the comma, or with a point"
+    require(not re.fullmatch(r"[+-]?[1-9]\d{0,2}(,\d{3})+", number), two, "input.which_number")
     try:
-        return float(given.replace(",", ".")) if given else None
+        return float(number.replace(",", ".")) if number else None
     except ValueError:
-        raise InputError(f"{what} must be a number, got {given!r}", "input.not_a_number") from None
+        raise InputError(f"{what} must be a number, got {number!r}", "input.not_a_number") from None
 
 
-def as_path(given: str | PathLike[str]) -> Path:
+def as_path(path: str | PathLike[str]) -> Path:
     """The path of one file or folder. Raises InputError: it is none."""
-    message = f"expected the path of one file, as text; got {type(given).__name__} {brief(given)}"
-    require(isinstance(given, str | PathLike), message, "input.path")
-    return Path(given)
+    message = f"expected the path of one file, as text; got {type(path).__name__} {brief(path)}"
+    require(isinstance(path, str | PathLike), message, "input.path")
+    return Path(path)
 
 
-def explained(error: ValidationError, kind: Any) -> str:
+def validation_message(error: ValidationError, kind: Any) -> str:
     """In one line, of the first entries that the pydantic model `kind` refuses: where, what is expected and given."""
-    said = []
+    parts = []
     for item in error.errors(include_url=False):
         where, what = ".".join(map(str, item["loc"])), item["msg"].removeprefix("Value error, ")
         if item["type"] == "extra_forbidden":
             what, table = "unknown key", kind
             for key in item["loc"][:-1]:
                 table = next(f.annotation for name, f in table.model_fields.items() if key in (name, f.alias))
-            known = [field.alias or name for name, field in table.model_fields.items()]
-            near = get_close_matches(str(item["loc"][-1]), known, 1)
-            what += f", did you mean {near[0]}?" if near else f"; known: {', '.join(known)}"
+            names = [field.alias or name for name, field in table.model_fields.items()]
+            close = get_close_matches(str(item["loc"][-1]), names, 1)
+            what += f", did you mean {close[0]}?" if close else f"; known: {', '.join(names)}"
         elif item["type"] == "missing":
             what = "is missing"
         elif where:
             what += f", got {brief(item['input'])}"
-        said.append(f"{where}: {what}".removeprefix(": "))
-    return "; ".join(said[:3]) + (f"; and {len(said) - 3} more" if len(said) > 3 else "")
+        parts.append(f"{where}: {what}".removeprefix(": "))
+    return "; ".join(parts[:3]) + (f"; and {len(parts) - 3} more" if len(parts) > 3 else "")
 
 
 class SolverError(RuntimeError):

@@ -45,10 +45,10 @@ def read_bytes(path: str | Path, most: int) -> bytes:
     """
     large = f"{path} is larger than the {most / 1e6:g} MB that are read; is it the right file?"
     try:
-        about = Path(path).stat()
-        if not S_ISREG(about.st_mode):
+        state = Path(path).stat()
+        if not S_ISREG(state.st_mode):
             raise InputError(f"{path} is a folder, a pipe or a device; name a file", "files.kind")
-        require(about.st_size <= most, large, "files.size")
+        require(state.st_size <= most, large, "files.size")
         with Path(path).open("rb") as file:
             content = file.read(most + 1)  # the size of some is only known when they are read
     except InputError:
@@ -63,9 +63,9 @@ def read_bytes(path: str | Path, most: int) -> bytes:
 def read_object(path: str | Path, most: int) -> dict[str, Any]:
     """The object in a JSON file. Raises InputError as `read_bytes`, and "files.json"."""
     try:
-        found = json.loads(read_bytes(path, most).decode("utf-8-sig"))
-        if isinstance(found, dict):
-            return found
+        content = json.loads(read_bytes(path, most).decode("utf-8-sig"))
+        if isinstance(content, dict):
+            return content
         reason: object = "it holds no object"
     except InputError:
         raise

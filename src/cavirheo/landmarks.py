@@ -51,8 +51,7 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     fallen = (smooth < 0.6 * highest) & (highest > 0.5 * smooth.max())
     end = int(np.argmax(fallen)) if fallen.any() else len(smooth)
     peak = int(np.argmax(smooth[:end]))
-    near = smooth > _NEAR_MAXIMUM * smooth[peak]
-    below = np.flatnonzero(~near)
+    below = np.flatnonzero(smooth <= _NEAR_MAXIMUM * smooth[peak])
     if not np.any(below > peak):
         grows = peak >= len(smooth) - 2
         what = "the bubble still grows at the end" if grows else "the bubble never collapses"
@@ -193,16 +192,16 @@ def spikes(radius: Floats, height: float) -> list[int]:
 
 def turning_points(radius: Floats, threshold: float) -> tuple[list[int], list[int]]:
     """Indices of the alternating minima and maxima that stand out by more than `threshold`; index 0 is a maximum."""
-    found: tuple[list[int], list[int]] = ([], [])
+    points: tuple[list[int], list[int]] = ([], [])
     extreme, sign = 0, 1.0  # sign +1: falling, looking for a minimum
     for i, value in enumerate(radius):
         rise = sign * (value - radius[extreme])
         if rise < 0 or (extreme == 0 and rise > 0):
             extreme = i
         elif rise > threshold:
-            found[0 if sign > 0 else 1].append(extreme)
+            points[0 if sign > 0 else 1].append(extreme)
             extreme, sign = i, -sign
-    return found
+    return points
 
 
 def rebound(top: float, noise: float) -> float:
@@ -254,7 +253,7 @@ def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], ri
             return collapse
     period = time[minima[-1]] - time[minima[-2]] if len(minima) > 1 else 2.0 * (time[minima[0]] - time[0])
     late = int(np.searchsorted(time, time[minima[-1]] + period))
-    width = max(int(np.searchsorted(time, time[minima[-1]] + period)) - minima[-1], 5)
+    width = max(late - minima[-1], 5)
     if len(time) - late < width:
         return None
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(radius[late:], width), axis=1)

@@ -29,7 +29,7 @@ class Kind(NamedTuple):
 KINDS = {
     "result": Kind("reporting.record", "Result", "reporting.table.print_all"),
     "laws": Kind("reporting.laws", "Laws", "reporting.laws.print_table"),
-    "rheometer": Kind("companions.rheometer.document", "Rheometry", "companions.rheometer.document.print_rheometry"),
+    "rheometer": Kind("companions.rheometer_document", "Rheometry", "companions.rheometer_document.print_rheometry"),
     "collapse-time": Kind("companions.collapse_times", "CollapseTimes", "companions.collapse_times.print_table"),
     "measure": Kind("video.document", "Measured", "video.document.print_table"),
     "design": Kind("companions.design_document", "Design", "companions.design_document.print_table"),

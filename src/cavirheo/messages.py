@@ -98,22 +98,22 @@ def _repeated(p: Mapping[str, Any]) -> str:
     often = {2: "twice"}.get(p["times"], f"{p['times']} times")
     each = f"each frame seems to stand {often}: keep one of each"
     cause = each if p["times"] else "frames seem to be repeated: keep the first of equal ones"
-    seen = f"{p['equal']} of {p['frames']} radii equal the one before, also where the bubble moves fast"
-    return f": {seen}; {cause}, with its time, or add --trust-input"
+    count = f"{p['equal']} of {p['frames']} radii equal the one before, also where the bubble moves fast"
+    return f": {count}; {cause}, with its time, or add --trust-input"
 
 
 def _scale(p: Mapping[str, Any]) -> str:
     fast = p["ratio"] < 1.0
-    seen = f"the first collapse comes {p['ratio']:.2g} Rayleigh times after R_max ({1e6 * p['max_radius']:.4g} um)"
-    mend = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
+    collapse = f"the first collapse comes {p['ratio']:.2g} Rayleigh times after R_max ({1e6 * p['max_radius']:.4g} um)"
+    advice = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
     if not p["factors"]:
-        return f": {seen}, which no material shows: {mend}"
+        return f": {collapse}, which no material shows: {advice}"
     by = " to ".join(dict.fromkeys(f"{factor:.2g}" for factor in p["factors"]))
     large, short = ("large (a diameter given as radius?)", "short") if fast else ("small (a radius in pixels?)", "long")
     cause = "stiff gel with its small stretch" if fast else "material"
     return (
-        f": {seen}, and no {cause} follows the curve as well as a soft material does if radii are {by} times too "
-        f"{large} or times that much too {short}: {mend}"
+        f": {collapse}, and no {cause} follows the curve as well as a soft material does if radii are {by} times too "
+        f"{large} or times that much too {short}: {advice}"
     )
 
 
@@ -169,23 +169,23 @@ def _prior_end(name: str, end: str) -> str:
 def _systematic(p: Mapping[str, Any]) -> str:
     from cavirheo.writing.digits import chance
 
-    seen = p["excess"] >= p["seen"]
-    size = f"by {100 * p['excess']:.1f} %" if seen else f"by less than {100 * p['seen']:.2g} %"
+    large = p["excess"] >= p["seen"]
+    size = f"by {100 * p['excess']:.1f} %" if large else f"by less than {100 * p['seen']:.2g} %"
     text = f": {size} of R_max beyond the noise ({chance(p)})"
     if p["exact"]:
         return f"{text}, and the law was taken as exact, so the interval is too narrow"
     if p["excess"] > p["limit"]:
         return f"{text} (limit {100 * p['limit']:.0f} %)"
-    return f"{text}, which the interval allows for" if seen else text
+    return f"{text}, which the interval allows for" if large else text
 
 
 def _distrusted(p: Mapping[str, Any]) -> str:
-    said = f": {p['draws']} weighted draws are worth {p['effective']:.0f} independent ones, and {p['needed']:.0f} are "
-    said += "needed"
+    text = f": {p['draws']} weighted draws are worth {p['effective']:.0f} independent ones, "
+    text += f"and {p['needed']:.0f} are needed"
     if p["unseen"] is None:
-        return said
+        return text
     missed = "more than was met" if not p["unseen"] < 1.0 else f"about {p['unseen']:.0%} of it"
-    return f"{said}, and a few of them carry the weight: {missed} is still to be met (tail index {p['tail']:.2f})"
+    return f"{text}, and a few of them carry the weight: {missed} is still to be met (tail index {p['tail']:.2f})"
 
 
 def _training_range(p: Mapping[str, Any]) -> str:
@@ -210,9 +210,9 @@ def _values(one: Mapping[str, Any]) -> str:
 
 def _both(p: Mapping[str, Any]) -> str:
     """Two models by what tells them apart, law or bubble, with their values."""
-    there, here = p["there"], p["here"]
-    tells = here["material"] != there["material"], here["bubble"] != there["bubble"]
-    first, second = (f"{_model(one, *tells)} with {_values(one)}" for one in (here, there))
+    this, rival = p["here"], p["there"]
+    tells = this["material"] != rival["material"], this["bubble"] != rival["bubble"]
+    first, second = (f"{_model(one, *tells)} with {_values(one)}" for one in (this, rival))
     return f"{second}, instead of {first}"
 
 
@@ -220,13 +220,13 @@ def _by(p: Mapping[str, Any]) -> str:
     return f" by a factor of {'about ' * p['rough']}e^{abs(p['gain']):.0f}"
 
 
-def _preferred(p: Mapping[str, Any], there: str, here: str) -> str:
+def _preferred(p: Mapping[str, Any], rival: str, this: str) -> str:
     """' (the evidence prefers the second by a factor of e^12)'; nothing where one has no evidence."""
     if p["gain"] is None:
         return ""
     if p["equal"]:
         return " (equally likely)"
-    return f" (the evidence prefers {there if p['gain'] > 0 else here}{_by(p)})"
+    return f" (the evidence prefers {rival if p['gain'] > 0 else this}{_by(p)})"
 
 
 def _possible(p: Mapping[str, Any]) -> str:
@@ -239,14 +239,14 @@ def _two_modes(p: Mapping[str, Any]) -> str:
 
 
 def _chosen(p: Mapping[str, Any]) -> str:
-    here, rivals = p["here"], p["rivals"]
-    tells = tuple(any(one[key] != here[key] for one in rivals) for key in ("material", "bubble"))
+    this, rivals = p["here"], p["rivals"]
+    tells = tuple(any(one[key] != this[key] for one in rivals) for key in ("material", "bubble"))
     parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
     for one in rivals:
         gain = one["gain"]
         words = "equally likely" if one["equal"] else f"e^{abs(gain):.0f} times {'more' if gain > 0 else 'less'} likely"
         parts["rejected" if one["rejected"] else "also possible"].append(f"{_model(one, *tells)} ({words})")
-    return ", ".join([f": {_model(here, *tells)}", *(f"{words}: {', '.join(m)}" for words, m in parts.items() if m)])
+    return ", ".join([f": {_model(this, *tells)}", *(f"{words}: {', '.join(m)}" for words, m in parts.items() if m)])
 
 
 def _averaged(p: Mapping[str, Any]) -> str:

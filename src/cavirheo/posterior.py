@@ -76,13 +76,13 @@ class Checks:
         """'Checks(ok, RMSE 0.64 % of R_max over 87 frames, 4 collapses, t* <= 4.0)'."""
         from cavirheo.writing.digits import counted
 
-        said: list[str] = [self.verdict]
+        words: list[str] = [self.verdict]
         if self.rmse_over_rmax is not None:
             over = "" if self.compared_time is None else f" over {len(self.compared_time)} frames"
-            said.append(f"RMSE {100 * self.rmse_over_rmax:.2g} % of R_max{over}")
-        said += [] if self.collapses is None else [counted(self.collapses, "collapse")]
-        said += [] if self.t_star_end is None else [f"t* <= {self.t_star_end:.2g}"]
-        return f"Checks({', '.join(said)}{': ' + self.message if self.message else ''})"
+            words.append(f"RMSE {100 * self.rmse_over_rmax:.2g} % of R_max{over}")
+        words += [] if self.collapses is None else [counted(self.collapses, "collapse")]
+        words += [] if self.t_star_end is None else [f"t* <= {self.t_star_end:.2g}"]
+        return f"Checks({', '.join(words)}{': ' + self.message if self.message else ''})"
 
 
 @dataclass(frozen=True)
@@ -261,9 +261,9 @@ class Posterior:
 
         Raises InputError: what was not inferred, with what was.
         """
-        for given, values in zip(self.names, self.theta.T, strict=True):
-            if given in (name, f"log10_{name}"):
-                return values if given == name else np.asarray(10.0**values)
+        for scaled_name, values in zip(self.names, self.theta.T, strict=True):
+            if scaled_name in (name, f"log10_{name}"):
+                return values if scaled_name == name else np.asarray(10.0**values)
         held = f" (`best` has {name})" if name in self.best else ""
         message = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
         raise InputError(message, "posterior.parameter")
@@ -350,11 +350,11 @@ def intervals(
     names: Sequence[str], theta: Floats, log_weight: Floats | None = None
 ) -> dict[str, tuple[float, float, float]]:
     """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters); none of a single one."""
-    found: dict[str, tuple[float, float, float]] = {}
+    ends: dict[str, tuple[float, float, float]] = {}
     for name, values in zip(names, theta.T, strict=True) if len(theta) > 1 else ():
         low, middle, high = weighted_quantile(natural(name, values), np.array([0.05, 0.5, 0.95]), log_weight).tolist()
-        found[natural_name(name)] = low, middle, high
-    return found
+        ends[natural_name(name)] = low, middle, high
+    return ends
 
 
 def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None = None) -> dict[str, float]:
@@ -364,9 +364,9 @@ def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None 
     covariance = np.cov(theta.T, aweights=None if log_weight is None else unscaled(log_weight))
     sigma = np.sqrt(np.diag(covariance))
     return {
-        f"{natural_name(other)}, {natural_name(name)}": float(covariance[i, j] / (sigma[i] * sigma[j]))
+        f"{natural_name(earlier)}, {natural_name(name)}": float(covariance[i, j] / (sigma[i] * sigma[j]))
         for i, name in enumerate(names)
-        for j, other in enumerate(names[:i])
+        for j, earlier in enumerate(names[:i])
     }
 
 

@@ -100,11 +100,8 @@ class TrainingProblem:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, from which `from_dict` makes the same problem again."""
-        return {
-            "schema": 1, "material": self.material_name, "medium": asdict(self.medium),
-            "prior": self.prior.to_dict(), "camera": asdict(self.grid),
-            "reference_max_radius": self.reference_max_radius,
-        }  # fmt: skip
+        parts = {"medium": asdict(self.medium), "prior": self.prior.to_dict(), "camera": asdict(self.grid)}
+        return {"schema": 1, "material": self.material_name, **parts, "reference_max_radius": self.reference_max_radius}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TrainingProblem:
@@ -138,11 +135,9 @@ class TrainingProblem:
 
         rows = np.asarray(theta, dtype=float)
         stretch = np.array([natural_values(self.prior.names, row)["stretch"] for row in rows])
+        shots: Any = {"max_radius": self.reference_max_radius, "stretch": stretch, "medium": self.medium}
         time = self.grid.time if time is None else time
-        return simulate_many(
-            [self.material(row) for row in rows], max_radius=self.reference_max_radius, stretch=stretch,
-            time=time, medium=self.medium, **options,
-        )  # fmt: skip
+        return simulate_many([self.material(row) for row in rows], **shots, time=time, **options)
 
     def grid_step(self, max_radius: float, medium: Medium | None = None) -> float:
         """The frame interval (s) that puts a shot of this R_max (m) on the grid in t*."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
@@ -65,6 +65,7 @@ class Trial:
     again: float
 
 
+@dataclass(eq=False, repr=False)
 class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
@@ -74,21 +75,30 @@ class Watch:
     found.
     """
 
-    def __init__(
-        self, folder: Path, out: Path, analysis: Analysis, read: Callable[[Path], CurveSet], reading: object = None,
-        *, group: str = "auto", column: Path | None = None, command: str = "", date: str | None = None,
-        say: Callable[[str], None] = lambda _: None, show: Callable[[CurveRecord], None] = lambda _: None,
-        patience: float = PATIENCE, half_width: float = html.HALF_WIDTH,
-    ) -> None:  # fmt: skip
-        self.folder, self.analysis, self.read, self.group, self.patience = folder, analysis, read, group, patience
-        self.sizes = column is not None and is_size(column)
-        self.column = None if self.sizes else column
+    folder: Path
+    out: Path
+    analysis: Analysis
+    read: Callable[[Path], CurveSet]
+    reading: object = None
+    _: KW_ONLY
+    group: str = "auto"
+    column: Path | None = None
+    command: str = ""
+    date: str | None = None
+    say: Callable[[str], None] = lambda _: None
+    show: Callable[[CurveRecord], None] = lambda _: None
+    patience: float = PATIENCE
+    half_width: float = html.HALF_WIDTH
+
+    def __post_init__(self) -> None:
+        self.sizes = self.column is not None and is_size(self.column)
+        if self.sizes:
+            self.column = None
         self._column_then = _state(self.column)
-        self.say, self.show, self.command, self.date, self.half_width = say, show, command, date, half_width
-        self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, html.LIVE)
-        self.store = Store(out / "watched", most=0)
-        how = key_of([version("cavirheo"), reading, analysis.medium])[:16]  # read otherwise, other curves
-        self.records = Store(out / "watched" / how, most=0)
+        self.outputs, self.page = Outputs(self.out, *DOCUMENTS), Outputs(self.out, html.LIVE)
+        self.store = Store(self.out / "watched", most=0)
+        how = key_of([version("cavirheo"), self.reading, self.analysis.medium])[:16]  # read otherwise, other curves
+        self.records = Store(self.out / "watched" / how, most=0)
         self.files: dict[str, WatchedFile] = {}
         self.owner: dict[bytes, str] = {}  # the file of each recording
         self._seen: dict[Path, tuple[State, float]] = {}
@@ -96,8 +106,8 @@ class Watch:
         self._latest: Posterior | None = None
         self._told: set[str] = set()
         self._unwritten, self._due = False, 0.0  # whether the documents lack anything, and from when on they may follow
-        for about in self.records.values(dict):
-            self._own(WatchedFile(**about))
+        for record in self.records.values(dict):
+            self._own(WatchedFile(**record))
 
     def answered(self) -> tuple[list[tuple[RadiusCurve, Posterior]], list[str]]:
         """Every curve, named and grouped among all, with its answer, in the order of the files; and what is to be said
@@ -208,11 +218,8 @@ class Watch:
             del self.files[one.path]  # a header whose pixels came later than was waited for
             self.records.remove([key_of(one.path)])
             self._disown(set(map(samples_of, one.curves)), one.path)
-        news = [
-            (path, state) for path, (state, since) in self._seen.items()
-            if now - since >= LOOK and self._is_news(path, state)
-        ]  # fmt: skip
-        return sorted(news, key=lambda one: (one[1][1], one[0]))
+        stable = [(path, state) for path, (state, since) in self._seen.items() if now - since >= LOOK]
+        return sorted((one for one in stable if self._is_news(*one)), key=lambda one: (one[1][1], one[0]))
 
     def _is_news(self, path: Path, state: State) -> bool:
         known, trial = self.files.get(str(path)), self._trials.get(path)
@@ -284,10 +291,10 @@ class Watch:
 def _state(path: Path | None) -> State | None:
     """Of a file that may not be there, and of the header that belongs to it."""
     try:
-        seen = [] if path is None else [path.stat()]
+        states = [] if path is None else [path.stat()]
     except FileNotFoundError:
         return None
     if path and (header := header_of(path)):
         with suppress(FileNotFoundError):
-            seen.append(header.stat())
-    return tuple(number for about in seen for number in (about.st_size, about.st_mtime_ns)) or None
+            states.append(header.stat())
+    return tuple(number for state in states for number in (state.st_size, state.st_mtime_ns)) or None

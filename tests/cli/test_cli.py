@@ -1,4 +1,4 @@
-"""The command line: the main job on the shipped examples, and a clear word for every bad input."""
+"""The command line: the main job on the shipped examples, and every bad input refused."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import typer
 from answers import KnownAnalysis
-from conftest import BDT, ROOT
+from conftest import BDT, ROOT, refusal
 from scipy.io import savemat
 
-from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
+from cavirheo import read_curves, simulate
 from cavirheo.io import write_csv
 from cavirheo.physics import materials
 from cavirheo.physics.accuracy import PRECISE
@@ -30,10 +30,9 @@ EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 
 
 def infer(run, *words: object, status: int = 0) -> tuple[list[dict], list[dict], str]:
-    """Rows of curves and groups, and what was said on stderr."""
+    """Rows of curves and groups, and what stands on stderr."""
     found, _, err = run("infer", *words, *BDT, "-o", "r", "--replace")
     assert found == status, err
-    assert "Traceback" not in err
     document = json.loads(Path("r", "result.json").read_text())
     return document["curves"], document["groups"], err
 
@@ -47,19 +46,16 @@ def shot(tmp_path) -> Path:
 
 @pytest.mark.needs("matplotlib")
 def test_the_main_job(run, tmp_path):
-    status, out, err = run("infer", EXAMPLE, *BDT, "-o", "result")
+    status, _, err = run("infer", EXAMPLE, *BDT, "-o", "result")
     assert status == 0, err
-    assert "n = 5" in out
     result = json.loads((tmp_path / "result" / "result.json").read_text())
-    assert result["schema"] == 1
-    assert len(result["curves"]) == 5
+    assert (result["kind"], result["schema"], len(result["curves"])) == ("result", 1, 5)
     row = result["curves"][0]
-    assert row["verdict"] == "ok"
+    assert (row["verdict"], row["medium"]["density"]) == ("ok", 998.0)
     assert row["shear_modulus_Pa"]["q05"] is None
-    assert row["medium"]["density"] == 998.0
     assert result["groups"][0]["n"] == result["groups"][0]["n_trusted"] == 5
-    assert (tmp_path / "result" / "report.html").read_text().startswith("<!doctype html>")
-    assert (tmp_path / "result" / "report.html").read_text().count("<svg") == 5 + 3  # the group's shots and answers
+    page = (tmp_path / "result" / "report.html").read_text()
+    assert page.count("<svg") == 5 + 3  # the group's shots and answers
     assert not list((tmp_path / "result").glob("*.png"))
 
 
@@ -91,31 +87,21 @@ def test_single_shot_files_of_a_folder_are_one_group(run, tmp_path):
     assert [(g["name"], g["n"]) for g in groups] == [("gel", 2), ("two", 2)]
 
 
-def few(n: int) -> str:
-    return "time_us,radius_um\n" + "".join(f"{k},{100 + k}\n" for k in range(n))
-
-
 def test_unreadable_files(run, tmp_path):
     (tmp_path / "empty.csv").write_bytes(b"")
     (tmp_path / "text.txt").write_bytes(b"Dear lab, the data will follow.\nYours\n")
     (tmp_path / "binary.csv").write_bytes(bytes(range(256)) * 4)
     savemat(tmp_path / "other.mat", {"voltage": np.ones(4)})
-    for name in ("empty.csv", "text.txt", "binary.csv", "other.mat", str(tmp_path), "nowhere.csv"):
-        status, _, err = run("infer", name)
-        assert status == 2
-        assert name in err
-        assert "Traceback" not in err
-    assert "voltage" in run("infer", "other.mat")[2]
+    for name in ("empty.csv", "text.txt", "binary.csv", "other.mat", "nowhere.csv"):
+        refusal(run("infer", name), name)
 
 
-FAILED = {  # and a number or an option that the reason must name
-    "three.csv": (few(3), "3 of 3"),
-    "nan.csv": ("time_us,radius_um\n" + "".join(f"{k},nan\n" for k in range(40)), "0 of 40"),
-    "grows.csv": (few(60), ""),
-    "pixels.csv": (
-        "time_us,radius_px\n" + "".join(f"{k},{140 * np.cos(k / 40):.2f}\n" for k in range(50)),
-        "--rmax-um",
-    ),
+FRAMES = range(60)
+FAILED = {  # a table of a curve that cannot be answered, and what the reason must name
+    "three.csv": ("time_us,radius_um\n0,100\n1,101\n2,102\n", "3 of 3"),
+    "nan.csv": ("time_us,radius_um\n" + "".join(f"{k},nan\n" for k in FRAMES), "0 of 60"),
+    "grows.csv": ("time_us,radius_um\n" + "".join(f"{k},{100 + k}\n" for k in FRAMES), ""),
+    "pixels.csv": ("time_us,radius_px\n" + "".join(f"{k},{140 * np.cos(k / 40):.2f}\n" for k in FRAMES), "--rmax-um"),
 }
 
 
@@ -141,36 +127,15 @@ def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
     assert stop.value.exit_code == 1
 
 
-def test_a_radius_in_micrometres_that_are_pixels_is_warned_of(run, tmp_path):
-    curve = read_curves(EXAMPLE)[0]
-    write_csv(tmp_path / "scaled.csv", curve.with_max_radius(0.4 * curve.max_radius))
-    run("infer", "scaled.csv", *BDT, "-o", "r")
-    (row,) = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
-    assert (row["verdict"], row["messages"][0]["code"]) == ("check_input", "check_input.scale")
-
-
-def test_simulate_writes_what_read_curves_reads(run, tmp_path):
-    words = "simulate --material nhkv --shear-modulus 5000 --viscosity 0.05 --rmax-um 200 --stretch 6 -o out"
-    status, _, err = run(*words.split(), "--duration-us", 50, "--fps", 2e6)
-    assert status == 0, err
-    (curve,) = read_curves(tmp_path / "out" / "simulation.csv")
-    expected = simulate(NeoHookeanKelvinVoigt(5e3, 0.05), max_radius=2e-4, stretch=6, time=np.arange(101) * 0.5e-6)
-    assert np.allclose(curve.radius, expected.radius, rtol=1e-6)
-
-
 def test_simulate_any_sum_of_laws(run, tmp_path):
-    status, _, err = run(
-        "simulate", "--material", materials.EXAMPLE, "--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a"
-    )
+    words = ("--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a")
+    status, _, err = run("simulate", "--material", materials.EXAMPLE, *words)
     assert status == 0, err
-    law = Viscoelastic(Yeoh(1e3, 20.0), Cross(0.5, 0.01, 1e-4))
-    there = simulate(law, max_radius=200 * 1e-6, stretch=6, time=np.arange(41) / 1e6)
-    columns = zip(
-        there.time * 1e6, there.radius * 1e6, there.velocity, there.pressure, there.stress, there.strain,
-        there.strain_rate, strict=True,
-    )  # fmt: skip
-    rows = (tmp_path / "a" / "simulation.csv").read_text().splitlines()[1:]
-    assert rows == [",".join(f"{value:.9g}" for value in row) for row in columns]
+    law, time = Viscoelastic(Yeoh(1e3, 20.0), Cross(0.5, 0.01, 1e-4)), np.arange(41) / 1e6
+    expected = simulate(law, max_radius=2e-4, stretch=6, time=time)
+    (curve,) = read_curves(tmp_path / "a" / "simulation.csv")
+    assert curve.time == pytest.approx(time)
+    assert curve.radius == pytest.approx(expected.radius, rel=1e-8)
 
 
 def test_simulate_all_options(run, tmp_path):
@@ -178,7 +143,7 @@ def test_simulate_all_options(run, tmp_path):
     (tmp_path / "p.csv").write_text("time_us,pressure_kPa\n0,0\n1,-2000\n2,0\n3,0\n")
     words = "--rmax-um 2 --stretch 1 --duration-us 10 --fps 1e7 --motion gilmore --precise"
     law = "zener(2e3, 0.01, 1e-6)"
-    status, _, err = run("simulate", "--material", law, *words.split(), *["--driving", "p.csv", "--fields", "-o", "a"])
+    status, _, err = run("simulate", "--material", law, *words.split(), "--driving", "p.csv", "--fields", "-o", "a")
     assert status == 0, err
     expected = simulate(
         materials.parse(law),
@@ -241,33 +206,26 @@ def test_each_option_matters(run, tmp_path, way):
     ],
 )
 def test_simulate_refuses(run, tmp_path, words, named):
-    status, _, err = run(*f"simulate --rmax-um 90 --stretch 5 -o x --material {words}".split())
-    assert (status, err.count("\n")) == (2, 1)
-    assert named in err
+    refusal(run(*f"simulate --rmax-um 90 --stretch 5 -o x --material {words}".split()), named)
     assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.slow
+@pytest.mark.needs("torch")
 def test_generate_and_train_from_the_command_line(run, tmp_path):
-    pytest.importorskip("torch")
     recipe = (ROOT / "recipes" / "laptop.toml").read_text()
-    small = recipe.replace("epochs = 30", "epochs = 1")
-    assert small != recipe
-    (tmp_path / "small.toml").write_text(small)
-    status, _, err = run("generate", "small.toml", "-n", 40, "-o", "data", "--shard", "1/1")
-    assert status == 0, err
-    assert "40 curves" in err
-    assert run("generate", "small.toml", "-n", 41, "-o", "data")[0] == 2
-    assert run("generate", "small.toml", "-o", "data", "--shard", "one")[0] == 2
-    status, out, err = run("train", "small.toml", "data", "-o", "run", "--threads", 1)
-    assert status == 0, err
-    assert "log10_viscosity: R2" in out
-    status, out, err = run("evaluate", "run/laptop.onnx", "data", "-o", "eval")
-    assert status == 0, err
-    assert "the test part" in out
+    (tmp_path / "small.toml").write_text(recipe.replace("epochs = 30", "epochs = 1"))
+    for words in (
+        ("generate", "small.toml", "-n", 40, "-o", "data", "--shard", "1/1"),
+        ("train", "small.toml", "data", "-o", "run", "--threads", 1),
+        ("evaluate", "run/laptop.onnx", "data", "-o", "eval"),
+    ):
+        status, _, err = run(*words)
+        assert status == 0, err
     assert (tmp_path / "eval" / "metrics.json").exists()
-    status, out, _ = run("infer", EXAMPLE, "--model", "run/laptop.onnx", "-o", "r")
-    assert status in (0, 1)
+    assert run("infer", EXAMPLE, "--model", "run/laptop.onnx", "-o", "r")[0] in (0, 1)
+    for words in (("-n", 41), ("--shard", "one")):
+        assert run("generate", "small.toml", *words, "-o", "data")[0] == 2
 
 
 def test_an_empty_folder_takes_no_other_file_with_it(run, tmp_path):

@@ -1,4 +1,4 @@
-"""`cavirheo compare`: published values beside ours; nothing is dropped, and every mistake in the CSV file is named."""
+"""`cavirheo compare`: published values beside ours; nothing is dropped, and mistakes in the CSV file are named."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
-from conftest import ROOT, messages
+from answers import answer as answer_of
+from answers import unanswered
+from conftest import ROOT, refused
 
 from cavirheo import load, read_curves
 from cavirheo.companions import comparison
-from cavirheo.companions.comparison import Answering, compare
-from cavirheo.companions.comparison_picture import figure
+from cavirheo.companions.comparison import Answering, compare, figure
 from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.errors import InputError
 from cavirheo.inference import analysis, posterior_network
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD
-from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import result
 from cavirheo.reporting.comparison import Comparison
 from cavirheo.reporting.record import Result
@@ -65,19 +64,13 @@ def fake(monkeypatch):
     """Known answers instead of inference, and result.json alone as report; returns the settings it was called with."""
     calls = []
 
-    def answered(curve, material="nhkv"):
-        if len(curve.time) < 5:
-            return Posterior((), (), np.empty((0, 0)), Checks("failed", messages("3 frames")), material, "bdt")
-        shear, viscosity, verdict = ANSWERS.get(curve.name.rpartition("/")[2], (4e3, 0.02, "ok"))
-        names, theta = ("log10_shear_modulus", "log10_viscosity"), np.log10([[shear, viscosity]])
-        if material == "newtonian":
-            names, theta = names[1:], theta[:, 1:]
-        rmse = 0.01 * (1 + ("shot1", "shot2").index(curve.name) if curve.name in ("shot1", "shot2") else 0.5)
-        return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks(verdict, (), rmse), material, "bdt")
-
     def answer(asked, curve, *_, **__):
         calls.append(asked)
-        return answered(curve, "newtonian" if asked.model == "bdt-viscous" else "nhkv")
+        if len(curve.time) < 5:
+            return unanswered("3 frames")
+        shear, viscosity, verdict = ANSWERS.get(curve.name.rpartition("/")[2], (4e3, 0.02, "ok"))
+        material = "newtonian" if asked.model == "bdt-viscous" else "nhkv"
+        return answer_of(curve, shear, viscosity, verdict=verdict, material=material)
 
     def write_report(out, pairs, command, *, published, references, notes, **how):
         written = result(pairs, command, notes=notes)
@@ -85,13 +78,12 @@ def fake(monkeypatch):
         Outputs(out, "result.json").write("result.json", write_json, written)
         return written
 
-    monkeypatch.setattr(comparison, "write_report", write_report)
-    monkeypatch.setattr(Analysis, "answer", answer)
-
     def card(path):
         law = "newtonian" if "viscous" in str(path) else "nhkv"
         return {"kind": "posterior" if "posterior" in str(path) else "point", "material": law}
 
+    monkeypatch.setattr(comparison, "write_report", write_report)
+    monkeypatch.setattr(Analysis, "answer", answer)
     for module in (comparison, posterior_network):
         monkeypatch.setattr(module, "network_of", lambda name: SimpleNamespace(sha256="", card=card(name)))
     monkeypatch.setattr(analysis, "path_of", Path)
@@ -103,21 +95,16 @@ def fake(monkeypatch):
 def test_the_command_answers_as_infer_does(run, folder, tmp_path):
     """With its default network and the field's bubble; the errors are in the group of its result.json."""
     (folder / "one.csv").write_text(f"{HEAD}\ngel,gel_a/shot1.csv,1003,IMR,G_kPa,6.44,1.64\n")
-    status, out, err = run("compare", "data", "--references", "data/one.csv", "-o", "c")
+    status, _, err = run("compare", "data", "--references", "data/one.csv", "-o", "c")
     assert status == 0, err
-    assert max(map(len, out.splitlines())) <= 120
-    assert "6.44 ± 1.64" in out
-    words = ("infer", "data/gel_a/shot1.csv", "--density", 1003, "--bubble", "field", "-o", "i")
-    assert run(*words)[0] == 0
+    run("infer", "data/gel_a/shot1.csv", *["--material", "nhkv", "--density", "1003", "--bubble", "field", "-o", "i"])
     here, there = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("c", "i"))
     assert [c["shear_modulus_Pa"] for c in here["curves"]] == [c["shear_modulus_Pa"] for c in there["curves"]]
     (group,) = here["groups"]
-    mean = group["shear_modulus_Pa"]["mean"]
-    assert mean == there["groups"][0]["shear_modulus_Pa"]["mean"]
+    mean = there["groups"][0]["shear_modulus_Pa"]["mean"]
+    assert group["shear_modulus_Pa"]["mean"] == mean
     assert group["published"]["IMR"]["shear_modulus"]["mean"] == 6440.0
     assert group["errors"]["IMR"]["cavirheo"]["shear_modulus"] == pytest.approx(abs(mean - 6440) / 6440)
-    page = (tmp_path / "c" / "report.html").read_text(encoding="utf-8")
-    assert "% from IMR" in page
     assert (tmp_path / "c" / "comparison.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -131,19 +118,14 @@ def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
     before["groups"] = [group for group in before["groups"] if group["name"] != "gone"]
     (tmp_path / "answers.json").write_text(json.dumps(before))
     fake.clear()
-    status, _, err = run("compare", "answers.json", "--references", "data/published.csv", "-o", "d")
-    assert status == 1, err
+    words = ("compare", "answers.json", "--references", "data/published.csv")
+    assert run(*words, "-o", "d")[0] == 1
     assert not fake
     one, other = (load(tmp_path / name) for name in ("c", "d"))
     assert [group.errors for group in one.groups] == [group.errors for group in other.groups]
     assert [group.name for group in other.groups] == ["gel a", "gone", "bare.csv"]
-    assert [cells.split(",") for cells in (tmp_path / "d" / "comparison.csv").read_text().splitlines()] == [
-        cells.split(",") for cells in (tmp_path / "c" / "comparison.csv").read_text().splitlines()
-    ]
-    status, _, err = run("compare", "answers.json", "--references", "data/published.csv", "--fit", "nhkv", "-o", "g")
-    assert (status, "not answered again" in err) == (2, True)
-    assert "% from IMR" in (tmp_path / "d" / "report.html").read_text(encoding="utf-8")
-    assert (tmp_path / "d" / "comparison.png").exists()
+    assert (tmp_path / "d" / "comparison.csv").read_text() == (tmp_path / "c" / "comparison.csv").read_text()
+    assert run(*words, "--fit", "nhkv", "-o", "g")[0] == 2
     (folder / "alone.csv").write_text(f"{HEAD}\nother name,,,IMR,G_kPa,8,\n")
     shown = compare(tmp_path / "answers.json", folder / "alone.csv", tmp_path / "e")[0]
     assert ["IMR" in group.published for group in shown.groups] == [True, True]  # the only set is that of all groups
@@ -193,30 +175,16 @@ def test_nothing_is_dropped(fake, run, folder, tmp_path):
     gel, gone, bare = made.groups
     assert (gel.n, gel.n_failed) == (3, 1)
     assert gel.verdicts == {"ok": 2, "model_does_not_fit": 1, "failed": 1}
-    assert (gone.n, gone.n_failed, gone.shear_modulus_Pa.mean) == (0, 0, None)
-    assert list(gone.errors) == ["IMR"]
+    assert (gone.n, gone.n_failed, gone.shear_modulus_Pa.mean, list(gone.errors)) == (0, 0, None, ["IMR"])
     assert bare.published == {}
-    for word in ("torn.mat", "protocol.docx", "nowhere/*.mat"):
+    for word in ("torn.mat", "nowhere/*.mat"):
         assert any(word in note for note in made.notes)
-    for word in ("gone", "torn.mat", "protocol.docx", "3 of 4", "3 frames", "does not fit 1, failed 1"):
+    for word in ("gone", "torn.mat", "3 of 4"):
         assert word in " ".join(out.split())
-    (folder / "gel_a" / "torn.mat").unlink()
     (folder / "less.csv").write_text(f"{HEAD}\ngel_a,,,,,,\n")
-    assert run("compare", "data", "--references", "data/less.csv", "-o", "less")[0] == 1
-    (folder / "gel_a" / "three.csv").unlink()
-    assert run("compare", "data", "--references", "data/less.csv", "-o", "less2")[0] == 0
-
-
-def test_shots_of_one_name_in_two_sets_are_told_apart(fake, folder, tmp_path):
-    """The same recording may be answered under two densities."""
-    (folder / "two.csv").write_text("set,files,density\nlight,bare.csv,990\nheavy,bare.csv,1040\n")
-    made, *_ = compare(folder, folder / "two.csv", tmp_path / "c")
-    assert [curve.name for curve in made.curves] == ["light/bare", "heavy/bare"]
-    assert [call.medium.density for call in fake] == [990, 1040]
-
-
-def number(text: str) -> float | None:
-    return float(text) if text else None
+    for removed, expected in (("torn.mat", 1), ("three.csv", 0)):
+        (folder / "gel_a" / removed).unlink()
+        assert run("compare", "data", "--references", "data/less.csv", "-o", removed)[0] == expected
 
 
 def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):
@@ -226,24 +194,24 @@ def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):
     lines = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8").replace("\\|", "¦").splitlines()
     cells = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|")]
     assert {len(row) for row in cells} == {len(cells[0])}
-    first, *_ = (dict(zip(cells[0], row, strict=True)) for row in cells[2:])
-    expected = {"Set": "gel ¦ a", "IMR": "8.0 ± 1.5", "cavirheo, trusted": "6.0 ± 1.4", "BDT to IMR, %": "25"}
-    assert {name: first[name] for name in expected} == expected
+    assert dict(zip(cells[0], cells[2], strict=True))["Set"] == "gel ¦ a"
     with (tmp_path / "c" / "comparison.csv").open(newline="", encoding="utf-8") as file:
         table_rows = list(csv.DictReader(file))
     titles = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}
     for one, line in zip(Comparison(made).rows, table_rows, strict=True):
         assert (line["set"], line["quantity"]) == (one.group.name, titles[one.name])
-        assert number(line["cavirheo_trusted_mean"]) == one.value("cavirheo").mean
-        assert number(line["cavirheo_all_mean"]) == one.value("cavirheo, all").mean
+        expected = {
+            "cavirheo_trusted_mean": one.value("cavirheo").mean,
+            "cavirheo_all_mean": one.value("cavirheo, all").mean,
+        }
         for method, values in one.group.published.items():
             value = values.get(one.name)
-            known = (value.mean, value.std) if value else (None, None)
-            assert (number(line[f"{method}_mean"]), number(line[f"{method}_std"])) == known
+            expected |= {f"{method}_mean": value and value.mean, f"{method}_std": value and value.std}
         for reference, errors in one.group.errors.items():
             for method, of in errors.items():
                 name = "cavirheo_trusted" if method == "cavirheo" else method
-                assert number(line[f"{name}_error_to_{reference}"]) == of.get(one.name)
+                expected[f"{name}_error_to_{reference}"] = of.get(one.name)
+        assert {name: float(line[name]) if line[name] else None for name in expected} == expected
 
 
 def test_published_values_can_be_read():
@@ -261,38 +229,32 @@ def test_a_liquid_has_no_shear_modulus(fake, folder, tmp_path):
         "odd,gel_a/shot0.csv,bdt-viscous,IMR,G_kPa,1,\n"
     )
     made, *_ = compare(folder, folder / "liquid.csv", tmp_path / "c")
-    assert [(one.group.name, one.name) for one in Comparison(made).rows] == [
-        ("PEG", "viscosity"), ("odd", "shear_modulus"), ("odd", "viscosity")
-    ]  # fmt: skip
+    rows = [(one.group.name, one.name) for one in Comparison(made).rows]
+    assert rows == [("PEG", "viscosity"), ("odd", "shear_modulus"), ("odd", "viscosity")]
     assert made.groups[0].errors["IMR"]["cavirheo"]["viscosity"] == pytest.approx(2 / 3)
     assert row(made, "odd").value("cavirheo").mean is None
-    assert [axes.get_xlabel() for axes in figure(made).axes] == ["G (kPa)", "µ (Pa s)"]
     peg = made.model_copy(update={"groups": made.groups[:1], "curves": made.curves[:3]})
-    assert [axes.get_xlabel() for axes in figure(peg).axes] == ["µ (Pa s)"]
+    assert [len(figure(one).axes) for one in (made, peg)] == [2, 1]
 
 
 def test_settings_reach_the_inference(fake, folder, tmp_path):
-    (folder / "s.csv").write_text(
-        "set,model,material,window,stretch,rmax_um,medium,density,sound_speed,surface_tension,pressure,temperature\n"
-        "bare.csv,posterior,power-law,2,7.5,210,zhu2025,1040,1500,0,90000,300\n"
-        "gel_a/shot0.csv,,,,,,,,,,,\n"
+    """One recording may be answered with several settings; the file of values is no measurement."""
+    (folder / "published.csv").write_text(
+        "set,files,model,material,window,stretch,rmax_um,medium,density,sound_speed,surface_tension,pressure,temperature\n"
+        "bare.csv,,posterior,power-law,2,7.5,210,zhu2025,1040,1500,0,90000,300\n"
+        "all,*.csv,,,,,,,,,,,\n"
     )
-    made, *_ = compare(folder, folder / "s.csv", tmp_path / "c", how=Answering("bdt-viscoelastic"))
+    how = Answering("bdt-viscoelastic")
+    made, unread, _ = compare(folder, folder / "published.csv", tmp_path / "c", how=how)
     first, second = fake
     assert (first.model, first.window, first.stretch) == ("posterior", 2, 7.5)
     assert (first.material, first.bubbles) == ("power-law", (FIELD,))
     medium = first.medium
     assert (medium.density, medium.sound_speed, medium.surface_tension) == (1040, 1500, 0)
     assert (medium.pressure, medium.temperature) == (90000, 300)
-    assert made.curves[0].max_radius_m == pytest.approx(210e-6)
     assert (second.model, second.window, second.medium.density) == ("bdt-viscoelastic", None, 998.0)
-    assert "no relative errors" in made.notes[-1]
-
-
-def test_the_file_of_values_is_no_measurement(fake, folder, tmp_path):
-    (folder / "published.csv").write_text(f"{HEAD}\nall,*.csv,,,,,\n")
-    made, unread, _ = compare(folder, folder / "published.csv", tmp_path / "c")
-    assert ([curve.name for curve in made.curves], unread) == (["bare"], 0)
+    assert made.curves[0].max_radius_m == pytest.approx(210e-6)
+    assert ([curve.name for curve in made.curves], unread) == (["bare.csv/bare", "all/bare"], 0)
 
 
 BAD = {  # text: (where, code, what is named)
@@ -328,7 +290,7 @@ def test_mistakes_in_the_file_are_named(tmp_path, text):
     with pytest.raises(InputError) as caught:
         compare(tmp_path, tmp_path / "r.csv", tmp_path / "c")
     where, code, what = BAD[text]
-    assert f"r.csv, {where}" in str(caught.value) if where else True
+    assert f"r.csv, {where}" in str(caught.value) or not where
     assert code is None or caught.value.code == f"references.{code}"
     assert what in str(caught.value)
     assert not (tmp_path / "c").exists()
@@ -344,16 +306,15 @@ def test_other_dialects_of_the_file(tmp_path):
 
 
 def test_other_mistakes(fake, folder, tmp_path):
+    values = folder / "published.csv"
     for arguments, options, code in [
-        ((folder, tmp_path / "none.csv"), {}, "reading.missing"),
-        ((folder / "bare.csv", folder / "published.csv"), {}, "compare.folder"),
-        ((folder, folder / "published.csv"), {"reference_methods": ["imr"]}, "compare.method"),
+        ((folder, tmp_path / "none.csv", tmp_path / "c"), {}, "reading.missing"),
+        ((folder / "bare.csv", values, tmp_path / "c"), {}, "compare.folder"),
+        ((folder, values, tmp_path / "c"), {"reference_methods": ["imr"]}, "compare.method"),
+        ((folder, values, folder / "bare.csv"), {}, "document.folder"),
     ]:
-        with pytest.raises(InputError) as caught:
-            compare(*arguments, tmp_path / "c", **options)
-        assert caught.value.code == code
-    with pytest.raises(InputError, match=r"bare\.csv"):
-        compare(folder, folder / "published.csv", folder / "bare.csv")
+        with refused(code):
+            compare(*arguments, **options)
 
 
 def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, tmp_path):
@@ -361,18 +322,14 @@ def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, t
     (folder / "two.csv").write_text(
         f"{HEAD}\nopen,gel_a/shot?.csv,,IMR,G_kPa,8,1.5\nclosed,-,,IMR,G_kPa,30,4\nclosed,,,BDT,G_kPa,39,12\n"
     )
-    status, out, err = run("compare", "data", "--references", "data/two.csv", "-o", "c")
+    status, _, err = run("compare", "data", "--references", "data/two.csv", "-o", "c")
     assert status == 0, err
     made = read(tmp_path / "c")
-    closed = made.groups[1]
+    _, closed = made.groups
     assert (closed.name, closed.n, closed.n_failed) == ("closed", 0, 0)
     assert closed.errors == {"IMR": {"BDT": {"shear_modulus": pytest.approx(0.3)}}}
     (note,) = made.notes
-    assert note.startswith("closed: no open recording")
-    assert note in " ".join(out.split())
-    text = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
-    assert "0 of 0" not in out + text
-    assert f"- {note}\n" in text
+    assert note.startswith("closed: ")
 
 
 def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Rheometer sweeps: exact answers of known models, what instruments export, and a word for what cannot be used."""
+"""Rheometer sweeps: exact answers of known models, what instruments export, and what is refused."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import answer, bubble
-from conftest import ROOT
+from conftest import ROOT, refusal, refused
 from files import write_xlsx
 
-from cavirheo.companions.rheometer import frequency_sweep, read_sweeps, strain_sweep
-from cavirheo.companions.rheometer.read import VOCABULARY
-from cavirheo.companions.rheometer.sweeps import Sweep
+from cavirheo.companions.rheometer import VOCABULARY, Sweep, frequency_sweep, read_sweeps, strain_sweep
 from cavirheo.errors import InputError
 from cavirheo.io.tables import Table
 from cavirheo.reporting import write_report
@@ -169,7 +167,7 @@ def test_titles(title):
     columns = Table(VOCABULARY, [title], [], [], []).columns
     alike = {"frequency": "omega", "shear strain": "strain"}
     assert [alike.get(column.name.kind, column.name.kind) for column in columns] == [kind] * bool(kind)
-    if factor is None:
+    if kind and factor is None:
         with pytest.raises(InputError):
             _ = columns[0].factor
     elif kind:
@@ -195,15 +193,25 @@ RSPACE = (
     "Shear modulus (viscous component)(Pa)\nPre shear;4,5E+003;;;;\nPre shear;4,6E+003;;;;\n"
     + "".join(f"Sweep;;1,00;{w / 2 / np.pi:.6g};{s:.6g};{v:.6g}\n".replace(".", ",") for w, s, v in FREQUENCY_ROWS)
 )
+
+
+def table(head, separator=",", units=(1.0, 1.0, 1.0), rows=FREQUENCY_ROWS):
+    """The text of a table of rows in these units."""
+    lines = (separator.join(f"{x / unit:.7g}" for x, unit in zip(row, units, strict=True)) for row in rows)
+    return "\n".join([head, *lines]) + "\n"
+
+
+def write(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
 LAYOUTS = {
-    "comma.csv": "omega,G',G''\n" + "".join(f"{w:.6g},{s:.6g},{v:.6g}\n" for w, s, v in FREQUENCY_ROWS),
-    "quotes.csv": 'omega (rad/s),"G\' (Pa)","G"" (Pa)"\n'
-    + "".join(f"{w:.6g},{s:.6g},{v:.6g}\n" for w, s, v in FREQUENCY_ROWS),
-    "savetxt.txt": "# omega Gp Gpp\n" + "".join(f"{w:.6g} {s:.6g} {v:.6g}\n" for w, s, v in FREQUENCY_ROWS),
-    "german.csv": "Kreisfrequenz [rad/s];Speichermodul [Pa];Verlustmodul [Pa]\n"
-    + "".join(f"{w:.6g};{s:.6g};{v:.6g}\n".replace(".", ",") for w, s, v in FREQUENCY_ROWS),
-    "hertz.tsv": "Frequency (Hz)\tG' (MPa)\tG'' (kPa)\n"
-    + "".join(f"{w / 2 / np.pi:.7g}\t{s / 1e6:.6g}\t{v / 1e3:.6g}\n" for w, s, v in FREQUENCY_ROWS),
+    "comma.csv": table("omega,G',G''"),
+    "quotes.csv": table('omega (rad/s),"G\' (Pa)","G"" (Pa)"'),
+    "savetxt.txt": table("# omega Gp Gpp", " "),
+    "german.csv": table("Kreisfrequenz [rad/s];Speichermodul [Pa];Verlustmodul [Pa]", ";").replace(".", ","),
+    "hertz.tsv": table("Frequency (Hz)\tG' (MPa)\tG'' (kPa)", "\t", (2 * np.pi, 1e6, 1e3)),
     "rheocompass.csv": RHEOCOMPASS.encode("utf-16"),
     "rheocompass-le.csv": RHEOCOMPASS.encode("utf-16-le"),
     "trios.txt": TRIOS,
@@ -212,14 +220,9 @@ LAYOUTS = {
 }
 
 
-def put(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return path
-
-
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_layouts(tmp_path, name):
-    (found,) = read_sweeps(put(tmp_path / name, LAYOUTS[name]))
+    (found,) = read_sweeps(write(tmp_path / name, LAYOUTS[name]))
     assert found.kind == "frequency"
     for values, expected in zip((found.x, found.storage, found.loss), zip(*FREQUENCY_ROWS, strict=True), strict=True):
         assert values == pytest.approx(expected, rel=1e-5)
@@ -240,7 +243,7 @@ def test_every_sheet_of_a_workbook(tmp_path):
 
 def test_unusable_rows_are_dropped_and_counted(tmp_path):
     rows = "0.2,,1\n0.3,nan,2\n\n0.4,-5,2\n0.5,5,0\n0.6,---,3\n"
-    (found,) = read_sweeps(put(tmp_path / "a.csv", LAYOUTS["comma.csv"] + rows))
+    (found,) = read_sweeps(write(tmp_path / "a.csv", LAYOUTS["comma.csv"] + rows))
     assert len(found.x) == 16
     assert "3 rows without a number left out" in found.notes
     assert "2 rows with a modulus or setting that is not positive left out" in found.notes
@@ -254,38 +257,34 @@ def test_repeated_rows_are_repeated_sweeps(tmp_path, order):
         "row by row": [row for pair in zip(first, second, strict=True) for row in pair],
         "up and down": first + second[::-1],
     }[order]
-    found = read_sweeps(put(tmp_path / "a.csv", "omega,Gp,Gpp\n" + "".join("{},{},{}\n".format(*row) for row in rows)))
+    found = read_sweeps(write(tmp_path / "a.csv", table("omega,Gp,Gpp", rows=rows)))
     assert [one.name for one in found] == ["a[1]", "a[2]"]
-    assert found[1].storage == pytest.approx(1.1 * found[0].storage)
-    assert any("read as 2 sweeps" in note for note in found[0].notes)
+    assert found[1].storage == pytest.approx(1.1 * found[0].storage, rel=1e-6)
 
 
 def test_a_setting_measured_twice_is_averaged_and_counted(tmp_path):
-    (found,) = read_sweeps(put(tmp_path / "a.csv", LAYOUTS["comma.csv"] + f"{OMEGA[3]:.6g},3000,7\n"))
+    (found,) = read_sweeps(write(tmp_path / "a.csv", LAYOUTS["comma.csv"] + f"{OMEGA[3]:.6g},3000,7\n"))
     assert found.storage[3] == pytest.approx((1e3 + OMEGA[3] + 3000) / 2)
     assert any("1 row" in note and "averaged" in note for note in found.notes)
 
 
-TABLE = "{}\n" + "".join(f"{g:.5g},{softening(g):.6g},50\n" for g in STRAIN)
 BAD = {  # content, code, what is named
     "empty": ("", "rheometer.empty", ""),
     "words": ("hello\nworld\n", "rheometer.no_moduli", "G' and G''"),
     "no loss": ("omega,G'\n1,2\n2,3\n3,4\n", "rheometer.no_moduli", "G'' among 'omega', \"G'\""),
     "no setting": ("time (s),G',G''\n1,2,3\n2,3,4\n3,4,5\n", "rheometer.no_sweep", "'time (s)'"),
-    "strain without unit": (TABLE.format("strain,G',G''"), "rheometer.no_unit", "'strain'"),
-    "frequency without unit": (TABLE.format("Frequency,G',G''"), "rheometer.no_unit", "'Frequency'"),
-    "frequency per second": (TABLE.format("Frequency (1/s),G',G''"), "rheometer.no_unit", "'Frequency (1/s)"),
-    "unknown unit": (TABLE.format("strain (%),G' (psi),G''"), "rheometer.unknown_unit", "'psi'"),
-    "two columns": (TABLE.format("strain (%),G' (Pa),G'' (Pa),G' (Pa)"), "rheometer.two_columns", "G'"),
+    "strain without unit": (table("strain,G',G''"), "rheometer.no_unit", "'strain'"),
+    "frequency without unit": (table("Frequency,G',G''"), "rheometer.no_unit", "'Frequency'"),
+    "frequency per second": (table("Frequency (1/s),G',G''"), "rheometer.no_unit", "'Frequency (1/s)"),
+    "unknown unit": (table("strain (%),G' (psi),G''"), "rheometer.unknown_unit", "'psi'"),
+    "two columns": ("strain (%),G' (Pa),G'' (Pa),G' (Pa)\n1,2,3,2\n2,3,4,3\n3,4,5,4\n", "rheometer.two_columns", "G'"),
     "no sweep": ("omega,G',G''\n" + "10,1000,50\n" * 9, "rheometer.no_sweep", "9 rows"),
     "few rows": ("omega,G',G''\n1,2,3\n5,,4\n9,4,5\n", "rheometer.no_sweep", "2 usable rows"),
     "decimal comma": ("omega,G',G''\n0,1,10,5\n0,2,11,6\n", "tabular.width", "row 2"),
     "no number": ("omega,G',G''\n1,2,3\n2,3,x4\n3,4,5\n", "tabular.number", "row 3, column \"G''\": 'x4'"),
     "comma or point": ("omega;G';G''\n0.5;1,234;5\n1.5;2,000;5\n", "tabular.comma", "'1,234'"),
     "two sweeps": (
-        "omega (rad/s),strain (%),G',G''\n"
-        + "".join(f"10,{g},1000,50\n" for g in (0.1, 1, 10, 100))
-        + "".join(f"{w},1,1000,50\n" for w in (0.1, 1, 10, 100)),
+        "omega (rad/s),strain (%),G',G''\n" + "".join(f"10,{x},1000,50\n{x},1,1000,50\n" for x in (0.1, 1, 10, 100)),
         "rheometer.two_sweeps",
         "10 rad/s",
     ),
@@ -297,87 +296,73 @@ BAD = {  # content, code, what is named
 @pytest.mark.parametrize("name", BAD)
 def test_files_that_cannot_be_used(tmp_path, name):
     content, code, named = BAD[name]
-    with pytest.raises(InputError) as caught:
-        read_sweeps(put(tmp_path / "file.csv", content))
-    assert caught.value.code == code
-    assert str(caught.value).startswith(f"{tmp_path / 'file.csv'}: ")
-    assert named in str(caught.value)
+    path = write(tmp_path / "file.csv", content)
+    with refused(code, f"{path}: ", named):
+        read_sweeps(path)
 
 
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["nowhere.csv"], "nowhere.csv"),
-        (["a.csv", "--at", "-1"], "--at"),
-        (["a.csv", "--tolerance", "0"], "--tolerance"),
-        (["a.csv", "--beside", "a.csv"], "a.csv"),
-        (["a.csv", "-o", "a.csv"], "a.csv"),
+        ("nowhere.csv", "nowhere.csv"),
+        ("a.csv --at -1", "--at"),
+        ("a.csv --tolerance 0", "--tolerance"),
+        ("a.csv --beside a.csv", "a.csv"),
+        ("a.csv -o a.csv", "a.csv"),
     ],
 )
 def test_bad_usage(run, tmp_path, words, named):
-    put(tmp_path / "a.csv", LAYOUTS["comma.csv"])
-    status, _, err = run("rheometer", *words)
-    assert status == 2
-    assert named in err
-    assert "Traceback" not in err
+    write(tmp_path / "a.csv", LAYOUTS["comma.csv"])
+    refusal(run("rheometer", *words.split()), named)
 
 
 @pytest.mark.needs("matplotlib")
 def test_examples_give_back_the_truth(run, tmp_path, examples):
     """The main job: both sweeps of one gel, documents, pictures."""
     files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
-    status, out, err = run("rheometer", *files, "-o", "r")
+    status, _, err = run("rheometer", *files, "-o", "r")
     assert status == 0, err
-    assert "soft_gel: G = 1.50 kPa" in out
     found = json.loads((tmp_path / "r" / "rheometer.json").read_text())
     storage, loss = (float(modulus) for modulus in examples.moduli(1.0))
-    assert found["schema"] == 1
-    assert found["material"] == "soft_gel"
+    assert (found["schema"], found["material"]) == (1, "soft_gel")
     assert found["shear_modulus_Pa"]["mean"] == pytest.approx(storage, rel=0.01)
     assert found["shear_modulus_Pa"]["std"] is None
     assert found["viscosity_Pa_s"]["mean"] == pytest.approx(loss, rel=0.01)
     strain, _ = found["sweeps"]
-    assert strain["plateau_storage_Pa"] == pytest.approx(float(examples.moduli(2 * np.pi)[0]), rel=0.01)
-    assert strain["plateau_to"] == pytest.approx(examples.HALF_STRAIN * np.sqrt(1 / 0.95 - 1), rel=0.1)
     storage, loss = (float(modulus) for modulus in examples.moduli(2 * np.pi))
+    assert strain["plateau_storage_Pa"] == pytest.approx(storage, rel=0.01)
+    assert strain["plateau_to"] == pytest.approx(examples.HALF_STRAIN * np.sqrt(1 / 0.95 - 1), rel=0.1)
     assert strain["crossover"] == pytest.approx(examples.HALF_STRAIN * np.sqrt((storage / loss - 1) / 4), rel=0.02)
     names = {"rheometer.json", "rheometer.csv", "strain-sweep.png", "frequency-sweep.png", ".cavirheo"}
     assert {path.name for path in (tmp_path / "r").iterdir()} == names
-    rows = (tmp_path / "r" / "rheometer.csv").read_text().splitlines()
-    assert [row.split(",")[0] for row in rows] == ["kind", "strain", "frequency"]
-    assert len(set(rows[0].split(","))) == len(rows[0].split(","))
+    with (tmp_path / "r" / "rheometer.csv").open(newline="", encoding="utf-8") as file:
+        assert [row["kind"] for row in csv.DictReader(file)] == ["strain", "frequency"]
+    examples.write_sweeps(tmp_path)  # the shipped sweeps are what this makes
+    assert all((tmp_path / path.name).read_text() == path.read_text() for path in files)
 
 
-def test_the_shipped_sweeps_are_what_the_function_makes(examples, tmp_path):
-    examples.write_sweeps(tmp_path)
-    for path in tmp_path.iterdir():
-        assert path.read_text() == (EXAMPLES / path.name).read_text()
-
-
-def test_repeats_give_mean_and_deviation_and_what_is_outside_is_status_1(plain, run, tmp_path):
+@pytest.mark.parametrize(
+    ("words", "status", "viscosity"), [([], 0, 5.0), (["--at", 1e3], 1, None), (["bad.csv"], 2, 5.0)]
+)
+def test_repeats_give_mean_and_deviation_and_outside_is_status_1(plain, run, tmp_path, words, status, viscosity):
     for k, factor in enumerate((0.9, 1.0, 1.1), 1):
-        text = "omega,Gp,Gpp\n" + "".join(f"{w},{factor * 1e3},{factor * 5 * w}\n" for w in OMEGA)
-        put(tmp_path / f"gel_{k}.csv", text)
-    put(tmp_path / "bad.csv", "")
-    for words, expected, viscosity in (
-        ((), 0, (5.0, 0.5)),
-        (("--at", 1000), 1, (None, None)),
-        (("bad.csv",), 2, (5.0, 0.5)),
-    ):
-        status, _, _ = run("rheometer", *(f"gel_{k}.csv" for k in (1, 2, 3)), *words, "-o", "r", "--replace")
-        document = json.loads((tmp_path / "r" / "rheometer.json").read_text())
-        assert status == expected
-        assert (document["shear_modulus_Pa"]["mean"], document["shear_modulus_Pa"]["std"]) == pytest.approx((1e3, 100))
-        found = document["viscosity_Pa_s"]
-        assert (found["mean"], found["std"]) == (viscosity if None in viscosity else pytest.approx(viscosity))
+        rows = [(w, factor * 1e3, factor * 5 * w) for w in OMEGA]
+        write(tmp_path / f"gel_{k}.csv", table("omega,Gp,Gpp", rows=rows))
+    write(tmp_path / "bad.csv", "")
+    assert run("rheometer", "gel_1.csv", "gel_2.csv", "gel_3.csv", *words, "-o", "r")[0] == status
+    document = json.loads((tmp_path / "r" / "rheometer.json").read_text())
+    for name, mean in (("shear_modulus_Pa", 1e3), ("viscosity_Pa_s", viscosity)):
+        spread = document[name]["mean"], document[name]["std"]
+        assert spread == (pytest.approx((mean, 0.1 * mean), rel=1e-5) if mean else (None, None))
 
 
-def test_the_strain_plateau_stands_in_for_a_solid_only(plain, run, tmp_path):
-    for name, loss in (("solid", 50), ("liquid", 5000)):
-        rows = "".join(f"{g},{softening(g)},{loss},10\n" for g in STRAIN)
-        put(tmp_path / f"{name}.csv", f"strain [1],G',G'',omega\n{rows}")
-    assert "G = 2.00 kPa (plateau of the strain sweep at 10.0 rad/s)" in run("rheometer", "solid.csv")[1]
-    assert "G = – (no plateau)" in run("rheometer", "liquid.csv", "--replace")[1]
+@pytest.mark.parametrize(("loss", "modulus"), [(50.0, 2e3), (5000.0, None)])
+def test_the_strain_plateau_stands_in_for_a_solid_only(plain, run, tmp_path, loss, modulus):
+    rows = "".join(f"{g},{softening(g)},{loss},10\n" for g in STRAIN)
+    write(tmp_path / "gel.csv", f"strain [1],G',G'',omega\n{rows}")
+    run("rheometer", "gel.csv", "-o", "r")
+    document = json.loads((tmp_path / "r" / "rheometer.json").read_text())
+    assert document["shear_modulus_Pa"]["mean"] == (modulus and pytest.approx(modulus, rel=0.01))
 
 
 def test_beside_bubbles(run, tmp_path):
@@ -391,8 +376,9 @@ def test_beside_bubbles(run, tmp_path):
     assert (tmp_path / "result.json").read_bytes() == before
     with (tmp_path / "r" / "table.csv").open(newline="", encoding="utf-8") as file:
         rows = {row["quantity"]: row for row in csv.DictReader(file)}
-    (method,) = (name for name in rows["shear_modulus_Pa"] if name.startswith("rheometer") and name.endswith("_mean"))
-    assert float(rows["shear_modulus_Pa"][method]) == pytest.approx(1500, rel=0.01)
-    assert float(rows["shear_modulus_Pa"]["cavirheo_trusted_mean"]) == pytest.approx(6500)
+    modulus = rows["shear_modulus_Pa"]
+    (method,) = (name for name in modulus if name.startswith("rheometer") and name.endswith("_mean"))
+    assert float(modulus[method]) == pytest.approx(1500, rel=0.01)
+    assert float(modulus["cavirheo_trusted_mean"]) == pytest.approx(6500)
     other = rows["viscosity_at_1_rad_per_s"]  # another frequency is another quantity
     assert rows["viscosity_Pa_s"][method] == other["cavirheo_trusted_mean"] == ""

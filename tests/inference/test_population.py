@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from cavirheo import InputError, RadiusCurve, load, population
 from cavirheo.inference.population.likelihood import likelihood
-from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
+from cavirheo.inference.population.scatter import OUTLIERS, SPREAD, WIDE
 from cavirheo.inference.verify.evidence import ranked
 from cavirheo.io.option_tables import LOG_SIZE, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior
@@ -27,7 +27,7 @@ def on_a_grid(means, width):
     def log_p(spread):
         inside = norm.pdf(means, c, np.hypot(width, spread))
         outside = norm.pdf(means, c, np.sqrt(width**2 + spread**2 + WIDE**2))
-        return np.sum(np.log((1.0 - STRAY) * inside + STRAY * outside), axis=-1)
+        return np.sum(np.log((1.0 - OUTLIERS) * inside + OUTLIERS * outside), axis=-1)
 
     height = log_p(s) + norm.logpdf(s[..., 0], 0.0, SPREAD) + np.log(2.0)
     step_c, step_s, range_c = 1.6 / 800, 1.2 / 480, 5.0

@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from cavirheo.companions.collapse_times import read_table
 from cavirheo.companions.published_values import read_references
-from cavirheo.companions.rheometer.read import read_sweeps
+from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.errors import InputError
 from cavirheo.io import limits, read_curves, workbook
 from cavirheo.io.option_tables import read_trace

@@ -579,7 +579,7 @@ def test_two_readings_are_refused(tmp_path, text, code, names):
 def test_other_tables_are_read_alike(tmp_path):
     """A pressure trace, a table of collapse times and a sweep with heading, unit row, decimal commas and a mean."""
     from cavirheo.companions.collapse_times import read_table
-    from cavirheo.companions.rheometer.read import read_sweeps
+    from cavirheo.companions.rheometer import read_sweeps
 
     (tmp_path / "p.csv").write_text("Ultrasound\nZeit;Druck\nµs;kPa\n0,0;0,5\n1,5;-2,5\nMittelwert;-1,0\n")
     time, pressure, notes = read_trace(tmp_path / "p.csv")

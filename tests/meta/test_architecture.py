@@ -1,4 +1,4 @@
-"""The plan of the house (docs/architecture.md) holds: imports run one way, a name means one thing, rooms stay short."""
+"""The plan of the packages (docs/architecture.md) holds: imports run one way, and extras stay optional."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import ast
 import subprocess
 import sys
 from pathlib import Path
-
-import pytest
 
 import cavirheo
 
@@ -54,16 +52,14 @@ MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}
 FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room
 
 
-def modules() -> dict[str, Path]:
-    return {str(path.relative_to(SOURCE)): path for path in sorted(SOURCE.rglob("*.py"))}
+def trees() -> dict[str, ast.Module]:
+    """Every module by its path below the package."""
+    paths = sorted(SOURCE.rglob("*.py"))
+    return {str(path.relative_to(SOURCE)): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
 
 
 def room_of(module: str) -> str:
     return module.split("/")[0].removesuffix(".py")
-
-
-def trees() -> dict[str, ast.Module]:
-    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in modules().items()}
 
 
 def imported(tree: ast.Module) -> set[str]:
@@ -115,41 +111,16 @@ def test_no_module_of_the_physics_needs_itself():
     assert needs == {}
 
 
-def reads_of_provenance(tree: ast.Module) -> list[int]:
-    """Lines on which an entry of a `provenance` is looked up; writing the whole of it down is allowed."""
-
-    def is_provenance(node: ast.expr) -> bool:
-        return isinstance(node, ast.Attribute) and node.attr == "provenance"
-
-    lines = []
-    for node in ast.walk(tree):
-        looked_up = isinstance(node, ast.Subscript) and is_provenance(node.value)
-        asked = isinstance(node, ast.Attribute) and node.attr in ("get", "pop") and is_provenance(node.value)
-        tested = isinstance(node, ast.Compare) and any(map(is_provenance, node.comparators))
-        lines += [node.lineno] if looked_up or asked or tested else []
-    return lines
-
-
-def test_nothing_reads_provenance():
-    assert {name: lines for name, tree in trees().items() if (lines := reads_of_provenance(tree))} == {}
-    assert reads_of_provenance(ast.parse('answer.provenance["best"]')) == [1]
-    assert reads_of_provenance(ast.parse('answer.provenance.get("best")')) == [1]
-
-
 def test_only_training_names_torch():
     assert [
         name for name, tree in trees().items() if room_of(name) != "training" and "import torch" in ast.unparse(tree)
     ] == []
 
 
-@pytest.mark.parametrize(
-    "missing", [("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue", "pyarrow")]
-)
-def test_inference_needs_no_extra(missing):
-    code = (
-        f"import sys; sys.modules.update(dict.fromkeys({missing!r})); "
-        "import cavirheo.inference.bdt, cavirheo.inference.verify, cavirheo.verbs, cavirheo.reporting; "
-        "from cavirheo import infer, read_curves"
-    )
+def test_inference_needs_no_extra():
+    extras = ("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue", "pyarrow")
+    code = f"""import sys; sys.modules.update(dict.fromkeys({extras}))
+import cavirheo.inference.bdt, cavirheo.inference.verify, cavirheo.verbs, cavirheo.reporting
+from cavirheo import infer, read_curves"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from answers import same, shots
-from conftest import ROOT, messages
+from conftest import ROOT, messages, refused
 
 import cavirheo
 from cavirheo import InputError, Medium, SolverError
@@ -62,9 +62,10 @@ def held() -> dict[str, Any]:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_copies_are_the_same(held, way):
+    assert held["curve"].max_radius > 0  # what was computed is kept with the curve
     assert [name for name, one in held.items() if not same(one, WAYS[way](one))] == []
+    assert WAYS[way](held["curve"]).with_max_radius(1e-4).max_radius == 1e-4
     assert not same(held["curve"], held["curve"].with_notes("another"))  # `same` sees a difference
-    assert not same(held["evidence"], Evidence(-3.0, 0.2))
 
 
 def test_every_exported_class_is_tried(held):
@@ -72,14 +73,6 @@ def test_every_exported_class_is_tried(held):
     kinds = {one for one in (getattr(cavirheo, name) for name in cavirheo.__all__) if inspect.isclass(one)}
     assert kinds <= tried
     assert {*LAWS.values()} <= tried
-
-
-def test_a_copy_of_a_curve_that_was_looked_at_works(held):
-    curve = held["curve"]
-    assert curve.max_radius > 0  # what was found is kept with the curve
-    for way in WAYS.values():
-        assert way(curve).max_radius == curve.max_radius
-        assert way(curve).with_max_radius(1e-4).max_radius == 1e-4
 
 
 COLUMNS = {
@@ -108,28 +101,20 @@ def test_columns_of_a_dataframe(held, name):
         assert frame["viscosity_spread_decades"].median() == pytest.approx(held[name].scatter("viscosity")[1])
 
 
-def test_a_document_is_a_table_like_its_csv(held, tmp_path):
+def test_a_document_is_a_table_like_its_csv_and_draws_are_exported(held, tmp_path):
     pandas = pytest.importorskip("pandas")
     write_csv(tmp_path / "result.csv", held["document"])
-    frame = held["document"].to_dataframe()
-    read = pandas.read_csv(tmp_path / "result.csv")
+    frame, read = held["document"].to_dataframe(), pandas.read_csv(tmp_path / "result.csv")
     assert list(frame.columns) == list(read.columns)
     assert frame["viscosity_Pa_s"].tolist() == pytest.approx(read["viscosity_Pa_s"].tolist(), rel=1e-5)
-
-
-def test_a_population_is_drawn_and_exported(held, tmp_path):
-    pytest.importorskip("corner")
-    figure = held["population"].plot()
-    labels = [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()]
-    assert labels == ["shear_modulus (Pa)", "viscosity (Pa s)"]
-    figure.savefig(tmp_path / "a.png")
     pytest.importorskip("arviz")
-    data = held["population"].to_arviz()["posterior"]
-    assert data["viscosity"].attrs["units"] == "Pa s"
+    assert held["population"].to_arviz()["posterior"]["viscosity"].attrs["units"] == "Pa s"
+    pytest.importorskip("corner")
+    labels = {axes.get_xlabel() for axes in held["population"].plot().axes} - {""}
+    assert labels == {"shear_modulus (Pa)", "viscosity (Pa s)"}
 
 
 @pytest.mark.parametrize("method", ["to_dataframe", "to_arviz", "plot"])
 def test_a_population_without_draws_says_so(held, method):
-    with pytest.raises(InputError) as refused:
+    with refused("population.no_draws"):
         getattr(held["empty population"], method)()
-    assert refused.value.code == "population.no_draws"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import re
@@ -71,12 +70,8 @@ def test_a_tutorial_runs_plain(stem, tmp_path):
     if any(find_spec(name) is None for name in NEEDS[stem]):
         pytest.skip("an extra is not installed")
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PATH": path, "MPLBACKEND": "Agg"}
-    done = subprocess.run(
-        [sys.executable, SCRIPTS[stem]], cwd=tmp_path, env=surroundings, capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr
+    about = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PATH": path, "MPLBACKEND": "Agg"}
+    subprocess.run([sys.executable, SCRIPTS[stem]], cwd=tmp_path, env=about, check=True)
 
 
 TINY = """# %% [markdown]
@@ -99,15 +94,12 @@ def test_a_page_and_a_notebook_show_what_ran(tmp_path):
     script.write_text(TINY)
     assert ran(script, tmp_path / "out").returncode == 0
     page = (tmp_path / "out" / "tiny.md").read_text()
-    assert page.startswith("# Tiny\nA number.\n")
-    assert "```python\nvalue = 6 * 7\n" in page
-    assert "```text\nprinted\n42\n```" in page
-    assert "```\necho from the shell\n```\n\n```text\nfrom the shell\n```" in page
+    for part in ("# Tiny\nA number.\n", "value = 6 * 7\n", "```text\nprinted\n42\n```", "```text\nfrom the shell\n```"):
+        assert part in page
     book = json.loads((tmp_path / "out" / "tiny.ipynb").read_text())
     assert [cell["cell_type"] for cell in book["cells"]] == ["markdown", "code", "code"]
     assert book["cells"][2]["source"] == "!echo from the shell"
     assert (book["nbformat"], len({cell["id"] for cell in book["cells"]})) == (4, 3)
-    ast.parse(book["cells"][1]["source"])
 
 
 @pytest.mark.parametrize(

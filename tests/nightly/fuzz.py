@@ -83,7 +83,8 @@ def said(path: Path, problems: list[str]) -> None:
 
 
 def sweeps(path: Path) -> None:
-    from cavirheo.companions.rheometer import document, read
+    from cavirheo.companions import rheometer as read
+    from cavirheo.companions import rheometer_document as document
 
     made = document.rheometry(read.read_sweeps(path), "x", command="x", date="", notes=[])
     made.model_dump_json()

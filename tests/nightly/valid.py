@@ -222,9 +222,9 @@ def documents() -> dict[str, str]:
     """One document of each kind, as the program writes it."""
     from answers import answer, bubble
 
+    from cavirheo.companions import rheometer_document as document
     from cavirheo.companions.collapse_times import CollapseTimes, read_groups
-    from cavirheo.companions.rheometer import document
-    from cavirheo.companions.rheometer.read import read_sweeps
+    from cavirheo.companions.rheometer import read_sweeps
     from cavirheo.physics.media import WATER
     from cavirheo.reporting import result
     from cavirheo.reporting.laws import Laws, WeighedLaw

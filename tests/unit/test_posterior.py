@@ -185,7 +185,7 @@ def test_a_failed_simulation_has_no_likelihood_and_is_counted(monkeypatch):
     value = value_of(target, u)
     assert np.isfinite(value[0])
     assert value[1] == -np.inf
-    assert (target.experiment.runs, target.experiment.failures) == (2, 1)
+    assert (target.experiment.simulations.runs, target.experiment.simulations.failures) == (2, 1)
 
 
 # prior

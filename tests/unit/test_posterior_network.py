@@ -12,7 +12,7 @@ from conftest import ROOT
 
 import cavirheo
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, simulate
-from cavirheo.inference.bins import CELLS, CHANNELS, SCALARS, SIZE, cells
+from cavirheo.inference.bins import BINS, CHANNELS, SCALARS, SIZE, binned
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import CAMERA, SLOTS, damping, damping_to_slot, from_slots, slot, to_slots, used
@@ -71,14 +71,14 @@ def test_cells_hold_the_frames_whatever_their_rate():
     known_of = {"max_radius": 1e-4, "frame": 0.05, "exposure": 0.0, "noise": 0.01, "discrepancy": 0.0, "late": 0.0}
     about = {name: np.array([value]) for name, value in known_of.items()}
     time = np.arange(0.0, 3.0, 0.05)
-    read = cells(np.zeros(len(time), int), time, 1.0 - 0.2 * time, **about)
-    assert read.shape == (1, SIZE) == (1, CELLS * CHANNELS + SCALARS)
-    line, _, known, within = read[0, : 4 * CELLS].reshape(4, CELLS)
+    read = binned(np.zeros(len(time), int), time, 1.0 - 0.2 * time, **about)
+    assert read.shape == (1, SIZE) == (1, BINS * CHANNELS + SCALARS)
+    line, _, known, within = read[0, : 4 * BINS].reshape(4, BINS)
     assert known.sum() == len(time)
-    middle = (np.arange(CELLS) + 0.5) * 6.0 / CELLS
+    middle = (np.arange(BINS) + 0.5) * 6.0 / BINS
     inside = (within > 0) & (known == 0)  # passed by a straight line
     assert np.allclose(line[inside], 2.0 * (1.0 - 0.2 * middle[inside]) - 1.0, atol=1e-6)
-    two = cells(np.repeat([0, 1], len(time)), np.tile(time, 2), np.tile(1.0 - 0.2 * time, 2),
+    two = binned(np.repeat([0, 1], len(time)), np.tile(time, 2), np.tile(1.0 - 0.2 * time, 2),
                 **{name: np.repeat(value, 2) for name, value in about.items()})  # fmt: skip
     assert np.array_equal(two[0], two[1])
     assert np.array_equal(two[:1], read)
@@ -163,7 +163,7 @@ def test_the_networks_own_answer_says_that_it_is_not_verified():
 )
 def test_what_is_outside_the_training_is_not_sent_through_the_network(curve, what):
     here = experiment(curve)
-    assert what in load_posterior().beyond(here)
+    assert what in load_posterior().outside(here)
     with pytest.raises(InputError) as error:
         load_posterior().proposal(here, here.prior(), True)
     assert error.value.code == "network.outside"
@@ -184,7 +184,7 @@ def test_what_is_outside_the_training_is_not_sent_through_the_network(curve, wha
 )
 def test_a_medium_that_it_does_not_know_is_not_sent_through_the_network(constants, what):
     medium = replace(WATER, **constants)
-    said = load_posterior().beyond(Experiment(shot(), Family("nhkv"), medium, Options()))
+    said = load_posterior().outside(Experiment(shot(), Family("nhkv"), medium, Options()))
     assert said.startswith(what)
     assert bool(said) == bool(what)
 

@@ -32,24 +32,24 @@ from cavirheo.writing.terminal import once
 _CAMERA = {"Frames per second": "as the camera was set", "µm per pixel": "4.0", "Exposure of a frame (µs)": "if known"}
 
 
-def typed(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
+def typed_camera(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
     """Frame rate, scale and exposure; why the film cannot be measured so, field by field, empty where it can."""
-    unscaled = film.found is not None and film.found.um_per_px.value is None
+    unscaled = film.measurement is not None and film.measurement.um_per_px.value is None
     return parse_camera(texts, film.path.suffix.lower(), unscaled=unscaled)
 
 
 def unready(film: Clip, *texts: str) -> list[str]:
     """Why its curve cannot be confirmed so, field by field: numbers as `typed`, then the list of frames."""
-    new, wrong = typed(film, texts[:3])
+    new, wrong = typed_camera(film, texts[:3])
     changed = ["changed since: measure again" * (now != old) for now, old in zip(new, film.camera, strict=True)]
-    return [why or other for why, other in zip(wrong, changed, strict=True)] + unlisted(film, texts[3])
+    return [mistake or change for mistake, change in zip(wrong, changed, strict=True)] + unlisted(film, texts[3])
 
 
 def unlisted(film: Clip, listed: str) -> list[str]:
     """Leave out these frames, "12, 40-45", and no others; or say why not. A list half typed counts so far."""
     listed = listed.strip(" ,-–")
     try:
-        film.kept = film.found and film.found.without(listed) if listed else film.found
+        film.used = film.measurement and film.measurement.without(listed) if listed else film.measurement
     except InputError as error:
         return [str(error)]
     return [""]
@@ -57,47 +57,47 @@ def unlisted(film: Clip, listed: str) -> list[str]:
 
 def measured(film: Clip) -> Measurement:
     """Its measurement, with all frames. Raises InputError: there is none."""
-    if film.found is None:
+    if film.measurement is None:
         raise InputError("measure the recording first (step 1)", "app.not_measured")
-    return film.found
+    return film.measurement
 
 
-def measure(session: Session, given: Camera, say: Report) -> None:
+def measure(session: Session, typed: Camera, say: Report) -> None:
     """Measure the film in the process for it; excluded frames stay excluded. Raises InputError."""
     film = session.current
-    images, most, (rate, scale, us) = session.folder / f"{token_hex(8)}.npy", session.limits.film_mb * 1e6, given
+    images, most, (rate, scale, us) = session.folder / f"{token_hex(8)}.npy", session.limits.film_mb * 1e6, typed
     numbers = {"frame_rate": rate, "um_per_px": scale, "exposure": us and us * 1e-6}
     try:
-        found = session.measurer.measure(film.path, images, most, say, **numbers)
+        measurement = session.measurer.measure(film.path, images, most, say, **numbers)
     finally:
         with suppress(OSError):  # on a system that keeps a file that is mapped
             images.unlink(missing_ok=True)
     with session.lock:
         require(film in session.films.values(), "the recording was removed while it was measured", "app.changed")
         listed = film.exclude
-        for other in session.films.values():
-            other.found = other.kept = None  # frames are kept of one film
-        film.camera, film.found, film.kept = given, found, found
-        film.shown = found.first + int(np.nanargmax(found.track.radius))
+        for clip in session.films.values():
+            clip.measurement = clip.used = None  # frames are kept of one film
+        film.camera, film.measurement, film.used = typed, measurement, measurement
+        film.shown = measurement.first + int(np.nanargmax(measurement.track.radius))
         unlisted(film, listed)
 
 
-def left_out(film: Clip) -> Bools:
+def excluded(film: Clip) -> Bools:
     """(n,) frames that are excluded."""
-    return np.asarray((film.kept or measured(film)).track.flags == "excluded")
+    return np.asarray((film.used or measured(film)).track.flags == "excluded")
 
 
 def toggle(film: Clip) -> None:
     """Leave the shown frame out, or bring it back. Raises InputError: no frame would be left."""
-    out, first = left_out(film), measured(film).first
-    out[film.shown - first] ^= True
-    (wrong,) = unlisted(film, digits.ranges((np.flatnonzero(out) + first).tolist()))
+    excluded_frames, first = excluded(film), measured(film).first
+    excluded_frames[film.shown - first] ^= True
+    (wrong,) = unlisted(film, digits.ranges((np.flatnonzero(excluded_frames) + first).tolist()))
     require(not wrong, wrong, "video.exclude")
 
 
 def curve(film: Clip, *, sheet: bool = False) -> RadiusCurve:
     """As `read_curves` gives it. Raises InputError: not measured."""
-    return with_maximum_notes(history(film.kept or measured(film), film.path, sheet=sheet))
+    return with_maximum_notes(history(film.used or measured(film), film.path, sheet=sheet))
 
 
 def options(film: Clip) -> str:
@@ -116,36 +116,37 @@ def confirm(session: Session) -> None:
         raise
 
 
-def drawn(film: Clip) -> Figure:
+def radii_plot(film: Clip) -> Figure:
     """Radii by the flags of their frames, those left out as crosses; the shown frame marked."""
-    found = measured(film)
-    unit, scale = ("µm", found.um_per_px.value) if found.um_per_px.value else ("px", 1.0)
-    flags = np.where(left_out(film), "excluded", found.track.flags)
-    return filmed(found.time, scale * found.track.radius, unit, flags, COLOURS, found.first, film.shown)
+    measurement = measured(film)
+    unit, scale = ("µm", measurement.um_per_px.value) if measurement.um_per_px.value else ("px", 1.0)
+    flags = np.where(excluded(film), "excluded", measurement.track.flags)
+    radius, first = scale * measurement.track.radius, measurement.first
+    return filmed(measurement.time, radius, unit, flags, COLOURS, first, film.shown)
 
 
-def said(film: Clip) -> str:
+def summary(film: Clip) -> str:
     """What to do with a recording; what is doubtful and what was found."""
-    if film.found is None:
+    if film.measurement is None:
         return words.part("film", (), {}, {}, "")
-    found = curve(film)
-    cut = f"{film.found.cut}: the radius rests on that part alone" * bool(film.found.cut)
-    texts = (*filter(None, [cut]), *(warning.text for warning in found.warnings))
-    odd = once((film.path.name, words.told(text)) for text in texts)
+    radii = curve(film)
+    cut = f"{film.measurement.cut}: the radius rests on that part alone" * bool(film.measurement.cut)
+    texts = (*filter(None, [cut]), *(warning.text for warning in radii.warnings))
+    doubts = once((film.path.name, words.for_page(text)) for text in texts)
     state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
-    return words.part("film", cells(found), warnings([found]) | odd, notes([found]), state)
+    return words.part("film", cells(radii), warnings([radii]) | doubts, notes([radii]), state)
 
 
-def framed(film: Clip) -> str:
+def frame_view(film: Clip) -> str:
     """The shown frame of a recording with its circle, what it is, and how many there are of each kind."""
-    found, out = measured(film), left_out(film)
-    track, i, scale = found.track, film.shown - found.first, found.um_per_px.value
+    measurement, excluded_frames = measured(film), excluded(film)
+    track, i, scale = measurement.track, film.shown - measurement.first, measurement.um_per_px.value
     size = [f"{float(x[i]) * (scale or 1.0):.{n}g}" for x, n in ((track.radius, 4), (track.sigma, 1))]
-    seen = f"R = {size[0]} ± {size[1]} {'µm' if scale else 'px'}" if np.isfinite(track.radius[i]) else ""
-    where = f"Frame {film.shown} of {found.first + len(out) - 1}, {1e6 * found.time[i]:.4g} µs"
+    size_text = f"R = {size[0]} ± {size[1]} {'µm' if scale else 'px'}" if np.isfinite(track.radius[i]) else ""
+    where = f"Frame {film.shown} of {measurement.first + len(excluded_frames) - 1}, {1e6 * measurement.time[i]:.4g} µs"
     flag = str(track.flags[i])
-    look = flag, COLOURS.get(flag, GREY), FLAGS[flag], bool(out[i])
-    return words.part("frame", frame_address(found, i, 560), where, seen, *look)
+    look = flag, COLOURS.get(flag, GREY), FLAGS[flag], bool(excluded_frames[i])
+    return words.part("frame", frame_address(measurement, i, 560), where, size_text, *look)
 
 
 class FilmPart(Events):
@@ -175,11 +176,11 @@ class FilmPart(Events):
     def _wire_film(self) -> list[Any]:
         """What shows the film that is looked at."""
         look = [self.film_told, self.film_frame, self.film_plot, self.film_toggle]
-        seen = [self.film_seen, self.film_number, self.film_excluded]
-        parts = [self.film_step, self.film, *self.film_typed, *seen, *look]
+        view = [self.film_seen, self.film_number, self.film_excluded]
+        parts = [self.film_step, self.film, *self.film_typed, *view, *look]
         self.on(self.film.input, self._pick, [self.film], parts)
-        starts = [self.measure.click, *(one.submit for one in self.film_typed)]
-        wrong = self.validated(lambda session, *texts: typed(session.current, texts)[1])
+        starts = [self.measure.click, *(box.submit for box in self.film_typed)]
+        wrong = self.validated(lambda session, *texts: typed_camera(session.current, texts)[1])
         checked = {"validator": wrong, "show_progress_on": [self.film_told], "concurrency_limit": 1}
         self.on(starts, self._measure, self.film_typed, parts, works=True, **checked)
         self.on(self.film_number.input, self._look, [self.film_number], look, queue=False, **LATEST)
@@ -189,31 +190,37 @@ class FilmPart(Events):
         return parts
 
     def _filmed(self, session: Session) -> list[Any]:
-        one = session.current
+        clip = session.current
         names = [(f"{name}: {'not ' * (name in session.waiting)}confirmed", name) for name in session.recordings]
-        camera = ["" if value is None else f"{value:.10g}" for value in one.camera]
-        first, last = (one.found.first, one.found.first + len(one.found.time) - 1) if one.found else (1, 2)
+        camera = ["" if value is None else f"{value:.10g}" for value in clip.camera]
+        measurement = clip.measurement
+        first, last = (measurement.first, measurement.first + len(measurement.time) - 1) if measurement else (1, 2)
         return [
-            gr.Column(visible=bool(names)), gr.Dropdown(names, value=session.film or None, visible=len(names) > 1),
-            *(camera if any(camera) else [gr.skip()] * 3), gr.Column(visible=one.found is not None),
-            gr.Slider(first, last, one.shown), one.exclude, *self._look(session),
-        ]  # fmt: skip
+            gr.Column(visible=bool(names)),
+            gr.Dropdown(names, value=session.film or None, visible=len(names) > 1),
+            *(camera if any(camera) else [gr.skip()] * 3),
+            gr.Column(visible=clip.measurement is not None),
+            gr.Slider(first, last, clip.shown),
+            clip.exclude,
+            *self._look(session),
+        ]
 
     def _look(self, session: Session, number: int | str = "") -> list[Any]:
-        one = session.current
-        one.shown = number if isinstance(number, int) else one.shown
-        if one.found is None:
-            return [said(one), gr.skip(), gr.skip(), gr.skip()]
-        out = left_out(one)
-        label = "Bring this frame back" if out[one.shown - one.found.first] else "Exclude this frame"
-        return [said(one), framed(one), drawn(one), label]
+        clip = session.current
+        clip.shown = number if isinstance(number, int) else clip.shown
+        if clip.measurement is None:
+            return [summary(clip), gr.skip(), gr.skip(), gr.skip()]
+        excluded_frames = excluded(clip)
+        out = excluded_frames[clip.shown - clip.measurement.first]
+        label = "Bring this frame back" if out else "Exclude this frame"
+        return [summary(clip), frame_view(clip), radii_plot(clip), label]
 
     def _pick(self, session: Session, name: str) -> list[Any]:
         session.film = name
         return self._filmed(session)
 
     def _measure(self, session: Session, *texts: str, progress: gr.Progress) -> list[Any]:
-        measure(session, typed(session.current, texts)[0], progress)
+        measure(session, typed_camera(session.current, texts)[0], progress)
         return self._filmed(session)
 
     def _toggle(self, session: Session) -> list[Any]:

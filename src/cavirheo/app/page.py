@@ -12,8 +12,7 @@ from typing import Any
 import gradio as gr
 
 from cavirheo.app import film, steps, words
-from cavirheo.app.endpoint import Served, public, uploaded
-from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
+from cavirheo.app.events import AT_ONCE, LATEST, Served, button, html, line, plot, public, uploaded
 from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
@@ -23,30 +22,11 @@ from cavirheo.physics.media import MEDIA
 from cavirheo.reporting import browser_figures as plots
 from cavirheo.writing import digits
 
-_LEVELS = [
-    ("weighed by simulations", "auto"), ("not verified (fastest)", "none"), ("Gaussian", "map"), ("full (slow)", "full")
-]  # fmt: skip
-_BUBBLES = [
-    ("real: vapour condenses at a finite rate, damped by its surroundings", "real"),
-    ("the field's: equilibrium contents, unbounded liquid", "field"),
-    ("whichever the evidence prefers (slower)", "auto"),
-]  # fmt: skip
-_WINDOWS = [("the usual one", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
-_GROUPS = [
-    ("those of one file; files of a single shot together", "auto"), ("those of one file", "file"),
-    ("each by itself", "none"), ("those whose files have one name: soft_1, soft_2 | stiff_1", "name"),
-]  # fmt: skip
-_NUMBERS = {  # settings that need not be given
-    "density": "Density (kg/m³)", "rmax_um": "True R_max (µm)", "stretch": "λ = R_max/R_0",
-    "sound_speed": "Sound speed (m/s)", "surface_tension": "Surface tension (N/m)", "pressure": "Pressure (Pa)",
-    "temperature": "Temperature (K)",
-}  # fmt: skip
-_EMPTY = {"rmax_um": "as measured", "stretch": "fitted; free: without the file's prior"}  # what an empty field means
 _RESIZE = "() => setTimeout(() => document.querySelectorAll('.js-plotly-plot').forEach(p => Plotly.Plots.resize(p)))"
 _PRESS = "() => document.querySelector('#{}').click()"
 _FOCUS = "() => setTimeout(() => document.querySelector('#{}')?.focus(), 100)"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
-_GLANCES: dict[str, Any] = {"concurrency_id": "glances", "concurrency_limit": 2, "show_progress": "hidden"}
+_PREVIEWS: dict[str, Any] = {"concurrency_id": "previews", "concurrency_limit": 2, "show_progress": "hidden"}
 _RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # of all visitors together
 _small = partial(gr.Button, size="sm", min_width=120)
 _stop = partial(gr.Button, "Stop", variant="stop")  # is seen while there is anything to stop: app.css
@@ -106,8 +86,8 @@ class Page(film.FilmPart):
         with gr.Row():
             with gr.Column(scale=2, min_width=300):
                 self.chosen = gr.CheckboxGroup(label="Shots to infer", show_select_all=True)
-                self.fields["window"] = gr.Dropdown(_WINDOWS, value=0, label="Window that is compared")
-                self.fields["group"] = gr.Dropdown(_GROUPS, value="auto", label="Shots that are one material")
+                self.fields["window"] = gr.Dropdown(words.WINDOWS, value=0, label="Window that is compared")
+                self.fields["group"] = gr.Dropdown(words.GROUPS, value="auto", label="Shots that are one material")
                 with gr.Row():
                     self.fields["medium"] = gr.Dropdown(list(MEDIA), value="water", label="Medium", min_width=120)
                     self._numbers("density")
@@ -125,15 +105,15 @@ class Page(film.FilmPart):
     def _numbers(self, *names: str) -> None:  # in fields for text: an empty gr.Number stalls the page
         with gr.Row():
             for name in names:
-                empty = _EMPTY.get(name, "as the medium")
-                self.fields[name] = line(label=_NUMBERS[name], placeholder=empty, min_width=120)
+                label, empty = words.NUMBERS[name]
+                self.fields[name] = line(label=label, placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
         self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Law of the material")
         with gr.Accordion("More about the method", open=False):
             self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
-            self.fields["bubble"] = gr.Radio(_BUBBLES, value="real", label="Bubble")
-            self.fields["verify"] = gr.Radio(_LEVELS, value="auto", label="Uncertainty")
+            self.fields["bubble"] = gr.Radio(words.BUBBLES, value="real", label="Bubble")
+            self.fields["verify"] = gr.Radio(words.LEVELS, value="auto", label="Uncertainty")
         with gr.Row():
             self.infer, self.stop = button("Infer all chosen shots"), _stop()
         self.which = gr.Button("Most shots ask for another law: let the evidence choose it", visible=False)
@@ -166,68 +146,88 @@ class Page(film.FilmPart):
 
     def _wire(self, settings: list[Any]) -> None:
         self.state = [
-            *self.tabs[1:], self.to_prepare, self.infer_now, self.answers, self.to_check, self.which, self.cloud,
+            *self.tabs[1:],
+            self.to_prepare,
+            self.infer_now,
+            self.answers,
+            self.to_check,
+            self.which,
+            self.cloud,
             self.published,
-        ]  # fmt: skip
-        shown = [
-            self.refused, self.sure, self.found, self.welcome, self.overview, self.overview_normalised,
-            self.chosen, self.shown, self.loaded, self.link, *self.state, *self._wire_film(),
-        ]  # fmt: skip
+        ]
+        outputs = [
+            self.refused,
+            self.sure,
+            self.found,
+            self.welcome,
+            self.overview,
+            self.overview_normalised,
+            self.chosen,
+            self.shown,
+            self.loaded,
+            self.link,
+            *self.state,
+            *self._wire_film(),
+        ]
         wrong = self.validated(lambda session, *texts: film.unready(session.current, *texts))
         checked: dict[str, Any] = {"validator": wrong, "show_progress_on": [self.film_told]}
-        self.on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], shown, **checked)
+        self.on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], outputs, **checked)
         check = [self.check_plot, self.facts, self.trial, *self.sliders]
         many = partial(self.on, trigger_mode="multiple")  # also while another loads
         sent = many(self.upload.upload, self._sent, [self.upload], [self.upload], works=True, **AT_ONCE)
-        many(sent.then, self._load, settings, shown, show_progress_on=[self.found])
+        many(sent.then, self._load, settings, outputs, show_progress_on=[self.found])
         for name, example in self.examples.items():
-            self.on(example.click, partial(self._example, name), settings, shown)
-        asked = self.on(self.clear.click, partial(self._ask, len(shown)), [], [*shown, self.lost])
-        asked.success(None, js=_FOCUS.format("keep"), api_visibility="private")
+            self.on(example.click, partial(self._example, name), settings, outputs)
+        question = self.on(self.clear.click, partial(self._ask, len(outputs)), [], [*outputs, self.lost])
+        question.success(None, js=_FOCUS.format("keep"), api_visibility="private")
         self.on(self.keep.click, lambda _: gr.Column(visible=False), [], [self.sure])
-        self.on(self.delete.click, self._clear, [], shown)
+        self.on(self.delete.click, self._clear, [], outputs)
         viewed = [self.prepared]
         self.on(self.shown.change, self._view, [self.shown], viewed, works=True, **LATEST)
         # a reload sets one by one, which is no input; a text that is pasted is none either
-        kinds = [one.change if isinstance(one, gr.Textbox) else one.input for one in settings]
-        checked = {"validator": self.validated(lambda _, shown, *values: ["", *_wrong(values)]), **LATEST}
+        kinds = [setting.change if isinstance(setting, gr.Textbox) else setting.input for setting in settings]
+        checked = {"validator": self.validated(lambda _, outputs, *values: ["", *_wrong(values)]), **LATEST}
         out = [*viewed, self.found, *self.state]
         self.on(kinds, self._changed, [self.shown, *settings], out, **checked)
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
-        given, answered = [self.chosen, *settings], [self.checked, *self.state]
-        which = self.which.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **AT_ONCE)
-        which.then(None, js=_PRESS.format("infer"), api_visibility="private")
-        starts, out = [self.infer_now.click, self.infer.click], [self.steps, self.timer, self.answers]
-        begun = self.on(starts, self._begin, given, out, **AT_ONCE)
-        begun = self.on(begun.success, self._glance, given[:1], [self.answers], works=True, **_GLANCES)
-        run = self.on(begun.then, self._answer, given[:1], answered, works=True, show_progress="hidden", **_RUNS)
-        self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
-        self.on(self.timer.tick, self._tick, [], [self.timer, self.answers], **AT_ONCE)
-        self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
-        typed: Any = partial(self.on, **LATEST)
+        self._wire_runs([self.chosen, *settings], check)
+        latest: Any = partial(self.on, **LATEST)
         js = "() => [document.body.dataset.{}]".format
         out = [self.steps, self.checked, *check]
-        typed(self.answers.click, self._picked, [self.checked], out, js=js("picked"))
-        typed(self.found.change, self._warn, [], [self.warned], works=True)
+        latest(self.answers.click, self._picked, [self.checked], out, js=js("picked"))
+        latest(self.found.change, self._warn, [], [self.warned], works=True)
         out, materials = [self.found, *viewed, *self.state], "(_, shown) => [document.body.dataset.materials, shown]"
-        typed(self.found.submit, self._name, [self.link, self.shown], out, js=materials)
+        latest(self.found.submit, self._name, [self.link, self.shown], out, js=materials)
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
-        given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
-        self.on(self.fit.click, self._fit, given, fitted, works=True, show_progress_on=[self.check_plot], **_RUNS)
+        inputs, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
+        self.on(self.fit.click, self._fit, inputs, fitted, works=True, show_progress_on=[self.check_plot], **_RUNS)
         self.on([self.stop.click, self.stop_fit.click], lambda session: session.work.stopped.set(), [], [], queue=False)
         moved = [slider.input for slider in self.sliders]
         self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
         out = [self.files, self.download]
-        alone: dict[str, Any] = {"concurrency_limit": 1, "show_progress_on": [self.make]}
-        zipped = self.on(self.make.click, self._zip, [], out, works=True, **alone)
+        single: dict[str, Any] = {"concurrency_limit": 1, "show_progress_on": [self.make]}
+        zipped = self.on(self.make.click, self._zip, [], out, works=True, **single)
         zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
         self.tabs[3].select(None, js=_RESIZE, api_visibility="private")  # drawn in a hidden tab it has another width
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
         self._kept = sorted(self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox))  # choices first
-        everything = [*shown, *(self.fields[name] for name in self._kept), self.checked, *check]
+        everything = [*outputs, *(self.fields[name] for name in self._kept), self.checked, *check]
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
+
+    def _wire_runs(self, inputs: list[Any], check: list[Any]) -> None:
+        """Answers of all chosen shots: previews at once, then each answer as it is there."""
+        chosen, answered = [self.chosen], [self.checked, *self.state]
+        which = self.which.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **AT_ONCE)
+        which.then(None, js=_PRESS.format("infer"), api_visibility="private")
+        starts, out = [self.infer_now.click, self.infer.click], [self.steps, self.timer, self.answers]
+        begin = self.on(starts, self._begin, inputs, out, **AT_ONCE)
+        begin = self.on(begin.success, self._preview, chosen, [self.answers], works=True, **_PREVIEWS)
+        run = self.on(begin.then, self._answer, chosen, answered, works=True, show_progress="hidden", **_RUNS)
+        self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
+        self.on(self.timer.tick, self._tick, [], [self.timer, self.answers], **AT_ONCE)
+        self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
 
     def _leave(self, request: gr.Request) -> None:
         self.visitors.leave(request.session_hash or "")
@@ -239,10 +239,10 @@ class Page(film.FilmPart):
             return gr.skip()  # of all
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
-            given = {name: value for name, value in vars(session.settings).items() if value is not None}
-            kept = {"window": 0, "material": "nhkv"} | given
-            told = [kept.get(name, gr.skip()) for name in self._kept]
-            settings = [f"{value:.10g}" if isinstance(value, float) else value for value in told]
+            values = {name: value for name, value in vars(session.settings).items() if value is not None}
+            choices = {"window": 0, "material": "nhkv"} | values
+            shown_values = [choices.get(name, gr.skip()) for name in self._kept]
+            settings = [f"{value:.10g}" if isinstance(value, float) else value for value in shown_values]
             checked = gr.Dropdown(choices=names, value=next(iter(names), None))
             check = self._show(session, names[0]) if names and not session.stale else [gr.skip()] * 6
             return [*self._loaded(session), *settings, checked, *check]
@@ -284,25 +284,35 @@ class Page(film.FilmPart):
         figures = plots.overview(session.curves, media) if names else (None, None)
         anything = bool(names or session.films)
         return [
-            words.part("refused", session.problems), gr.Column(visible=False), words.found(session),
-            gr.HTML(visible=not anything), *figures,
-            gr.CheckboxGroup(choices=names, value=names), gr.Dropdown(choices=names, value=next(iter(names), None)),
-            gr.Row(visible=bool(names)), f"?session={session.link}" if anything else "",
-            *self._state(session, drawn=True), *self._filmed(session),
-        ]  # fmt: skip
+            words.part("refused", session.problems),
+            gr.Column(visible=False),
+            words.files_table(session),
+            gr.HTML(visible=not anything),
+            *figures,
+            gr.CheckboxGroup(choices=names, value=names),
+            gr.Dropdown(choices=names, value=next(iter(names), None)),
+            gr.Row(visible=bool(names)),
+            f"?session={session.link}" if anything else "",
+            *self._state(session, drawn=True),
+            *self._filmed(session),
+        ]
 
     def _state(self, session: Session, *, drawn: bool = False) -> list[Any]:
         """Which steps can work, and the answers, if there are any, with what was changed since."""
-        loaded, found = bool(session.curves), session.answers
-        answered = found is not None and not session.stale
-        cloud = {"value": plots.cloud(found.pairs, found.document)} if drawn and found else {}
-        shown = found is not None and any(row.viscosity.median is not None for row in found.document.curves)
+        loaded, answers = bool(session.curves), session.answers
+        current = answers is not None and not session.stale
+        cloud = {"value": plots.cloud(answers.pairs, answers.document)} if drawn and answers else {}
+        viscous = answers is not None and any(row.viscosity.median is not None for row in answers.document.curves)
         return [
-            *(gr.Tab(interactive=able) for able in (loaded, loaded, answered, answered)),
-            gr.Button(interactive=loaded), gr.Button(interactive=loaded), words.answers(session),
-            gr.Button(interactive=answered), gr.Button(visible=steps.unfit(session)),
-            gr.Plot(visible=answered and shown, **cloud), gr.UploadButton(visible=answered),
-        ]  # fmt: skip
+            *(gr.Tab(interactive=able) for able in (loaded, loaded, current, current)),
+            gr.Button(interactive=loaded),
+            gr.Button(interactive=loaded),
+            words.answers(session),
+            gr.Button(interactive=current),
+            gr.Button(visible=steps.law_in_doubt(session)),
+            gr.Plot(visible=current and viscous, **cloud),
+            gr.UploadButton(visible=current),
+        ]
 
     def _confirm(self, session: Session, *_: str) -> list[Any]:
         film.confirm(session)
@@ -310,25 +320,25 @@ class Page(film.FilmPart):
         return self._loaded(session)
 
     def _view(self, session: Session, name: str | None, **_: Any) -> list[Any]:
-        shown = (one for one in session.curves if one.name == name)
-        return [next((words.prepared(one, session.settings_of(one.name)) for one in shown), "")]
+        selected = (curve for curve in session.curves if curve.name == name)
+        return [next((words.prepared(curve, session.settings_of(curve.name)) for curve in selected), "")]
 
     def _changed(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
         session.prepare(_settings(settings))
-        return [*self._view(session, name), words.found(session), *self._state(session)]
+        return [*self._view(session, name), words.files_table(session), *self._state(session)]
 
     def _begin(self, session: Session, chosen: list[str], *settings: Any) -> list[Any]:
         session.prepare(_settings(settings))
         if session.work.ready():
-            session.soon = dict.fromkeys(chosen)
+            session.previews = dict.fromkeys(chosen)
         return [gr.Tabs(selected=3), *self._tick(session)]
 
     def _tick(self, session: Session) -> list[Any]:
-        return [gr.Timer(active=bool(session.soon)), words.answers(session)]
+        return [gr.Timer(active=bool(session.previews)), words.answers(session)]
 
-    def _glance(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
+    def _preview(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
         with suppress(InputError):  # the run says why
-            steps.glance(session, chosen)
+            steps.preview(session, chosen)
         return [words.answers(session)]
 
     def _answer(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
@@ -337,10 +347,10 @@ class Page(film.FilmPart):
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
 
     def _name(self, session: Session, materials: str, shown: str | None) -> list[Any]:
-        before, typed = words.table(session), json.loads(materials)
+        earlier, typed = words.table(session), json.loads(materials)
         steps.name_materials(session, typed["names"], typed["densities"])
-        same = words.table(session) == before  # then the focus stays where it is
-        table = gr.skip() if same else words.found(session)
+        same = words.table(session) == earlier  # then the focus stays where it is
+        table = gr.skip() if same else words.files_table(session)
         return [table, *self._view(session, shown), *self._state(session, drawn=True)]
 
     def _publish(self, session: Session, files: list[str]) -> list[Any]:
@@ -353,9 +363,9 @@ class Page(film.FilmPart):
 
     def _show(self, session: Session, name: str) -> list[Any]:
         ranges = steps.sliders(session, name).values()
-        moved = [gr.Slider(visible=found is not None, **(found or {})) for found in ranges]  # type: ignore[arg-type]
+        sliders = [gr.Slider(visible=reach is not None, **(reach or {})) for reach in ranges]  # type: ignore[arg-type]
         start = words.part("start", session.find(name)[3].simulated)
-        return [*self._answered(session, name), {"words": start}, *moved]
+        return [*self._answered(session, name), {"words": start}, *sliders]
 
     def _fit(self, session: Session, name: str, trial: dict[str, Any], **_: Any) -> list[Any]:
         session.work.ready()
@@ -366,18 +376,18 @@ class Page(film.FilmPart):
     def _answered(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> list[Any]:
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
-        drawn = band(curve, posterior, session.settings_of(name).analysis)
-        named = f"simulation: {digits.simulated(posterior.method)}"
-        figure = plots.checked(curve, posterior.checks, named, fit.checks if fit else None, trial, drawn)
+        shading = band(curve, posterior, session.settings_of(name).analysis)
+        label = f"simulation: {digits.simulated(posterior.method)}"
+        figure = plots.checked(curve, posterior.checks, label, fit.checks if fit else None, trial, shading)
         return [figure, words.facts(session, name)]
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
-        found, lines = steps.trial(session, name, values)
-        return {"words": words.part("trial", found), "lines": json.dumps({**lines, "traces": plots.TRIAL})}
+        checks, lines = steps.what_if(session, name, values)
+        return {"words": words.part("trial", checks), "lines": json.dumps({**lines, "traces": plots.TRIAL})}
 
     def _zip(self, session: Session, *, progress: gr.Progress) -> list[Any]:
-        made, files = steps.export(session, progress)
-        return [gr.File([str(path) for path in files], visible=True), gr.DownloadButton(value=str(made))]
+        archive, files = steps.export(session, progress)
+        return [gr.File([str(path) for path in files], visible=True), gr.DownloadButton(value=str(archive))]
 
 
 def _settings(values: Sequence[Any]) -> PageSettings:
@@ -390,4 +400,4 @@ def _settings(values: Sequence[Any]) -> PageSettings:
 def _wrong(values: Sequence[Any]) -> list[str]:
     """What is said at each of them."""
     wrong = PageSettings.of(values)[1]
-    return [words.told(wrong.get(field.name, "")) for field in fields(PageSettings)]
+    return [words.for_page(wrong.get(field.name, "")) for field in fields(PageSettings)]

@@ -35,12 +35,15 @@ from cavirheo.reporting.html import LIVE, live_page
 
 _FONTS = ["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "Arial", "sans-serif"]
 _THEME = gr.themes.Default(
-    primary_hue=gr.themes.colors.blue, neutral_hue=gr.themes.colors.slate, font=_FONTS,
+    primary_hue=gr.themes.colors.blue,
+    neutral_hue=gr.themes.colors.slate,
+    font=_FONTS,
     font_mono=["ui-monospace", "Menlo", "Consolas", "DejaVu Sans Mono", "monospace"],
 ).set(
-    button_primary_background_fill="#0b4f7d", button_primary_background_fill_hover="#0072b2",
+    button_primary_background_fill="#0b4f7d",
+    button_primary_background_fill_hover="#0072b2",
     body_background_fill="#f4f5f7",
-)  # fmt: skip
+)
 EVENTS = 8  # of one kind, of all visitors together, that are worked on at the same time
 # What the page may load: itself. Gradio's own scripts stand in the page and build functions.
 _POLICY = (
@@ -48,21 +51,22 @@ _POLICY = (
     "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; object-src 'none'; base-uri 'self'"
 )
 _HEADERS = [
-    (b"content-security-policy", _POLICY.encode()), (b"referrer-policy", b"no-referrer"),
+    (b"content-security-policy", _POLICY.encode()),
+    (b"referrer-policy", b"no-referrer"),
     (b"x-content-type-options", b"nosniff"),
-]  # fmt: skip
+]
 
 
 def _only_here(app: ASGIApp) -> ASGIApp:
     """Every answer tells the browser to ask nobody else."""
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
-        async def one(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message["headers"], *_HEADERS]
             await send(message)
 
-        await app(scope, receive, one)
+        await app(scope, receive, send_with_headers)
 
     return answer
 
@@ -74,8 +78,8 @@ async def _refuse(url: str, cache_dir: str) -> str:
 class _Upload(route_utils.GradioUploadFile):
     """Has a folder of its own. Gradio's are named by the content alone: two visitors who send one file share it."""
 
-    def __init__(self, *given: Any, **named: Any) -> None:
-        super().__init__(*given, **named)
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
         self.sha.update(token_bytes(16))
 
 
@@ -83,23 +87,24 @@ def _wall(visitors: Visitors, folder: Path | None) -> Route:
     """/live: what `cavirheo watch` writes into the folder; without one, the answers of the session whose link is asked
     for (/live?session=...), which nobody can guess."""
 
-    def shown(request: Request) -> HTMLResponse:
+    def live(request: Request) -> HTMLResponse:
         if folder:
             with suppress(OSError):
                 return HTMLResponse((folder / LIVE).read_text(encoding="utf-8"))
             return HTMLResponse(live_page())
-        own = visitors.answers(request.query_params.get("session", ""))
-        return HTMLResponse(live_page(*((own.document, len(own.pairs) - 1, *own.pairs[-1]) if own else ())))
+        answers = visitors.answers(request.query_params.get("session", ""))
+        latest = (answers.document, len(answers.pairs) - 1, *answers.pairs[-1]) if answers else ()
+        return HTMLResponse(live_page(*latest))
 
-    return Route("/live", shown)
+    return Route("/live", live)
 
 
-def _guard(module: ModuleType, name: str, own: object) -> None:
+def _guard(module: ModuleType, name: str, guard: object) -> None:
     """Put our own in the place of what gradio calls by this name. Raises InputError: it has no such name, so that ours
     would never be called."""
     missing = f"gradio {gr.__version__} has no {module.__name__}.{name}, which guards the server"
     require(hasattr(module, name), f"{missing}: install an older one", "app.gradio")
-    setattr(module, name, own)
+    setattr(module, name, guard)
 
 
 @contextmanager
@@ -119,15 +124,25 @@ def running(
         page, routes = Page(visitors).blocks.queue(default_concurrency_limit=EVENTS), [_wall(visitors, folder)]
         try:
             _, address, _ = page.launch(
-                server_name=host, server_port=port or None, prevent_thread_lock=True, quiet=True, show_error=True,
-                max_file_size=int(visitors.limits.file_mb * 2**20), theme=_THEME,
+                server_name=host,
+                server_port=port or None,
+                prevent_thread_lock=True,
+                quiet=True,
+                show_error=True,
+                max_file_size=int(visitors.limits.file_mb * 2**20),
+                theme=_THEME,
                 head=f"<style>{words.style()}</style>",
-                js=words.script("page.js"), footer_links=[], run_history=False, ssr_mode=False,
-                share=False, pwa=False, app_kwargs={"middleware": [Middleware(_only_here)], "routes": routes},
-            )  # fmt: skip
+                js=words.script("page.js"),
+                footer_links=[],
+                run_history=False,
+                ssr_mode=False,
+                share=False,
+                pwa=False,
+                app_kwargs={"middleware": [Middleware(_only_here)], "routes": routes},
+            )
         except OSError as error:
-            said = f"cannot listen on {host}:{port}: {error}; give another --port"
-            raise InputError(said, "app.port_taken") from None
+            message = f"cannot listen on {host}:{port}: {error}; give another --port"
+            raise InputError(message, "app.port_taken") from None
         with closing(page):
             yield address, visitors
 

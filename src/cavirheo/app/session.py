@@ -34,7 +34,7 @@ from cavirheo.video.measurement import Measurement
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name
 
-_Found = TypeVar("_Found")
+_Value = TypeVar("_Value")
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
 
 
@@ -91,17 +91,17 @@ class PageSettings:
     def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
         """From what stands in the fields of the page, in their order; why it cannot be, by field, "" for all together:
         settings are the usual ones then."""
-        given, wrong = dict[str, Any](), dict[str, str]()
-        vouched = {"trust_input": dict(zip((one.name for one in fields(cls)), values, strict=True))["trust_input"]}
-        for one, value in zip(fields(cls), values, strict=True):
+        settings, wrong = dict[str, Any](), dict[str, str]()
+        vouch = {"trust_input": dict(zip((field_.name for field_ in fields(cls)), values, strict=True))["trust_input"]}
+        for field_, value in zip(fields(cls), values, strict=True):
             try:
-                numeric, name = "float" in str(one.type) and value != "free", one.name.replace("_", " ")
-                alone: dict[str, Any] = {one.name: number_of(value, name) if numeric else value or None}
-                _, given = cls(**(vouched | alone)).reading, given | alone
+                numeric, name = "float" in str(field_.type) and value != "free", field_.name.replace("_", " ")
+                single: dict[str, Any] = {field_.name: number_of(value, name) if numeric else value or None}
+                _, settings = cls(**(vouch | single)).reading, settings | single
             except InputError as error:
-                wrong[one.name] = str(error)
+                wrong[field_.name] = str(error)
         try:
-            return cls() if wrong else cls(**given), wrong
+            return cls() if wrong else cls(**settings), wrong
         except InputError as error:
             return cls(), {"": str(error)}
 
@@ -135,8 +135,8 @@ class Clip:
 
     path: Path
     camera: Camera = field(default_factory=Camera)
-    found: Measurement | None = None  # as the camera says
-    kept: Measurement | None = None  # that without the frames that are left out
+    measurement: Measurement | None = None  # as the camera says
+    used: Measurement | None = None  # that without the frames that are left out
     shown: int = 1  # number of the frame that is looked at
     curve: RadiusCurve | None = None  # once it is confirmed
     command: str = ""  # the options of the command line, then
@@ -144,7 +144,7 @@ class Clip:
     @property
     def exclude(self) -> str:
         """The frames that are left out: "12, 40-45"."""
-        return str(self.kept.options.get("exclude", "")) if self.kept else ""
+        return str(self.used.options.get("exclude", "")) if self.used else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +175,7 @@ class Session:
         self.keys: set[str] = set()  # of what this visitor has there
         self.measurer = measurer or reader  # its own, so that nobody's table waits for a film
         self.sent: list[str] = []  # uploads that are not looked at yet
-        self.said = ""  # why the last thing that was asked was not done
+        self.refusal = ""  # why the last thing that was asked was not done
         self.link = token_urlsafe(16)  # whoever knows it comes back here
         self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
         self.work, self.exporting = Stoppable(), Lock()  # on shots, of a zip
@@ -197,27 +197,27 @@ class Session:
         self.published: list[dict[str, Published]] = []  # values of other methods, by set, of each upload
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
-        self.soon: dict[str, CurveRecord | None] = {}  # in a run: of each shot what is known so far
+        self.previews: dict[str, CurveRecord | None] = {}  # in a run: of each shot what is known so far
 
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
         """Take the files over (or copy them) and read them; unreadable ones are not kept, recordings wait in `films`.
         Raises InputError: too many files, curves or frames, or a setting out of its domain."""
         number = len(list((self.folder / YOURS).iterdir())) + len(files)
-        many = f"{number} files; at most {self.limits.files} are read at once"
-        mend = "start over with fewer, or put the shots of one material into one file"
-        require(number <= self.limits.files, f"{many}: {mend}", "app.too_many_files")
-        mine = list[Path]()
+        message = f"{number} files; at most {self.limits.files} are read at once"
+        remedy = "start over with fewer, or put the shots of one material into one file"
+        require(number <= self.limits.files, f"{message}: {remedy}", "app.too_many_files")
+        taken = list[Path]()
         for path in files:
-            mine.append(self._free(path.name))
-            (shutil.copyfile if copy else shutil.move)(path, mine[-1])
-        films = {path.name: Clip(path) for path in mine if is_video(path)}
+            taken.append(self._free(path.name))
+            (shutil.copyfile if copy else shutil.move)(path, taken[-1])
+        films = {path.name: Clip(path) for path in taken if is_video(path)}
         try:
-            tables = [path for path in mine if path.name not in films]
+            tables = [path for path in taken if path.name not in films]
             if tables or not films:
                 self.take([*self.files, *tables], settings)
             self.films |= films
         finally:
-            for path in {*mine} - {*self.files, *(film.path for film in self.films.values())}:
+            for path in {*taken} - {*self.files, *(film.path for film in self.films.values())}:
                 path.unlink()
         if self.film not in self.recordings:
             self.film = next(iter(self.recordings), "")
@@ -241,10 +241,10 @@ class Session:
         """Read these instead of what was read; those that cannot be read are left out. Raises InputError: too much."""
         curves, problems = self._read(files, settings)
         limits, frames = self.limits, sum(len(curve.time) for curve in curves)
-        many = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
-        mend = "load fewer, or use the command line (cavirheo infer)"
+        message = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
+        remedy = "load fewer, or use the command line (cavirheo infer)"
         fine = len(curves) <= limits.curves and frames <= limits.frames
-        require(fine, f"{many} at once: {mend}", "app.too_many_frames")
+        require(fine, f"{message} at once: {remedy}", "app.too_many_frames")
         read = {curve.source for curve in curves}
         self.files = [path for path in files if path.name in read or path in self.files]
         self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
@@ -252,11 +252,12 @@ class Session:
     def _read(self, files: Sequence[Path], settings: PageSettings) -> Found:
         """Each shot as its own density has it read, which counts where a file has no seconds."""
         confirmed = {film.path: film.curve for film in self.films.values()}
-        given = [confirmed.get(path) or path for path in files]
-        curves, problems = self.reader.read(given, **settings.reading)
+        sources = [confirmed.get(path) or path for path in files]
+        curves, problems = self.reader.read(sources, **settings.reading)
         for density in set(self.densities.values()):
-            read = {one.name: one for one in self.reader.read(given, **settings.with_density(density).reading)[0]}
-            curves = [read.get(one.name, one) if self.densities.get(one.name) == density else one for one in curves]
+            again, _ = self.reader.read(sources, **settings.with_density(density).reading)
+            by_name = {curve.name: curve for curve in again if self.densities.get(curve.name) == density}
+            curves = [by_name.get(curve.name, curve) for curve in curves]
         return curves, problems
 
     def settings_of(self, shot: str) -> PageSettings:
@@ -265,9 +266,10 @@ class Session:
 
     def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Curves as shots of the materials that were typed, or else of those that their files say."""
-        read = {curve.name: (curve.group, curve.group if self.named else curve.group_source) for curve in self.curves}
-        groups = read | {shot: (name, name) for shot, name in self.named.items()}
-        return [(one.with_group(*groups.get(one.name, (one.group, one.group_source))), answer) for one, answer in pairs]
+        groups = {curve.name: (curve.group, curve.group if self.named else curve.group_source) for curve in self.curves}
+        groups |= {shot: (name, name) for shot, name in self.named.items()}
+        membership = [groups.get(curve.name, (curve.group, curve.group_source)) for curve, _ in pairs]
+        return [(curve.with_group(*group), answer) for (curve, answer), group in zip(pairs, membership, strict=True)]
 
     def command(self, settings: PageSettings) -> str:
         """The command line that means the same; of several files the recordings have their options after it."""
@@ -296,15 +298,15 @@ class Session:
     def publish(self, paths: Sequence[Path]) -> None:
         """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
         material for `cavirheo rheometer`. Raises InputError."""
-        found = published(self.reader.ask(paths, (values_of, *map(str, paths))))
-        set_beside(self.answers.document.groups if self.answers else [], found)
-        self.published.append(found)
+        values = published(self.reader.ask(paths, (values_of, *map(str, paths))))
+        set_beside(self.answers.document.groups if self.answers else [], values)
+        self.published.append(values)
 
     @property
     def stale(self) -> bool:
         """Whether there are answers, but to other settings."""
-        found = self.answers
-        return found is not None and (found.settings, found.densities) != (self.settings, self.densities)
+        answers = self.answers
+        return answers is not None and (answers.settings, answers.densities) != (self.settings, self.densities)
 
     def find(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
         """All answers, and the curve of this name with its own. Raises InputError: it is not answered, or not so."""
@@ -315,7 +317,7 @@ class Session:
                     return self.answers, *pair, record
         raise InputError("no answer to check: infer first (step 3)", "app.no_answer")
 
-    def once(self, store: Store, key: str, work: Callable[[], _Found]) -> _Found:
+    def once(self, store: Store, key: str, work: Callable[[], _Value]) -> _Value:
         """As `Store.once`: a class with one demo file waits for one answer, which goes with the last who has it."""
         self.keys.add(key)
         return store.once(key, work)
@@ -347,8 +349,8 @@ class Visitors:
         """The session of this name, new if there is none; the one unused for longest makes room. Raises InputError."""
         require(bool(name), "no session: reload the page")
         with self._lock:
-            found = self._sessions.pop(self._links.get(name, ""), None)
-            session = found or Session(self.limits, self.reader, self.measurer, self.store, self.zips)
+            earlier = self._sessions.pop(self._links.get(name, ""), None)
+            session = earlier or Session(self.limits, self.reader, self.measurer, self.store, self.zips)
             self._sessions[session.link], self._links[name] = session, session.link
             session.calls += 1
             while len(self._sessions) > self.limits.visitors:
@@ -388,9 +390,9 @@ class Visitors:
         """Close it, and forget the answers and zips that no other visitor has."""
         session.close()
         with self._lock:
-            others = set().union(*(one.keys for one in self._sessions.values()))
+            shared = set().union(*(visitor.keys for visitor in self._sessions.values()))
         for store in (self.store, self.zips):
-            store.remove(session.keys - others)
+            store.remove(session.keys - shared)
         kept_material_of.cache_clear()
 
     def _close(self, link: str) -> None:

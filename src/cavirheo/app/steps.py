@@ -18,7 +18,7 @@ from cavirheo.companions.published_values import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT
-from cavirheo.inference.what_if import reach, seen, tried
+from cavirheo.inference.what_if import checks_with, compared_window, slider
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import browser_figures as plots
@@ -43,37 +43,39 @@ def examples() -> dict[str, Path]:
     return {path.name: path for kind in ("*gel.*", "*.mp4") for path in sorted(folder.glob(kind))}
 
 
-def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[RadiusCurve, Posterior | None]]:
-    """Each chosen curve with its answer, which is in `session.soon` as soon as it is found; None where a stop left it
-    out. verify: as in `infer_many`; at another level than is asked an answer is not trusted. Raises InputError."""
+def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[RadiusCurve, Posterior | None]]:
+    """Each chosen curve with its answer, which is in `session.previews` as soon as it is there; None where a stop left
+    it out. verify: as in `infer_many`; an answer at another level than the settings' is not trusted. Raises
+    InputError."""
     with session.lock:
         settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
-        asked = {curve.name: replace(session.settings_of(curve.name), verify=verify).analysis for curve in chosen}
+        analyses = {curve.name: replace(session.settings_of(curve.name), verify=verify).analysis for curve in chosen}
     require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
-    many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once: choose fewer in step 2, "
+    message = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once"
+    remedy = "choose fewer in step 2, or use the command line (cavirheo infer --verify full)"
     fine = verify != "full" or len(chosen) <= session.limits.full
-    require(fine, f"{many}or use the command line (cavirheo infer --verify full)", "app.too_many_full")
-    soon, workers = session.soon, max((os.cpu_count() or 1) // len(chosen), 1)
-    mark = {"verdict": "unverified", "messages": []} if verify != settings.verify else {}
+    require(fine, f"{message}: {remedy}", "app.too_many_full")
+    previews, workers = session.previews, max((os.cpu_count() or 1) // len(chosen), 1)
+    preview_mark = {"verdict": "unverified", "messages": []} if verify != settings.verify else {}
 
-    def one(curve: RadiusCurve) -> Posterior:
-        analysis = asked[curve.name]
-        found = session.once(session.store, analysis.key(curve), lambda: analysis.answer(curve, workers=workers))
-        found = of_file(found, curve)
-        row = curve_record(*session.grouped([(curve, found)])[0])
-        if row.answered or not mark:
-            soon[curve.name] = row.model_copy(update=mark)
-        return found
+    def answer_one(curve: RadiusCurve) -> Posterior:
+        analysis = analyses[curve.name]
+        answer = session.once(session.store, analysis.key(curve), lambda: analysis.answer(curve, workers=workers))
+        answer = of_file(answer, curve)
+        row = curve_record(*session.grouped([(curve, answer)])[0])
+        if row.answered or not preview_mark:
+            previews[curve.name] = row.model_copy(update=preview_mark)
+        return answer
 
-    return list(zip(chosen, session.work.each(one, chosen), strict=True))
+    return list(zip(chosen, session.work.each(answer_one, chosen), strict=True))
 
 
-def glance(session: Session, names: Sequence[str]) -> None:
-    """What the network itself says of the chosen shots, into `session.soon` until verification replaces it. A shot of
-    which it says nothing waits, and so do all where another way to answer is asked. Raises InputError."""
-    asked = session.settings
-    if asked.model == DEFAULT and asked.verify != "none" and "auto" not in (asked.material, asked.bubble):
-        _found(session, names, "none")
+def preview(session: Session, names: Sequence[str]) -> None:
+    """What the network itself says of the chosen shots, into `session.previews` until verification replaces it. A shot
+    of which it says nothing waits, and so do all where another way to answer is asked. Raises InputError."""
+    settings = session.settings
+    if settings.model == DEFAULT and settings.verify != "none" and "auto" not in (settings.material, settings.bubble):
+        _answer(session, names, "none")
 
 
 def infer(session: Session, names: Sequence[str]) -> Answers:
@@ -82,16 +84,16 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
     with session.lock:
         settings, curves, densities = session.settings, session.curves, session.densities
     try:
-        answers = _found(session, names, settings.verify)
+        answers = _answer(session, names, settings.verify)
         pairs = [(curve, answer) for curve, answer in answers if answer]
         left = [curve.name for curve, answer in answers if not answer]
-        made = _pooled(session, pairs, left, settings, densities)
+        pooled = _pooled(session, pairs, left, settings, densities)
     finally:
         if not session.work.busy.locked():  # by the run before, which goes on
-            session.soon = {}
+            session.previews = {}
     with session.lock:
         require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
-        session.answers = made
+        session.answers = pooled
         return session.answers
 
 
@@ -102,10 +104,10 @@ def _pooled(
     pairs, command = session.grouped(pairs), session.command(settings)
     if len(pairs) < len(session.curves):
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
-    own = [(curve.group, densities[curve.name]) for curve, _ in pairs if curve.name in densities]
-    command += "".join(f" ({shlex.quote(group)}: --density {density:g})" for group, density in dict.fromkeys(own))
-    typed = ", ".join(f"{shot} = {material}" for shot, material in session.named.items())
-    document = result(pairs, command, notes=[f"materials that were typed: {typed}"] if typed else [])
+    weighed = [(curve.group, densities[curve.name]) for curve, _ in pairs if curve.name in densities]
+    command += "".join(f" ({shlex.quote(group)}: --density {density:g})" for group, density in dict.fromkeys(weighed))
+    materials = ", ".join(f"{shot} = {material}" for shot, material in session.named.items())
+    document = result(pairs, command, notes=[f"materials that were typed: {materials}"] if materials else [])
     for values in session.published:
         with suppress(InputError):  # other groups than when they were given
             set_beside(document.groups, values)
@@ -117,14 +119,15 @@ def name_materials(session: Session, names: Sequence[str], densities: Sequence[s
     density of each in kg/m3, "" for that of the settings; then the files are read again. Raises InputError."""
     fine = len(names) == len(session.curves) and len(densities) in (0, len(names))
     require(fine, "the files were changed: reload the page", "app.changed")
+    shots = [curve.name for curve in session.curves]
     if densities:
-        typed = {one.name: number_of(text, "density") for one, text in zip(session.curves, densities, strict=True)}
-        session.weigh({shot: density for shot, density in typed.items() if density is not None})
-    given = zip(session.curves, names, strict=True)
-    session.named = {curve.name: name.strip()[:60] for curve, name in given if name.strip() not in ("", curve.group)}
+        numbers = {shot: number_of(text, "density") for shot, text in zip(shots, densities, strict=True)}
+        session.weigh({shot: density for shot, density in numbers.items() if density is not None})
+    groups = zip(session.curves, map(str.strip, names), strict=True)
+    session.named = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:
-        made = _pooled(session, old.pairs, old.not_run, old.settings, old.densities)
-        session.answers = replace(made, fits=old.fits)
+        pooled = _pooled(session, old.pairs, old.not_run, old.settings, old.densities)
+        session.answers = replace(pooled, fits=old.fits)
 
 
 def fit(session: Session, name: str | None) -> None:
@@ -133,36 +136,36 @@ def fit(session: Session, name: str | None) -> None:
         (answers, curve, posterior, _), settings = session.find(name), session.settings_of(name or "")
     end = None
     if settings.material is None:  # a network that reads its own window
-        end = seen(curve, settings.analysis).end * (1.0 + 1e-9)
+        end = compared_window(curve, settings.analysis).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
     analysis = replace(settings.analysis, method="fit", free=None, verify="auto", end=end, **model)
-    (found,) = session.work.each(analysis.answer, [curve])
+    (answer,) = session.work.each(analysis.answer, [curve])
     with session.lock:
-        if found is None or session.answers is not answers:
+        if answer is None or session.answers is not answers:
             raise InputError(_CHANGED, "app.changed")
-        answers.fits[curve.name] = found
+        answers.fits[curve.name] = answer
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     """Where the sliders start and end, in kPa, Pa s and 1; None for a parameter that the law does not have."""
     posterior = session.find(name)[2]
-    return {key: reach(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
+    return {key: slider(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
 
 
-def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
+def what_if(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
     """The simulation with the sliders' values over the window of the answer: what was found, and its `plots.lines`;
     where it fails, why, and nothing to draw."""
     _, curve, posterior, _ = session.find(name)
-    given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-    found = tried(curve, posterior, given, session.settings_of(name).analysis)
-    return found, plots.lines(found, 0.0 if found.verdict == "failed" else curve.time_of_max)
+    changed = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
+    checks = checks_with(curve, posterior, changed, session.settings_of(name).analysis)
+    return checks, plots.lines(checks, 0.0 if checks.verdict == "failed" else curve.time_of_max)
 
 
-def unfit(session: Session) -> bool:
+def law_in_doubt(session: Session) -> bool:
     """Whether most answers ask for another law, and it could be asked."""
     records = session.answers.document.curves if session.answers else []
-    asked = session.settings.material in (None, "auto") or session.stale
-    return not asked and unexplained(records) > len(records) / 2
+    open_law = session.settings.material in (None, "auto") or session.stale
+    return not open_law and unexplained(records) > len(records) / 2
 
 
 def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
@@ -170,13 +173,13 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
     if (answers := session.answers) is None or session.stale:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     fits = [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]
-    number, shots, place = count(1), len(answers.pairs) + len(fits), session.folder / "export"
-    made = session.folder / "cavirheo-result.zip"
+    number, shots, folder = count(1), len(answers.pairs) + len(fits), session.folder / "export"
+    archive = session.folder / "cavirheo-result.zip"
     with session.exporting:
-        kept = partial(session.once, session.zips)
-        done = lambda: progress(next(number) / (shots + 1), "drawn")  # noqa: E731
-        drawn = zipped(answers.pairs, answers.document, fits, done, kept)
-        made.write_bytes(drawn)
-        shutil.rmtree(place, ignore_errors=True)
-        shutil.unpack_archive(made, place)
-    return made, sorted(path for path in (place / "cavirheo-result").iterdir() if path.is_file())
+        once = partial(session.once, session.zips)
+        advance = lambda: progress(next(number) / (shots + 1), "drawn")  # noqa: E731
+        content = zipped(answers.pairs, answers.document, fits, advance, once)
+        archive.write_bytes(content)
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.unpack_archive(archive, folder)
+    return archive, sorted(path for path in (folder / "cavirheo-result").iterdir() if path.is_file())

@@ -12,7 +12,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
-from cavirheo.inference.what_if import seen
+from cavirheo.inference.what_if import compared_window
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
@@ -24,13 +24,40 @@ from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 
 VERSION = version("cavirheo")
+LEVELS = [  # label and value of each choice of the page
+    ("weighed by simulations", "auto"),
+    ("not verified (fastest)", "none"),
+    ("Gaussian", "map"),
+    ("full (slow)", "full"),
+]
+BUBBLES = [
+    ("real: vapour condenses at a finite rate, damped by its surroundings", "real"),
+    ("the field's: equilibrium contents, unbounded liquid", "field"),
+    ("whichever the evidence prefers (slower)", "auto"),
+]
+WINDOWS = [("the usual one", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
+GROUPS = [
+    ("those of one file; files of a single shot together", "auto"),
+    ("those of one file", "file"),
+    ("each by itself", "none"),
+    ("those whose files have one name: soft_1, soft_2 | stiff_1", "name"),
+]
+NUMBERS = {  # label, and what an empty field means, of settings that need not be given
+    "density": ("Density (kg/m³)", "as the medium"),
+    "rmax_um": ("True R_max (µm)", "as measured"),
+    "stretch": ("λ = R_max/R_0", "fitted; free: without the file's prior"),
+    "sound_speed": ("Sound speed (m/s)", "as the medium"),
+    "surface_tension": ("Surface tension (N/m)", "as the medium"),
+    "pressure": ("Pressure (Pa)", "as the medium"),
+    "temperature": ("Temperature (K)", "as the medium"),
+}
 NONE = "No answers yet: press the button above."
 _PARTS = html.template("words.html", "cavirheo.app").module
 
 
-def part(name: str, *given: Any) -> str:
+def part(name: str, *content: Any) -> str:
     """This part of words.html."""
-    return str(getattr(_PARTS, name)(*given)).strip()
+    return str(getattr(_PARTS, name)(*content)).strip()
 
 
 def style() -> str:
@@ -59,20 +86,21 @@ _HERE = {  # by what stands in messages: an option of the command line or of Pyt
 }
 
 
-def told(error: Exception | str) -> str:
+def for_page(error: Exception | str) -> str:
     """The message, with the field of the page instead of the option of the command line."""
-    said = str(error)
+    message = str(error)
     for option, field in _HERE.items():
-        said = said.replace(option, field)
-    return said
+        message = message.replace(option, field)
+    return message
 
 
-def _told(records: Sequence[CurveRecord]) -> list[CurveRecord]:
-    """The rows with messages as `told`."""
-    return [
-        row.model_copy(update={"messages": [Sentence(code=one.code, text=told(one.text)) for one in row.messages]})
-        for row in records
-    ]
+def _rows_for_page(records: Sequence[CurveRecord]) -> list[CurveRecord]:
+    """The rows with their messages in the words of the page."""
+
+    def messages(row: CurveRecord) -> list[Sentence]:
+        return [Sentence(code=message.code, text=for_page(message.text)) for message in row.messages]
+
+    return [row.model_copy(update={"messages": messages(row)}) for row in records]
 
 
 def lost(session: Session) -> str:
@@ -95,63 +123,63 @@ def materials() -> list[tuple[str, str]]:
 
 def table(session: Session) -> list[tuple[str, tuple[str, ...]]]:
     """Name and cells of each shot."""
-    return [(one.name, cells(one)) for one in session.curves]
+    return [(curve.name, cells(curve)) for curve in session.curves]
 
 
-def found(session: Session) -> str:
+def files_table(session: Session) -> str:
     """What was found in the files: a row per shot."""
-    curves, typed = session.curves, {shot: f"{density:.10g}" for shot, density in session.densities.items()}
-    rows = [
-        (one, digits.elide(one.name, 36), session.named.get(one.name, one.group), typed.get(one.name, ""), cells(one))
-        for one in curves
-    ]
-    pooled = sum(one.group == YOURS for one in curves)
-    density = f"{session.settings.liquid.density:g}"
-    return part("found", rows, notes(curves), session.waiting, pooled, density)
+    curves = session.curves
+    rows = []
+    for curve in curves:
+        material, density = session.named.get(curve.name, curve.group), session.densities.get(curve.name)
+        typed = "" if density is None else f"{density:.10g}"
+        rows.append((curve, digits.elide(curve.name, 36), material, typed, cells(curve)))
+    pooled = sum(curve.group == YOURS for curve in curves)
+    return part("found", rows, notes(curves), session.waiting, pooled, f"{session.settings.liquid.density:g}")
 
 
 def warned(session: Session) -> str:
     """The warnings on all shots, in full."""
-    return part("warned", {told(text): names for text, names in warnings(session.curves).items()})
+    return part("warned", {for_page(text): names for text, names in warnings(session.curves).items()})
 
 
 def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     """A curve with the frames that are compared, or why it cannot be shown; the warnings on it, and what was done to
     it."""
-    picture, said = "", warnings([curve])
+    picture, remarks = "", warnings([curve])
     try:
-        picture = curve_svg(preview_panels(curve, seen(curve, settings.analysis).curve))
+        picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
-        said = {str(error): [curve.name]}
-    return part("prepared", picture, {told(text): names for text, names in said.items()}, notes([curve]))
+        remarks = {str(error): [curve.name]}
+    return part("prepared", picture, {for_page(text): names for text, names in remarks.items()}, notes([curve]))
 
 
 def answers(session: Session) -> str:
     """The answers: materials, groups, shots, what is said of them, and whether settings were changed since; in a run
     those that are known so far."""
-    found, soon = session.answers, list(session.soon.values())
+    answered, previews = session.answers, list(session.previews.values())
     final = "" if session.settings.verify == "none" else "unverified"  # verdict of those that simulations verify
-    verified = sum(row is not None and row.verdict != final for row in soon)
-    if soon:
-        found = Answers([], result_of([row for row in soon if row], ""), [], session.settings)
-    if found is None:
+    verified = sum(row is not None and row.verdict != final for row in previews)
+    if previews:
+        answered = Answers([], result_of([row for row in previews if row], ""), [], session.settings)
+    if answered is None:
         return part("quiet", NONE)
-    document = found.document
+    document = answered.document
     factor, unit = document.modulus_unit
     groups = html.part("groups_table", document.groups, factor, unit), [one.words for one in document.differences]
-    rows, models = _told(document.curves), {row.itself.in_words for row in document.curves if row.answered}
+    rows, models = _rows_for_page(document.curves), {row.in_words for row in document.curves if row.answered}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.part("curves_table", rows, factor, unit, title, False)
-    said = causes(rows)
-    about = html.part("reading", document.curves), *methods(document)
-    done = (verified, len(soon)), len(document.curves), found.not_run, pooled(document)
-    return part("answers", session.stale and not soon, *done, *groups, shots, said, *about)
+    remarks = causes(rows)
+    explanation = html.part("reading", document.curves), *methods(document)
+    progress = (verified, len(previews)), len(document.curves), answered.not_run, pooled(document)
+    return part("answers", session.stale and not previews, *progress, *groups, shots, remarks, *explanation)
 
 
 def facts(session: Session, name: str) -> str:
     """The answer, and the conventional fit if there is one, as rows of one table; then all facts of the answer."""
     answers, curve, answer, record = session.find(name)
-    (record,) = _told([record])
+    (record,) = _rows_for_page([record])
     factor, unit = answers.document.modulus_unit
     table, failed, frames = "", {}, list[int]()
     if posterior := answers.fits.get(name):

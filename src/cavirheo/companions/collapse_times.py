@@ -108,7 +108,7 @@ class CollapseGroup(Record):
     @property
     def estimates(self) -> dict[str, CollapseEstimate]:
         """The answers by model."""
-        return {name: found for name in ("analytic", "exact") if (found := getattr(self, name))}
+        return {name: value for name in ("analytic", "exact") if (value := getattr(self, name))}
 
     @property
     def best(self) -> CollapseEstimate | None:
@@ -122,9 +122,9 @@ class CollapseGroup(Record):
 
     def measured(self) -> Shots:
         """Of the usable shots."""
-        values = [(one.max_radius_m, one.stretch, one.collapse_time_s) for one in self.usable]
+        values = [(shot.max_radius_m, shot.stretch, shot.collapse_time_s) for shot in self.usable]
         radius, stretch, time = np.array(values, dtype=float).T
-        return Shots(radius, stretch, time, [one.name for one in self.usable])
+        return Shots(radius, stretch, time, [shot.name for shot in self.usable])
 
     def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
         """Estimate G and mu from the usable shots, if any; `options` are those of `estimate`.
@@ -133,14 +133,14 @@ class CollapseGroup(Record):
         """
         for name in ("analytic", "exact")[: 1 + exact] if self.usable else ():
             try:
-                found = estimate(self.measured(), material, exact=name == "exact", **options)
+                value = estimate(self.measured(), material, exact=name == "exact", **options)
             except SolverError as error:
                 self.notes.append(f"no exact answer: {error}")
                 return
-            setattr(self, name, found)
-            for one, ratio, model in zip(self.usable, found.measured, found.model, strict=True):
-                one.measured = ratio
-                setattr(one, name, model)
+            setattr(self, name, value)
+            for record, ratio, model in zip(self.usable, value.measured, value.model, strict=True):
+                record.measured = ratio
+                setattr(record, name, model)
 
 
 class CollapseTimes(Document):
@@ -160,8 +160,8 @@ class CollapseTimes(Document):
     @property
     def modulus_unit(self) -> tuple[float, str]:
         """(factor from Pa, its name) of G in all tables and pictures of this document."""
-        found = [one.shear_modulus_Pa.value for group in self.groups for one in group.estimates.values()]
-        return digits.modulus_unit(value for value in found if value)
+        moduli = [estimate.shear_modulus_Pa.value for group in self.groups for estimate in group.estimates.values()]
+        return digits.modulus_unit(value for value in moduli if value)
 
 
 def read_groups(
@@ -188,24 +188,24 @@ def read_groups(
             groups += [table] if table else []
             curves += [] if table else [path]
     constants: Any = {"density": medium.density, "pressure": medium.pressure}
-    found, unread, again, hints = read_shots(curves, group=group, shots=chosen, **constants)
+    read, unread, repeated, hints = read_shots(curves, group=group, shots=chosen, **constants)
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
-    for curve in found:
+    for curve in read:
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
-        doubtful = [f"{curve.name}: {one.text}" for curve in mine for one in input_checks.plain(curve, medium)]
+        doubtful = [f"{curve.name}: {warning.text}" for curve in mine for warning in input_checks.plain(curve, medium)]
         shots = [_read_off(curve, stretch) for curve in mine]
         groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
-    return groups, problems + unread, again + hints
+    return groups, problems + unread, repeated + hints
 
 
 def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
-        found, origin = shot(curve, stretch)
+        shots, origin = shot(curve, stretch)
     except InputError as error:
         return CollapseShot(name=curve.name, message=error.message)
-    return _shot(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
+    return _shot(curve.name, (shots.max_radius[0], shots.stretch[0], shots.time[0]), origin)
 
 
 def _shot(name: str, values: Sequence[float], origin: str) -> CollapseShot:
@@ -233,16 +233,17 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
             columns = [column and column.si for column in map(table.only, ("R_max", "lambda", "t_1"))]
             name, notes = table.only("name"), table.notes
             names = name.text if name else []
-        radius, given, time = columns
+        radius, stretches, time = columns
         missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
-        require(given is not None or stretch is not None, missing, "collapse_time.no_stretch")
-        notes = notes + ["lambda of the table used, not the one given"] * (given is not None and stretch is not None)
-        rows = np.column_stack([radius, np.full(len(time), stretch) if given is None else given, time]).tolist()
+        require(stretches is not None or stretch is not None, missing, "collapse_time.no_stretch")
+        both = stretches is not None and stretch is not None
+        notes = notes + ["lambda of the table used, not the one given"] * both
+        rows = np.column_stack([radius, np.full(len(time), stretch) if stretches is None else stretches, time]).tolist()
         names = names or [str(k) for k in range(1, len(rows) + 1)]
-        origin = "given" if given is None else "table"
+        origin = "given" if stretches is None else "table"
         shots = [_shot(name, of, origin) for name, of in zip(names, rows, strict=True)]
-        about: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
-        return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **about)
+        head: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
+        return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
 
 
 def _array(path: Path) -> list[Any] | None:
@@ -280,9 +281,9 @@ def print_table(document: CollapseTimes) -> None:
     table = terminal.table("material", heads, left=("model",))
     for who, group in zip(digits.shortened([group.name for group in document.groups]), document.groups, strict=True):
         n = f"{group.n}" if not group.unusable else f"{group.n - group.unusable}/{group.n}"
-        for k, (name, found) in enumerate((group.estimates or {digits.MISSING: CollapseEstimate()}).items()):
-            G, mu = _interval(found.shear_modulus_Pa, factor, joint="\n"), _interval(found.viscosity_Pa_s, joint="\n")
-            table.add_row("" if k else who, n, name, G, mu, digits.percent(found.scatter))
+        for k, (name, value) in enumerate((group.estimates or {digits.MISSING: CollapseEstimate()}).items()):
+            G, mu = _interval(value.shear_modulus_Pa, factor, joint="\n"), _interval(value.viscosity_Pa_s, joint="\n")
+            table.add_row("" if k else who, n, name, G, mu, digits.percent(value.scatter))
     console.print(table)
     remarks = terminal.once(remark for group in document.groups for remark in _remarks(group, factor, unit))
     terminal.print_remarks(console, remarks, most=5)
@@ -296,23 +297,21 @@ def print_table(document: CollapseTimes) -> None:
 
 def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[str, str]]:
     """(whom it is about, what is to be known)."""
-    for name, found in group.estimates.items():
-        who = f"{group.name} ({name})"
-        yield who, found.message
-        if found.downweighted:
-            yield who, f"weighted down: {', '.join(found.downweighted)}"
-        if found.pairs and found.shear_modulus_Pa.value is None:
-            pairs = "; ".join(f"{G * factor:.3g}, {mu:.2g}" for G, mu in found.pairs)
+    for model, value in group.estimates.items():
+        who = f"{group.name} ({model})"
+        yield who, value.message
+        if value.downweighted:
+            yield who, f"weighted down: {', '.join(value.downweighted)}"
+        if value.pairs and value.shear_modulus_Pa.value is None:
+            pairs = "; ".join(f"{G * factor:.3g}, {mu:.2g}" for G, mu in value.pairs)
             yield who, f"equally good pairs (G {unit}, µ Pa s): {pairs}"
-    for one in group.shots:
-        if one.message:
-            yield (
-                one.name if one.name.startswith(group.name) else f"{group.name} {one.name}",
-                f"left out: {one.message}",
-            )
+    for record in group.shots:
+        if record.message:
+            who = record.name if record.name.startswith(group.name) else f"{group.name} {record.name}"
+            yield who, f"left out: {record.message}"
     for note in (*group.doubts, *group.notes):
         yield group.name, note
-    if origins := sorted({shot.stretch_from for shot in group.shots} - {"", "table"}):
+    if origins := sorted({record.stretch_from for record in group.shots} - {"", "table"}):
         yield group.name, f"lambda: {', '.join(origins)}"
 
 
@@ -327,16 +326,13 @@ def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
         pairs = np.array(best.pairs).reshape(-1, 2) * [factor, 1.0]
         axes = one_panel(drawing, "µ (Pa s)", f"G ({name})")
         axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
-        said = "every pair on this line has the measured collapse times" if len(pairs) else "no pair gives such times"
-        write(axes, 0.02, 0.93, said, size=9, color=INK)
+        message = "every pair on this line has the measured collapse times"
+        write(axes, 0.02, 0.93, message if len(pairs) else "no pair gives such times", size=9, color=INK)
         return drawing
     answer = [f"G = {_interval(G, factor)} {name}", f"µ = {_interval(mu)} Pa s", "exact" if group.exact else "analytic"]
     labels = (r"$t_1/t_\mathrm{RC}$", r"$R_\mathrm{max}$ (µm)", r"$t_1$ from model (%)")
-    medium, shots, drawing = (
-        Medium(**document.medium, unusual=True),
-        group.measured(),
-        headed(group.name, count, answer),
-    )
+    medium, shots = Medium(**document.medium, unusual=True), group.measured()
+    drawing = headed(group.name, count, answer)
     upper, lower = two_panels(drawing, *labels)
     radius, measured, model = 1e6 * shots.max_radius, shots.ratio(medium), np.array(best.model, dtype=float)
     heavy, away = np.array(best.weight) >= 0.5, 100 * (measured / model - 1)

@@ -69,7 +69,7 @@ class Rig:
         Family(self.material)
         named(self.medium)
         bubbles, radii, rates = bubbles_of(self.bubble), self.max_radius, self.frame_rate
-        message = f"design is about one bubble, got {', '.join(one.name for one in bubbles)}"
+        message = f"design is about one bubble, got {', '.join(bubble.name for bubble in bubbles)}"
         require(len(bubbles) == 1, message, "option.bubble")
         Options(bubble=bubbles[0])
         message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(radii)}"
@@ -204,14 +204,14 @@ class _Goal:
 
     def gain(self, shot: Expected | None) -> float:
         """Nats of a shot; nothing where its recording cannot be read."""
-        known = self.knowledge
-        return 0.0 if shot is None else gain(shared(shot.information, known.scatter), known.covariance)
+        knowledge = self.knowledge
+        return 0.0 if shot is None else gain(shared(shot.information, knowledge.scatter), knowledge.covariance)
 
     def shots(self, information: Sequence[Floats], share: float) -> int | None:
         """Of the middle draw, where a share of the recordings can be used."""
-        known = self.knowledge
-        each = (share * shared(one, known.scatter) for one in information)
-        counts = [shots_wanted(one, known.covariance, self.half) for one in each]
+        knowledge = self.knowledge
+        each = (share * shared(shot, knowledge.scatter) for shot in information)
+        counts = [shots_wanted(shot, knowledge.covariance, self.half) for shot in each]
         middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
         return int(middle) if np.isfinite(middle) else None
 
@@ -242,15 +242,15 @@ class _Goal:
         wider the answers' intervals are."""
         answers = len(widths[0])
         none = np.full(len(self.family.parameters), np.nan)
-        told, answered = (np.exp(np.mean(np.log(each), axis=0)) if answers else none for each in widths)
-        scale = np.outer(told / answered, told / answered)
+        expected_width, answered_width = (np.exp(np.mean(np.log(each), axis=0)) if answers else none for each in widths)
+        scale = np.outer(expected_width / answered_width, expected_width / answered_width)
         information = [shot.information * scale for shot in expected if shot]
         return CheckedSetting(
             setting=setting,
             recordings=recordings,
             answers=answers,
-            told_percent=self.by_parameter(_percent(told)),
-            reached_percent=self.by_parameter(_percent(answered)),
+            told_percent=self.by_parameter(_percent(expected_width)),
+            reached_percent=self.by_parameter(_percent(answered_width)),
             shots=self.shots(information, answers / recordings) if answers else None,
         )
 
@@ -323,7 +323,8 @@ def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRe
         candidates += [(record, rows)] if rows and group in (None, record.name, rows[0].group) else []
     names = ", ".join(record.name for record, _ in candidates)
     message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
-    message += f" in the group {group!r} (groups: {', '.join(one.name for one in result.groups)})" if group else ""
+    groups = ", ".join(record.name for record in result.groups)
+    message += f" in the group {group!r} (groups: {groups})" if group else ""
     require(bool(candidates), message + ": give ranges instead", "design.no_answer")
     message = f"the result has several materials ({names}): name the group of one with --group NAME"
     require(len(candidates) < 2, message, "design.groups")
@@ -347,9 +348,9 @@ def _material(
     if scatter is None:
         weight = 1.0 / variances
         total, mean = weight.sum(axis=0), np.average(middle, axis=0, weights=weight)
-        beyond = (weight * (middle - mean) ** 2).sum(axis=0) - (len(rows) - 1)
+        excess = (weight * (middle - mean) ** 2).sum(axis=0) - (len(rows) - 1)
         divisor = total - (weight**2).sum(axis=0) / total
-        most = np.max(np.divide(beyond, divisor, out=np.zeros_like(divisor), where=divisor > 0).clip(0.0))
+        most = np.max(np.divide(excess, divisor, out=np.zeros_like(divisor), where=divisor > 0).clip(0.0))
         scatter = np.asarray(most * np.eye(middle.shape[1]))
     weight = 1.0 / (variances + np.diag(scatter))
     mean = np.average(middle, axis=0, weights=weight)

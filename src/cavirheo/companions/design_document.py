@@ -121,7 +121,7 @@ class Design(Document):
     def said(self) -> list[str]:
         """The next setting, how many shots, and what answers of recordings there say."""
         setting, best = self.settings[self.next], self.settings[self.best]
-        wanted = f"± {self.wanted_percent:g} % (90 %)"
+        goal = f"± {self.wanted_percent:g} % (90 %)"
         law = " and ".join(described(name)[0] for name in best.half_width_percent)
         if self.fewest is None:
             lines = [
@@ -130,32 +130,32 @@ class Design(Document):
             ]
         elif setting.shots == 0:
             by = f" by {digits.counted(self.shots_before, 'shot')}" * bool(self.shots_before)
-            lines = [f"next: nothing, {wanted} is already reached{by}; one shot more tells most at {best.words}"]
+            lines = [f"next: nothing, {goal} is already reached{by}; one shot more tells most at {best.words}"]
         else:
             more = " more" * bool(self.shots_before)
             shots, series = digits.counted(setting.shots or 0, "shot"), best.shots or "more than 10,000"
-            alone = (
+            single = (
                 f"if you take one shot only: {best.words}, where it tells most ({best.gain}; there {setting.gain}); "
             )
-            alone += f"{wanted} of {law} would need {series} such shots"
+            single += f"{goal} of {law} would need {series} such shots"
             lines = [
-                f"next: {shots}{more} at {setting.words}, for {wanted} of {law}",
-                f"one shot there tells most, too ({best.gain})" if best is setting else alone,
+                f"next: {shots}{more} at {setting.words}, for {goal} of {law}",
+                f"one shot there tells most, too ({best.gain})" if best is setting else single,
             ]
         return [*lines, *(self._words(one) for one in self.checked)]
 
     def _words(self, checked: CheckedSetting) -> str:
         """'checked: R_max 250 µm at 500,000 frames/s, 6 recordings: G ± 41 % (expected 33); so 12 shots for ± 10 %'."""
-        about = f"checked: {self.settings[checked.setting].words}, {digits.counted(checked.recordings, 'recording')}: "
+        text = f"checked: {self.settings[checked.setting].words}, {digits.counted(checked.recordings, 'recording')}: "
         if not checked.answers:
-            return about + "none has an interval"
-        about += f"{checked.answers} with an interval, " * (checked.answers < checked.recordings)
-        about += ", ".join(
+            return text + "none has an interval"
+        text += f"{checked.answers} with an interval, " * (checked.answers < checked.recordings)
+        text += ", ".join(
             f"{described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
             for name, got in checked.reached_percent.items()
         )
         count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
-        return about + f"; so {count} for ± {self.wanted_percent:g} %" * (checked.shots != 0)
+        return text + f"; so {count} for ± {self.wanted_percent:g} %" * (checked.shots != 0)
 
 
 def width(percent: float | None) -> str:
@@ -171,12 +171,12 @@ def print_table(document: Design) -> None:
     heads = ["frames/s", *(f"{described(name)[0]}\n± %" for name in names), "readable\n%", "shots", "gain\nnats"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
     table = terminal.table("R_max\nµm", heads, title=title)
-    for k, one in enumerate(document.settings):
-        shots = digits.MISSING if one.shots is None else str(one.shots)
-        cells = [f"{one.frame_rate_hz:,.0f}", *(width(one.half_width_percent[name]) for name in names)]
-        cells += [f"{100 * one.readable:.0f}", shots, f"{one.gain_nats:.2f}"]
+    for k, setting in enumerate(document.settings):
+        shots = digits.MISSING if setting.shots is None else str(setting.shots)
+        row = [f"{setting.frame_rate_hz:,.0f}", *(width(setting.half_width_percent[name]) for name in names)]
+        row += [f"{100 * setting.readable:.0f}", shots, f"{setting.gain_nats:.2f}"]
         style = "bold" if k in (document.best, document.fewest) else ""
-        table.add_row(digits.micrometres(one.max_radius_m), *cells, style=style)
+        table.add_row(digits.micrometres(setting.max_radius_m), *row, style=style)
     console.print(table)
     for line in document.said:
         console.print(Text(line, "bold"))
@@ -186,18 +186,19 @@ def picture(document: Design) -> Figure:
     """The shots that are wanted, and the half-width of each parameter, over R_max and frame rate; the next setting is
     ringed. Bars: the error of so few draws."""
     names, settings = list(document.settings[0].half_width_percent), document.settings
-    word = "already reached" if any(one.shots == 0 for one in settings) else "reached by no setting"
+    word = "already reached" if any(setting.shots == 0 for setting in settings) else "reached by no setting"
     panels: list[tuple[str, list[Any], list[Any], str]] = [  # title, values, their ends, the word without any
         (
             f"{described(name)[0]}: ± % of one shot",
-            [one.half_width_percent[name] for one in settings],
-            [one.half_width_ends_percent.get(name, (None, None)) for one in settings],
+            [setting.half_width_percent[name] for setting in settings],
+            [setting.half_width_ends_percent.get(name, (None, None)) for setting in settings],
             "none",
         )
         for name in names
     ]
     no_ends = [(None, None)] * len(settings)
-    panels.append((f"shots for ± {document.wanted_percent:g} %", [one.shots for one in settings], no_ends, word))
+    shots = [setting.shots for setting in settings]
+    panels.append((f"shots for ± {document.wanted_percent:g} %", shots, no_ends, word))
     figure, wide = new_figure(3.0), 0.86 / len(panels)
     write(figure, 0.07, 0.93, f"{document.material}: which shot next", size=11, weight="bold")
     write(figure, 0.07, 0.865, digits.elide(document.said[0], 110), size=8.5, color=INK)
@@ -205,13 +206,13 @@ def picture(document: Design) -> Figure:
         axes = new_axes(figure, (0.07 + k * wide, 0.16, wide - 0.06, 0.58), "R_max (µm)", "")
         axes.set_title(title, fontsize=9, color=INK, loc="left")
         _draw(axes, document, values, ends)
-        if not (seen := [value for value in values if value]):
+        if not (finite := [value for value in values if value]):
             axes.set(xticks=[], yticks=[], xlabel="")
             write(axes, 0.5, 0.5, empty, size=9, color=INK, ha="center", va="center")
             continue
         axes.set(xscale="log", yscale="log")
         axes.margins(x=0.08)  # of a ring
-        axes.set_ylim(0.7 * min(seen), min(1.4 * max(seen), SHOWN * min(seen)))
+        axes.set_ylim(0.7 * min(finite), min(1.4 * max(finite), SHOWN * min(finite)))
         for axis in (axes.xaxis, axes.yaxis):
             plain_ticks(axis, (1, 2, 5))
         axes.minorticks_off()
@@ -222,13 +223,13 @@ def picture(document: Design) -> Figure:
 def _draw(axes: Axes, document: Design, values: list[Any], ends: list[Any]) -> None:
     """A line of each frame rate."""
     settings = document.settings
-    rates = sorted({one.frame_rate_hz for one in settings})
+    rates = sorted({setting.frame_rate_hz for setting in settings})
     for rate, tone in zip(rates, shades(np.linspace(0.0, 1.0, len(rates))), strict=True):
-        at = [i for i, one in enumerate(settings) if one.frame_rate_hz == rate and values[i]]
+        at = [i for i, setting in enumerate(settings) if setting.frame_rate_hz == rate and values[i]]
         x = [1e6 * settings[i].max_radius_m for i in at]
         axes.plot(x, [values[i] for i in at], "o-", color=tone, ms=4, lw=1.3, label=f"{1e-3 * rate:g} kfps")
         low, high = np.array([ends[i] for i in at], dtype=float).reshape(-1, 2).T
         axes.vlines(x, low, high, color=tone, lw=0.9)
     if values[document.next]:
-        here = 1e6 * settings[document.next].max_radius_m
-        axes.plot(here, values[document.next], "o", ms=10, mfc="none", mec="black")
+        radius = 1e6 * settings[document.next].max_radius_m
+        axes.plot(radius, values[document.next], "o", ms=10, mfc="none", mec="black")

@@ -8,7 +8,7 @@ had. The third of a parameter's range with the largest mean ratio is where a rec
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.stats.qmc import Halton
@@ -78,9 +78,9 @@ class NetworkDesign(Document):
 
     @property
     def said(self) -> str:
-        one = self.ranges[self.worst]
-        where = f"{one.parameter} {digits.significant(one.low)} to {digits.significant(one.high)}"
-        return f"widest beside what the frames allow: {where}, {one.width_ratio:.2f} times (all: {self.overall:.2f})"
+        worst = self.ranges[self.worst]
+        where = f"{worst.parameter} {digits.significant(worst.low)} to {digits.significant(worst.high)}"
+        return f"widest beside what the frames allow: {where}, {worst.width_ratio:.2f} times (all: {self.overall:.2f})"
 
     @property
     def overall(self) -> float:
@@ -96,11 +96,11 @@ def network_design(
     recordings: int = 120,
     seed: int = 0,
     workers: int | None = None,
-    command: str = "cavirheo design",
-    date: str | None = None,
     done: Callable[[], None] | None = None,
+    **head: Any,
 ) -> NetworkDesign:
-    """Simulate recordings over the training of the network, let it read them, and find the ranges where it is weak.
+    """Simulate recordings over the training of the network, let it read them, and find the ranges where it is weak;
+    `head`: command, date, notes.
 
     Raises:
         InputError: the network does not know the law, or too few recordings were asked for or could be read.
@@ -129,22 +129,26 @@ def network_design(
         answer = reader.infer(curve)
         if len(answer.theta) < 2:
             return None
-        found = np.quantile(answer.theta[:, :size], [0.05, 0.95], axis=0)
-        inside = (found[0] <= points[k, 1:-2]) & (points[k, 1:-2] <= found[1])
-        return float(np.mean(np.log(0.5 * (found[1] - found[0]) / allowed))), float(np.mean(inside))
+        low, high = np.quantile(answer.theta[:, :size], [0.05, 0.95], axis=0)
+        inside = (low <= points[k, 1:-2]) & (points[k, 1:-2] <= high)
+        return float(np.mean(np.log(0.5 * (high - low) / allowed))), float(np.mean(inside))
 
-    found = each(one, range(recordings), workers, (lambda *_: done()) if done else None)
-    read = np.array([k for k, pair in enumerate(found) if pair is not None], dtype=int)
+    pairs = each(one, range(recordings), workers, (lambda *_: done()) if done else None)
+    read = np.array([k for k, pair in enumerate(pairs) if pair is not None], dtype=int)
     message = f"{len(read)} of {recordings} recordings could be read: too few"
     require(len(read) >= FEWEST // 2, message, "design.unreadable")
-    values = np.array([pair for pair in found if pair is not None])
+    values = np.array([pair for pair in pairs if pair is not None])
     rows = [row for i, name in enumerate(searched) for row in _thirds(name, ends[i], points[read, i], values)]
+    of_material = [i for i, row in enumerate(rows) if row.parameter != "frames_per_time"]
     return NetworkDesign(
-        command=command, date=date, model=model.name, material=material, recordings=len(read),
-        unreadable=recordings - len(read), ranges=rows,
-        worst=max((i for i, row in enumerate(rows) if row.parameter != "frames_per_time"),
-                  key=lambda i: rows[i].width_ratio / rows[i].error),
-    )  # fmt: skip
+        model=model.name,
+        material=material,
+        recordings=len(read),
+        unreadable=recordings - len(read),
+        ranges=rows,
+        worst=max(of_material, key=lambda i: rows[i].width_ratio / rows[i].error),
+        **({"command": "cavirheo design"} | head),
+    )
 
 
 def _thirds(name: str, ends: Floats, at: Floats, values: Floats) -> list[WeakRange]:
@@ -153,32 +157,50 @@ def _thirds(name: str, ends: Floats, at: Floats, values: Floats) -> list[WeakRan
     place = np.clip(np.digitize(at, edges[1:-1]), 0, PARTS - 1)
     rows = []
     for part in range(PARTS):
-        mine = values[place == part]
-        if len(mine) > 2:
-            error = float(np.exp(np.std(mine[:, 0], ddof=1) / np.sqrt(len(mine))))
-            rows.append(WeakRange(
-                parameter=name, low=10.0 ** edges[part], high=10.0 ** edges[part + 1], recordings=len(mine),
-                width_ratio=float(np.exp(np.mean(mine[:, 0]))), error=error, inside_90=float(np.mean(mine[:, 1])),
-            ))  # fmt: skip
+        inside = values[place == part]
+        if len(inside) > 2:
+            ratio, share = inside.T
+            third = WeakRange(
+                parameter=name,
+                low=10.0 ** edges[part],
+                high=10.0 ** edges[part + 1],
+                recordings=len(inside),
+                width_ratio=float(np.exp(np.mean(ratio))),
+                error=float(np.exp(np.std(ratio, ddof=1) / np.sqrt(len(ratio)))),
+                inside_90=float(np.mean(share)),
+            )
+            rows.append(third)
     return rows
 
 
 def recipe(document: NetworkDesign, model: PosteriorModel, share: float = 0.5) -> str:
     """TOML of a training set of the network's kinds, of which this share is drawn from the worst range."""
-    one, card = document.ranges[document.worst], model.card
-    laws: dict[str, None] = {law: None for law, _ in card.kinds}
-    bubbles: dict[str, None] = {bubble: None for _, bubble in card.kinds}
+    worst, card = document.ranges[document.worst], model.card
+    laws = dict.fromkeys(law for law, _ in card.kinds)
+    bubbles = dict.fromkeys(bubble for _, bubble in card.kinds)
     radii, trained = card.trained["max_radius_um"], card.training.model_dump()
-    return "\n".join([
-        f"# {document.said}", "# Shares of laws and bubbles are equal: a network's card does not have them.",
-        "[posterior]",
-        "laws = { " + ", ".join(f'"{law}" = {1 / len(laws):.4g}' for law in laws) + " }",
-        "bubbles = { " + ", ".join(f"{name} = {1 / len(bubbles):.4g}" for name in bubbles) + " }",
-        f"max_radius_um = [{radii[0]:g}, {radii[1]:g}]", "", "[posterior.more]", f"share = {share:g}",
-        f"{one.parameter} = [{one.low:.6g}, {one.high:.6g}] # SI", "", "[data]",
-        f"n = {trained.get('curves', 120_000)}", "seed = 8", "", "[training]",
-        f"samples = {trained.get('samples', 16_000_000)}", "", "[export]", f'name = "{document.model}-more"', "",
-    ])  # fmt: skip
+    return f"""\
+# {document.said}
+# Shares of laws and bubbles are equal: a network's card does not have them.
+[posterior]
+laws = {{ {", ".join(f'"{law}" = {1 / len(laws):.4g}' for law in laws)} }}
+bubbles = {{ {", ".join(f"{name} = {1 / len(bubbles):.4g}" for name in bubbles)} }}
+max_radius_um = [{radii[0]:g}, {radii[1]:g}]
+
+[posterior.more]
+share = {share:g}
+{worst.parameter} = [{worst.low:.6g}, {worst.high:.6g}] # SI
+
+[data]
+n = {trained.get("curves", 120_000)}
+seed = 8
+
+[training]
+samples = {trained.get("samples", 16_000_000)}
+
+[export]
+name = "{document.model}-more"
+"""
 
 
 def print_table(document: NetworkDesign) -> None:
@@ -186,9 +208,9 @@ def print_table(document: NetworkDesign) -> None:
     console = terminal.console()
     heads = ["from", "to", "recordings", "width over\nwhat is allowed", "truth inside\n90 %"]
     table = terminal.table("parameter, SI", heads, title=f"{document.model}, {document.material}")
-    for k, one in enumerate(document.ranges):
-        cells = [digits.significant(one.low), digits.significant(one.high), str(one.recordings)]
-        cells += [f"{one.width_ratio:.2f} ×/÷ {one.error:.2f}", f"{100 * one.inside_90:.0f} %"]
-        table.add_row(one.parameter, *cells, style="bold" if k == document.worst else "")
+    for k, weak in enumerate(document.ranges):
+        row = [digits.significant(weak.low), digits.significant(weak.high), str(weak.recordings)]
+        row += [f"{weak.width_ratio:.2f} ×/÷ {weak.error:.2f}", f"{100 * weak.inside_90:.0f} %"]
+        table.add_row(weak.parameter, *row, style="bold" if k == document.worst else "")
     console.print(table)
     console.print(document.said)

@@ -182,8 +182,8 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
 
     Raises InputError: a file cannot be read, or is neither.
     """
-    from cavirheo.companions.rheometer import document
-    from cavirheo.companions.rheometer.read import read_sweeps
+    from cavirheo.companions import rheometer_document as document
+    from cavirheo.companions.rheometer import read_sweeps
 
     values: dict[str, Published] = {}
     files: list[Path] = []

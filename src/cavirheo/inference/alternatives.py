@@ -28,12 +28,12 @@ def contenders(evidence: Sequence[Evidence | None], sizes: Sequence[int]) -> lis
     A model is within reach if its log evidence lies below the largest by no more than DECISIVE and the standard error
     of the difference; of Laplace's integrals that is LAPLACE each.
     """
-    known = {i: one for i, one in enumerate(evidence) if one is not None and np.isfinite(one.log)}
-    if not known:
+    finite = {i: one for i, one in enumerate(evidence) if one is not None and np.isfinite(one.log)}
+    if not finite:
         return []
-    top = max(known.values(), key=lambda one: one.log)
-    near = [i for i, one in known.items() if one is top or not rejects(top.log - one.log, (one.error, top.error))]
-    return sorted(near, key=lambda i: (sizes[i], -known[i].log))
+    top = max(finite.values(), key=lambda one: one.log)
+    close = [i for i, one in finite.items() if one is top or not rejects(top.log - one.log, (one.error, top.error))]
+    return sorted(close, key=lambda i: (sizes[i], -finite[i].log))
 
 
 def rejects(gain: float, errors: Iterable[float | None]) -> bool:
@@ -62,15 +62,15 @@ def averaged(log_weight: Floats, evidence: Evidence, limit_weight: Floats, limit
     return Averaged(np.concatenate(both), Evidence(log, error), probability)
 
 
-def judged(answer: Posterior, said: Iterable[Message] = ()) -> Checks:
+def judged(answer: Posterior, messages: Iterable[Message] = ()) -> Checks:
     """Its checks with these messages and those of `compared`, each once. The verdict of an answer that its simulation
     follows is "other_model_preferred" where the evidence rejects its model."""
-    checks, here = answer.checks, itself(answer)
-    rejected = any(_surely_above(one, here) for one in _others(answer))
+    checks, this = answer.checks, as_alternative(answer)
+    rejected = any(_surely_above(rival, this) for rival in _rivals(answer))
     verdict: Verdict = "other_model_preferred" if rejected and checks.verdict in _FOLLOWED else checks.verdict
-    new = [message for message in (*said, *compared(answer)) if message not in checks.messages]
-    told = [*new, *checks.messages] if verdict == "other_model_preferred" else [*checks.messages, *new]
-    return replace(checks, verdict=verdict, messages=tuple(told))
+    new = [message for message in (*messages, *compared(answer)) if message not in checks.messages]
+    ordered = [*new, *checks.messages] if verdict == "other_model_preferred" else [*checks.messages, *new]
+    return replace(checks, verdict=verdict, messages=tuple(ordered))
 
 
 def compared(answer: Posterior) -> list[Message]:
@@ -81,18 +81,20 @@ def compared(answer: Posterior) -> list[Message]:
 
     Of several such models the one with the largest evidence is named, by its best mode.
     """
-    here = itself(answer)
-    modes = [one for one in answer.others if model_of(one) == model_of(here)]
-    rivals = [one for one in _others(answer) if _surely_above(one, here) or _other_bubble_disagrees(one, here)]
-    said = [_sides(here, max(rivals, key=_log))] if rivals else []
-    return said + [
-        Message("mode.other", _beside(one, here, stretch=True))
-        for one in modes
-        if _above(one, here) >= -DECISIVE and _apart(_ends(one), _ends(here))
+    this, messages = as_alternative(answer), list[Message]()
+    rivals = [rival for rival in _rivals(answer) if _surely_above(rival, this) or _other_bubble_disagrees(rival, this)]
+    if rivals:
+        best = max(rivals, key=_log)
+        code = "model.rejected" if _surely_above(best, this) else "model.possible"
+        messages.append(Message(code, _both(best, this)))
+    return messages + [
+        Message("mode.other", _both(mode, this, stretch=True))
+        for mode in answer.others
+        if model_of(mode) == model_of(this) and _above(mode, this) >= -DECISIVE and _disjoint(_ends(mode), _ends(this))
     ]
 
 
-def _others(answer: Posterior) -> list[OtherAnswer]:
+def _rivals(answer: Posterior) -> list[OtherAnswer]:
     """Of each other model the mode with the largest evidence."""
     best = {model_of(one): one for one in sorted(answer.others, key=_log)}
     best.pop(model_of(answer), None)
@@ -101,23 +103,22 @@ def _others(answer: Posterior) -> list[OtherAnswer]:
 
 def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[Message]:
     """A message on what the evidence says of the models that the answer was chosen from, if there are others."""
-    here = itself(answer)
-    rivals = [one for one in map(itself, candidates) if model_of(one) != model_of(here) and one.evidence]
-    if not (rivals and here.evidence):
+    this = as_alternative(answer)
+    rivals = [one for one in map(as_alternative, candidates) if model_of(one) != model_of(this) and one.evidence]
+    if not (rivals and this.evidence):
         return []
-    rivals.sort(key=_log, reverse=True)
-    found = []
-    for one in rivals:
-        gain = _above(one, here)
-        found.append({**_described(one), "gain": gain, "equal": equal(gain), "rejected": gain < -DECISIVE})
-    return [Message("model.chosen", {"here": _described(here), "rivals": found})]
+    described = []
+    for rival in sorted(rivals, key=_log, reverse=True):
+        gain = _above(rival, this)
+        described.append({**_described(rival), "gain": gain, "equal": equal(gain), "rejected": gain < -DECISIVE})
+    return [Message("model.chosen", {"here": _described(this), "rivals": described})]
 
 
-def itself(answer: Posterior) -> OtherAnswer:
+def as_alternative(answer: Posterior) -> OtherAnswer:
     """An answer as one beside that of another model."""
-    told = intervals(answer.names, answer.theta, answer.log_weight)
+    ends = intervals(answer.names, answer.theta, answer.log_weight)
     rmse = answer.checks.rmse_over_rmax
-    return OtherAnswer(answer.material, answer.bubble, answer.best, told, answer.evidence, rmse)
+    return OtherAnswer(answer.material, answer.bubble, answer.best, ends, answer.evidence, rmse)
 
 
 def model_of(one: OtherAnswer | Posterior) -> tuple[str, str]:
@@ -134,35 +135,29 @@ def equal(gain: float) -> bool:
     return abs(gain) < 1.0
 
 
-def _above(one: OtherAnswer, other: OtherAnswer) -> float:
-    """How far its log evidence lies above that of the other; NaN where one has none."""
-    return one.evidence.log - other.evidence.log if one.evidence and other.evidence else float("nan")
+def _above(one: OtherAnswer, second: OtherAnswer) -> float:
+    """How far its log evidence lies above that of the second; NaN where one has none."""
+    return one.evidence.log - second.evidence.log if one.evidence and second.evidence else float("nan")
 
 
-def _surely_above(one: OtherAnswer, other: OtherAnswer) -> bool:
-    """Whether the evidence rejects the other beside this one, by the rule of `contenders`."""
-    if not (one.evidence and other.evidence):
+def _surely_above(one: OtherAnswer, second: OtherAnswer) -> bool:
+    """Whether the evidence rejects the second beside this one, by the rule of `contenders`."""
+    if not (one.evidence and second.evidence):
         return False
-    return rejects(_above(one, other), (one.evidence.error, other.evidence.error))
+    return rejects(_above(one, second), (one.evidence.error, second.evidence.error))
 
 
-def _other_bubble_disagrees(one: OtherAnswer, here: OtherAnswer) -> bool:
+def _other_bubble_disagrees(rival: OtherAnswer, this: OtherAnswer) -> bool:
     """Whether only the bubble differs, is not rejected, and a parameter of the law lies beyond both intervals."""
-    if one.material != here.material or one.bubble == here.bubble or _above(one, here) < -DECISIVE:
+    if rival.material != this.material or rival.bubble == this.bubble or _above(rival, this) < -DECISIVE:
         return False
-    return _apart(one.intervals, here.intervals)
+    return _disjoint(rival.intervals, this.intervals)
 
 
-def _apart(one: Mapping[str, _Interval], other: Mapping[str, _Interval]) -> bool:
+def _disjoint(first: Mapping[str, _Interval], second: Mapping[str, _Interval]) -> bool:
     """Whether two intervals of a parameter of the law do not meet."""
-    pairs = [(one[name], other[name]) for name in one if name in other and of_the_law(name)]
+    pairs = [(first[name], second[name]) for name in first if name in second and of_the_law(name)]
     return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
-
-
-def _sides(here: OtherAnswer, there: OtherAnswer) -> Message:
-    """Both with their values; which is preferred, and by how much."""
-    code = "model.rejected" if _surely_above(there, here) else "model.possible"
-    return Message(code, _beside(there, here))
 
 
 def _described(one: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
@@ -171,15 +166,15 @@ def _described(one: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
     return {"material": one.material, "bubble": one.bubble.title, "values": ends, "interval": bool(one.intervals)}
 
 
-def _beside(there: OtherAnswer, here: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
-    """Both in a message, and how far the log evidence of the first lies above the other's (`rough`: roughly known)."""
-    gain = _above(there, here)
+def _both(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
+    """Two in a message, and how far the log evidence of the first lies above the second's (`rough`: roughly known)."""
+    gain = _above(rival, this)
     return {
-        "there": _described(there, stretch=stretch),
-        "here": _described(here, stretch=stretch),
+        "there": _described(rival, stretch=stretch),
+        "here": _described(this, stretch=stretch),
         "gain": gain if gain == gain else None,
         "equal": equal(gain),
-        "rough": bool(there.evidence and (there.evidence.error or 0.0) >= DECISIVE),
+        "rough": bool(rival.evidence and (rival.evidence.error or 0.0) >= DECISIVE),
     }
 
 

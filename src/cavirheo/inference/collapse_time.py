@@ -148,7 +148,7 @@ def estimate(
     origin, medium = "", named(medium)
     if isinstance(shots, RadiusCurve):
         shots, origin = shot(shots, stretch, guess=USUAL_STRETCH)
-    problem = _CollapseProblem(shots, medium, _given(material, shear_modulus, viscosity), False)
+    problem = _CollapseProblem(shots, medium, _fixed(material, shear_modulus, viscosity), False)
     why = "one collapse time is one relation between G and µ, not both: add shots of other R_max, or give one"
     found = None
     if len(shots) >= len(problem.free):
@@ -170,7 +170,7 @@ def estimate(
     return found
 
 
-def _given(material: str, shear_modulus: float | None, viscosity: float | None) -> Floats:
+def _fixed(material: str, shear_modulus: float | None, viscosity: float | None) -> Floats:
     """(2,) G and mu, NaN where to be fitted."""
     unknown = f"unknown material {material!r}; collapse times know {', '.join(MATERIALS)}"
     require(material in MATERIALS, unknown, "collapse_time.material")
@@ -198,16 +198,16 @@ class _CollapseFit(NamedTuple):
 class _CollapseProblem:
     shots: Shots
     medium: Medium
-    given: Floats  # (2,) G and mu, NaN where to be fitted
+    fixed: Floats  # (2,) G and mu, NaN where to be fitted
     exact: bool  # by simulations
 
     @property
     def free(self) -> np.ndarray:
         """(p,) which of G and mu are fitted."""
-        return np.flatnonzero(np.isnan(self.given))
+        return np.flatnonzero(np.isnan(self.fixed))
 
     def values(self, x: Floats) -> Floats:
-        values = self.given.copy()
+        values = self.fixed.copy()
         values[self.free] = x * _UNIT[self.free]
         return values
 
@@ -225,7 +225,7 @@ class _CollapseProblem:
 
     def coarse(self) -> Floats:
         """(2,) the best point of a grid, by the mean absolute residual of the analytic model."""
-        axes = [_GRID[k] if np.isnan(self.given[k]) else self.given[k : k + 1] for k in range(2)]
+        axes = [_GRID[k] if np.isnan(self.fixed[k]) else self.fixed[k : k + 1] for k in range(2)]
         G, mu = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
         shots = self.shots
         f = inverse_square(shots.max_radius[:, None], shots.stretch[:, None], G, mu, self.medium)
@@ -249,20 +249,20 @@ class _CollapseProblem:
         options: dict[str, Any] = {"method": "dogbox", "bounds": (0.0, most), "max_nfev": 30 if self.exact else 200}
         options |= {"xtol": 1e-5 if self.exact else 1e-9, "ftol": 1e-7 if self.exact else 1e-12, "gtol": 1e-12}
         knee = np.inf
-        done = least_squares(fun, np.clip((start / _UNIT)[self.free], 0.0, most), jac, **options)
+        fit = least_squares(fun, np.clip((start / _UNIT)[self.free], 0.0, most), jac, **options)
         if len(self.shots) > len(self.free) + 2:  # fewer shots cannot outvote one another
             for _ in range(1 if self.exact else 4):
-                knee = _KNEE * max(float(1.4826 * np.median(np.abs(done.fun))), _FLOOR)
-                done = least_squares(fun, done.x, jac, loss="huber", f_scale=knee, **options)
+                knee = _KNEE * max(float(1.4826 * np.median(np.abs(fit.fun))), _FLOOR)
+                fit = least_squares(fun, fit.x, jac, loss="huber", f_scale=knee, **options)
         # the solver's own Jacobian carries the weights of the loss
-        bound = (done.x <= 1e-9) | (done.x >= most * (1 - 1e-9))
-        return _CollapseFit(self.values(done.x), fun(done.x), jac(done.x), bound, knee)
+        bound = (fit.x <= 1e-9) | (fit.x >= most * (1 - 1e-9))
+        return _CollapseFit(self.values(fit.x), fun(fit.x), jac(fit.x), bound, knee)
 
 
 def _remembered(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
     """The function with its values kept; least_squares weights them in place, so each call copies."""
-    kept = cache(lambda key: function(np.frombuffer(key)))
-    return lambda x: kept(x.tobytes()).copy()
+    cached = cache(lambda key: function(np.frombuffer(key)))
+    return lambda x: cached(x.tobytes()).copy()
 
 
 def _condition(jacobian: Floats) -> float:
@@ -305,7 +305,7 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
     zero = [name for name, value in zip(NAMES, solved.values, strict=True) if name in at_bound and value == 0]
     upper = [name for name in at_bound if name not in zero]
     model = problem.ratios(solved.values)
-    said: list[Any] = [
+    messages: list[Any] = [
         zero and f"{' and '.join(zero)} at the bound 0: these times ask for none",
         upper and f"{' and '.join(upper)} at the upper bound",
         wide and f"the interval of {' and '.join(wide)} holds zero: an upper limit only",
@@ -324,7 +324,7 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
         at_bound=at_bound,
         downweighted=[name for name, w in zip(shots.names, weight, strict=True) if w < 0.5],
         pairs=_pairs(replace(problem, exact=False)) if wide and p == 2 else [],
-        message="; ".join(filter(None, said)),
+        message="; ".join(filter(None, messages)),
         model=list(model),
         weight=list(weight),
     )
@@ -338,10 +338,10 @@ def _pairs(problem: _CollapseProblem) -> list[tuple[float, float]]:
     n, medium = len(problem.shots), problem.medium
     per_radius = medium.velocity_scale / (medium.pressure * float(np.median(problem.shots.max_radius)))
     for mu in _PAIRS[_PAIRS * per_radius * _LEAST_RE <= 1]:
-        fixed = replace(problem, given=np.array([np.nan, mu]), exact=False)
-        solved = fixed.solve(fixed.coarse())
+        one = replace(problem, fixed=np.array([np.nan, mu]), exact=False)
+        solved = one.solve(one.coarse())
         if problem.exact and np.mean(solved.residual**2) < _HOPELESS**2:
-            solved = replace(fixed, exact=True).solve(solved.values)
+            solved = replace(one, exact=True).solve(solved.values)
         found.append((float(solved.values[0]), float(mu)))
         costs.append(float(np.sum(solved.residual**2)))
     if min(costs) > n * _HOPELESS**2:  # no pair gives such times at all

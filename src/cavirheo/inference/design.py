@@ -92,27 +92,21 @@ class Setting:
         time = frame * (late + np.arange(self.frames)) - GROWTH * medium.time_scale(self.max_radius)
         instants = np.abs(time[:, None] + self.exposure * (_NODES if self.exposure else np.zeros(1))).ravel()
         order = np.argsort(instants, kind="stable")
-        drawn = fixed_bubble(bubble, self.max_radius)
+        values = fixed_bubble(bubble, self.max_radius)
         if bubble.contents == "kinetic" and bubble.accommodation == INFERRED:
-            drawn["accommodation"] = float(10.0 ** rng.uniform(*_STARTED))
+            values["accommodation"] = float(10.0 ** rng.uniform(*_STARTED))
         if bubble.confinement_damping == INFERRED:
-            drawn["confinement_damping"] = float(np.minimum(np.abs(ZETA * rng.normal()), LARGEST * ZETA))
-        known: Any = {**dict.fromkeys(FROM_NOTHING, 0.0), **drawn}
-        run = simulate(
-            family.material(law),
-            max_radius=self.max_radius,
-            stretch=stretch,
-            time=instants[order],
-            medium=medium,
-            bubble=replace(bubble, damage="none", wall_distance=None, **known),
-        )
-        seen = np.empty(len(instants))
-        seen[order] = run.radius
+            values["confinement_damping"] = float(np.minimum(np.abs(ZETA * rng.normal()), LARGEST * ZETA))
+        numbers: Any = {**dict.fromkeys(FROM_NOTHING, 0.0), **values}
+        shot: Any = {"max_radius": self.max_radius, "stretch": stretch, "medium": medium, "time": instants[order]}
+        bubble = replace(bubble, damage="none", wall_distance=None, **numbers)
+        simulated = np.empty(len(instants))
+        simulated[order] = simulate(family.material(law), **shot, bubble=bubble).radius
         scale = 1.0 + off * SCALE_BOUND / SIGMAS
-        radius = seen.reshape(self.frames, -1).mean(axis=1) / scale + self.sigma * rng.standard_normal(self.frames)
+        radius = simulated.reshape(self.frames, -1).mean(axis=1) / scale + self.sigma * rng.standard_normal(self.frames)
         meta = {"name": "designed", "frame_rate_hz": self.frame_rate, "exposure_s": self.exposure}
         curve = RadiusCurve(np.asarray(time, dtype=np.float64), np.maximum(radius, 1e-3 * self.max_radius), meta=meta)
-        truth = dict(zip(family.parameters, (10.0**law).tolist(), strict=True)) | {"stretch": stretch} | drawn
+        truth = dict(zip(family.parameters, (10.0**law).tolist(), strict=True)) | {"stretch": stretch} | values
         truth |= {"time_origin": -curve.time_of_max, "radius_scale": scale}
         return curve, truth | {"max_radius_factor": self.max_radius / (scale * curve.max_radius)}
 
@@ -148,11 +142,8 @@ def expected(
     information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope)
     moved = np.diag(10.0 ** (np.log10([truth[name] for name in family.parameters]) - middle))
     values, vectors = np.linalg.eigh(moved @ information @ moved)  # frames are linear in G and mu, not in their logs
-    alone = np.maximum(1.0 / np.diag(covariance) - 1.0, 1e-12) / slope**2
-    ends = [
-        interval(*about)
-        for about in zip(middle, 1.0 / np.sqrt(alone), prior.low[:size], prior.high[:size], strict=True)
-    ]
+    deviation = slope / np.sqrt(np.maximum(1.0 / np.diag(covariance) - 1.0, 1e-12))
+    ends = list(map(interval, middle, deviation, prior.low[:size], prior.high[:size]))
     half_width = 0.5 * np.ptp(np.array(ends), axis=1)
     return Expected(vectors @ np.diag(np.maximum(values, 0.0)) @ vectors.T, half_width)
 
@@ -218,8 +209,8 @@ def expectations(
             return None
 
     jobs = [(setting, k) for setting in settings for k in range(len(law))]
-    found = each(one, jobs, workers, (lambda *_: done()) if done else None)
-    return [found[i : i + len(law)] for i in range(0, len(found), len(law))]
+    expectations = each(one, jobs, workers, (lambda *_: done()) if done else None)
+    return [expectations[i : i + len(law)] for i in range(0, len(jobs), len(law))]
 
 
 def reached(
@@ -246,15 +237,15 @@ def reached(
     films = [film for film in each(one, range(len(law)), workers) if film]
     how: Any = {"material": family.name, "medium": medium, "bubble": bubble, "workers": workers}
     answers = infer_many([curve for curve, _ in films], **how)
-    told, got = [], []
+    widths, inferred = [], []
     for answer, (_, half_width) in zip(answers, films, strict=True):
-        known = answer.theta.size and answer.checks.verdict != "check_input"  # the prior's width is no width reached
-        ends = [answer.interval(name) if known else None for name in family.parameters]
+        counts = answer.theta.size and answer.checks.verdict != "check_input"  # the prior's width is no width reached
+        ends = [answer.interval(name) if counts else None for name in family.parameters]
         if all(ends):
-            told.append(half_width)
-            got.append([0.5 * np.log10(high / low) for low, high in filter(None, ends)])
-    shape = (len(told), len(family.parameters))
-    return np.reshape(told, shape), np.reshape(got, shape)
+            widths.append(half_width)
+            inferred.append([0.5 * np.log10(high / low) for low, high in filter(None, ends)])
+    shape = (len(widths), len(family.parameters))
+    return np.reshape(widths, shape), np.reshape(inferred, shape)
 
 
 def variance(ends: Floats) -> Floats:

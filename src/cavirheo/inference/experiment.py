@@ -12,7 +12,8 @@ factor as fractions of their half-widths, from -1 to 1.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from copy import copy
+from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -83,17 +84,34 @@ class Prediction(NamedTuple):
     velocity: Floats  # its derivative by the time of the frame, 1/s: before R_max the bubble is mirrored
 
 
+@dataclass
+class Simulations:
+    """How many simulations were run, and how many of them failed; threads may count at once."""
+
+    runs: int = 0
+    failures: int = 0
+    _lock: Lock = field(default_factory=Lock, repr=False)
+
+    def count(self, good: bool) -> None:
+        """One more."""
+        with self._lock:
+            self.runs += 1
+            self.failures += not good
+
+
 class Experiment:
     """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x.
 
+    It does not change: another window and other weights are another experiment (`cut_to`, `weighed`), whose simulations
+    count with its own.
+
     A frame counts with sigma^2 = sigma_R^2 + (j U dt/sqrt(12))^2: sigma_R is the radius noise (its own where the file
     states one, else that of the curve from frame to frame, at least 0.7 % of R_max), U the wall's speed and dt the
-    frame interval, within which its instant may not be known. j is 0 until `weigh` finds j, and the size of both, from
-    the residuals; with weights "equal" j stays 0.
+    frame interval, within which its instant may not be known. j is 0 but in what `weighed` gives, which finds j, and
+    the size of both, from the residuals; with weights "equal" j stays 0.
 
     names: (d,) of x. bounds: (d, 2). since, measured, sigma: (m,) of the measured frames in the window: s after R_max,
-    R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift. runs, failures:
-    simulations.
+    R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift.
 
     Raises:
         InputError: the curve has no maximum, or not the window; an exposure longer than the frame interval; damage to a
@@ -102,7 +120,7 @@ class Experiment:
 
     def __init__(
         self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options | None = None, *,
-        exposure: float = 0.0,
+        exposure: float = 0.0, simulations: Simulations | None = None,
     ) -> None:  # fmt: skip
         options = options or Options()
         self.curve: RadiusCurve = curve
@@ -117,9 +135,7 @@ class Experiment:
         require(0.0 <= exposure < np.inf, message + "no time", "experiment.exposure", curve.name)
         longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
         require(exposure <= self.frame * (1.0 + 1e-6), message + longest, "experiment.exposure", curve.name)
-        self.runs: int = 0
-        self.failures: int = 0
-        self._counting = Lock()
+        self.simulations: Simulations = simulations or Simulations()
         self.shown: int = len(curve.collapse_times())
         stretch = None if isinstance(options.stretch, str) else options.stretch
         self.stretch: float | None = float(stretch) if stretch else None
@@ -164,10 +180,15 @@ class Experiment:
             wanted = min(3, self.shown)
         asked = None if wanted in (None, "all") else int(wanted)
         self.cut: tuple[int | None, float | None] = (asked, options.end)  # the window
-        self.set_window(*self.cut)
+        self._cut(*self.cut)
 
-    def set_window(self, collapses: int | None, end: float | None = None) -> None:
-        """Cut to so many collapses (None: all) and at most `end` s, with equal weights."""
+    def cut_to(self, collapses: int | None, end: float | None = None) -> Experiment:
+        """The same cut to so many collapses (None: all) and at most `end` s, with equal weights."""
+        found = copy(self)
+        found._cut(collapses, end)
+        return found
+
+    def _cut(self, collapses: int | None, end: float | None) -> None:
         self.view: Window = window(self.curve, collapses=collapses, end=end)
         self.since: Floats = self.view.since_max
         self.measured: Floats = self.view.normalised
@@ -182,8 +203,8 @@ class Experiment:
         self.noise_factor: float = 1.0
         self.sigma: Floats = np.where(self.counted, self._radius_sigma, np.inf)
 
-    def weigh(self, seen: Prediction) -> None:
-        """Set sigma of the frames from what a simulation leaves in them.
+    def weighed(self, seen: Prediction) -> Experiment:
+        """The same with sigma of the frames from what a simulation leaves in them.
 
         Their size and the share of the wall's motion in them are the most likely ones for these residuals, of which
         neighbours that are alike count as one (noise_factor).
@@ -195,8 +216,10 @@ class Experiment:
         lost = np.log(np.maximum(sizes, 1e-12)) + np.mean(np.log(squares[:, self.counted]), axis=1)
         best = int(np.argmin(lost))
         noise, motion = np.sqrt(sizes[best]) * noise, np.sqrt(sizes[best]) * shares[best] * motion
-        self.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
-        self.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SHARPEST), motion), np.inf)
+        found = copy(self)
+        found.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
+        found.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SHARPEST), motion), np.inf)
+        return found
 
     def stretch_source(self, free: str = "inferred with the other parameters") -> str:
         """Where the stretch comes from, in words. free: where nothing is known of it."""
@@ -345,9 +368,7 @@ class Experiment:
             good = run.ok and bool(np.all(np.isfinite(run.radius)))
         except InputError:  # parameters that exclude each other: as a failed simulation
             good = False
-        with self._counting:
-            self.runs += 1
-            self.failures += not good
+        self.simulations.count(good)
         return run if good else None
 
     @property

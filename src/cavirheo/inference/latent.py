@@ -20,11 +20,8 @@ from cavirheo.inference.experiment import LARGEST, ZETA
 from cavirheo.inference.law import Family
 from cavirheo.parameters import PARAMETERS
 
-SLOTS = (
-    "stretch", "confinement_damping", "accommodation", "viscosity", "shear_modulus", "shape", "max_radius_factor",
-    "time_origin", "radius_scale",
-)  # fmt: skip
-CAMERA = SLOTS[6:]
+CAMERA = ("max_radius_factor", "time_origin", "radius_scale")
+SLOTS = ("stretch", "confinement_damping", "accommodation", "viscosity", "shear_modulus", "shape", *CAMERA)
 BUBBLE_SLOTS = {"field": (), "real": ("confinement_damping", "accommodation")}  # beside those of all
 _SHARED = {"reference_viscosity": "viscosity", "stiffening": "shape", "exponent": "shape"}
 _REFERENCE = (-1.5, 2.0)  # mean and standard deviation of log10 of a reference viscosity
@@ -58,14 +55,14 @@ def from_slots(names: tuple[str, ...], z: Floats) -> tuple[Floats, Floats]:
     """log10 values (k, names) from z (k, 9), and log |dz/dlog10| (k,), by which a density of z becomes one of them."""
     log10, log_jacobian = np.empty((len(z), len(names))), np.zeros(len(z))
     for i, name in enumerate(names):
-        here = z[:, slot(name)]
+        coordinate = z[:, slot(name)]
         if name == "reference_viscosity":
-            log10[:, i] = _REFERENCE[0] + _REFERENCE[1] * here
+            log10[:, i] = _REFERENCE[0] + _REFERENCE[1] * coordinate
             log_jacobian -= np.log(_REFERENCE[1])
         else:
             low, high = _range(name)
-            log10[:, i] = low + (high - low) * ndtr(here)
-            log_jacobian += 0.5 * (here**2 + np.log(2.0 * np.pi)) - np.log(high - low)
+            log10[:, i] = low + (high - low) * ndtr(coordinate)
+            log_jacobian += 0.5 * (coordinate**2 + np.log(2.0 * np.pi)) - np.log(high - low)
     return log10, log_jacobian
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.inference.alternatives import SEEN, itself, model_of
+from cavirheo.inference.alternatives import SEEN, as_alternative, model_of
 from cavirheo.messages import Message, of_bound
 from cavirheo.parameters import LOG10, about, natural_name, of_the_law, units
 from cavirheo.posterior import Checks, Posterior, intervals
@@ -46,7 +46,7 @@ def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
         prior[_MODULUS] = next(one.prior[_MODULUS] for one in counted if _MODULUS in one.prior)
     theta = np.concatenate([_as(one, names, prior) for one in counted])
     weight = np.concatenate([np.log(one.weights + 1e-300) + np.log(share[one.material]) for one in counted])
-    rest = [replace(itself(one), weight=share[one.material]) for one in answers if one is not top]
+    rest = [replace(as_alternative(one), weight=share[one.material]) for one in answers if one is not top]
     laws = {one.material: one for one in counted}
     known = {model_of(one) for one in rest}
     others = (*(one for one in top.others if model_of(one) not in known), *rest)

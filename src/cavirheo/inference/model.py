@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, NonNegativeInt, PositiveInt, ValidationError, model_validator
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, explained, require
+from cavirheo.errors import InputError, require, validation_message
 from cavirheo.files import read_bytes, read_object
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.session import session, try_out
@@ -264,7 +264,7 @@ def card(path: Path) -> dict[str, Any]:
     try:
         kind.model_validate(content)
     except ValidationError as error:
-        message = f"{file} is not a card of `cavirheo train`: {explained(error, kind)}; export it anew"
+        message = f"{file} is not a card of `cavirheo train`: {validation_message(error, kind)}; export it anew"
         raise InputError(message, "model.card") from error
     return content
 

@@ -10,6 +10,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from cavirheo.posterior import Checks, Diagnostics, Posterior
 from cavirheo.prior import log_normal
 
 DRAWS = 1000
-TRIED = 8  # of the draws, those that the network takes for the likeliest, simulated to check the answer
+SIMULATED = 8  # of the draws, those that the network takes for the likeliest, simulated to check the answer
 
 
 @dataclass(frozen=True)
@@ -58,24 +59,20 @@ class Networked:
 
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
-        began = time.perf_counter()
-        provenance = {
-            "cavirheo": version("cavirheo"), "model": self.model.name, "model_sha256": self.model.sha256,
-            "source_sha256": curve.source_sha256,
-        }  # fmt: skip
+        start = time.perf_counter()
+        provenance: Any = {"cavirheo": version("cavirheo"), "model": self.model.name, "model_sha256": self.model.sha256}
+        provenance |= {"source_sha256": curve.source_sha256}
         names: tuple[str, ...] = (*(f"log10_{name}" for name in Family(self.material).parameters), "stretch")
         try:
             shot = self._experiment(curve)
-            found = self._answer(shot)
-            warnings = [*self._warnings(curve, found), *input_checks.of_walls(shot)]
-            checks = input_checks.warned(found.checks, warnings, self.trust_input)
-            found = replace(found, checks=checks)
+            answer = self._answer(shot)
+            warnings = [*self._warnings(curve, answer), *input_checks.of_walls(shot)]
+            answer = replace(answer, checks=input_checks.warned(answer.checks, warnings, self.trust_input))
         except input_checks.ERRORS as error:  # of this curve alone
             checks = input_checks.failed(error, curve, self.medium)
-            found = Posterior(names, units(names), np.empty((0, len(names))), checks, self.material, "amortised")
-        seconds = time.perf_counter() - began
-        found = replace(found, bubble=self.bubble, medium=self.medium, seconds=seconds)
-        return replace(found, provenance=provenance | found.provenance)
+            answer = Posterior(names, units(names), np.empty((0, len(names))), checks, self.material, "amortised")
+        seconds, provenance = time.perf_counter() - start, provenance | answer.provenance
+        return replace(answer, bubble=self.bubble, medium=self.medium, seconds=seconds, provenance=provenance)
 
     def _options(self) -> Options:
         return Options(self.window, None, self.stretch, tuple(FREE), bubble=self.bubble)
@@ -84,16 +81,16 @@ class Networked:
         exposure = float(curve.exposure or 0.0)
         return Experiment(curve, Family(self.material), self.medium, self._options(), exposure=exposure)
 
-    def _drawn(self, shot: Experiment) -> tuple[NetworkProposal, Floats]:
+    def _draws(self, shot: Experiment) -> tuple[NetworkProposal, Floats]:
         """What the network answers, and u (draws, d) of it. Raises InputError: it cannot read it."""
         proposal = self.model.proposal(shot, shot.prior(), self.discrepancy)
         return proposal, proposal.draw(DRAWS, np.random.Generator(np.random.Philox(self.seed)))
 
     def _answer(self, shot: Experiment) -> Posterior:
-        about = Diagnostics(stretch_source="given" if shot.stretch else "inferred with the other parameters")
+        diagnostics = Diagnostics(stretch_source="given" if shot.stretch else "inferred with the other parameters")
         law, t_star = shot.family.name, shot.view.end / shot.time_scale
         try:
-            proposal, u = self._drawn(shot)
+            proposal, u = self._draws(shot)
         except InputError as error:
             if self.checked or not error.code.startswith("network"):
                 raise
@@ -101,11 +98,11 @@ class Networked:
             middle[:, : shot.law] = np.mean(shot.family.bounds(started=True), axis=1)
             names, theta = shot.answer(middle)
             checks = Checks("unverified", t_star_end=t_star)  # a verification says why
-            return Posterior(names, units(names), theta, checks, law, "amortised", diagnostics=about)
+            return Posterior(names, units(names), theta, checks, law, "amortised", diagnostics=diagnostics)
         x = proposal.prior.to_x(u)
         names, theta = shot.answer(x)
         log_q = proposal.log_density(u) - log_normal(u) + proposal.prior.log_density(x)
-        likeliest = np.argsort(-log_q)[:TRIED]
+        likeliest = np.argsort(-log_q)[:SIMULATED]
         best, checks = x[likeliest[0]], Checks("unverified", t_star_end=t_star)
         if self.checked:
             missed = [float(np.mean(shot.difference(x[i], ROUGH) ** 2)) for i in likeliest]
@@ -114,23 +111,21 @@ class Networked:
             messages = [Message("interval.of_network"), *unbounded]
             checks = shot.checks(best, "unverified", messages)
         values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
-        return Posterior(
-            names, units(names), theta, checks, law, "amortised", {}, log_q, best=values, stretch=values["stretch"],
-            diagnostics=about, prior=shot.of_law(shot.prior()),
-        )  # fmt: skip
+        fields: Any = {"best": values, "stretch": values["stretch"], "prior": shot.of_law(shot.prior()), "log_q": log_q}
+        return Posterior(names, units(names), theta, checks, law, "amortised", **fields, diagnostics=diagnostics)
 
-    def _warnings(self, curve: RadiusCurve, found: Posterior) -> list[Message]:
+    def _warnings(self, curve: RadiusCurve, answer: Posterior) -> list[Message]:
         """What the curve shows by itself, and whether frames that stand out move the network's answer."""
-        said = input_checks.plain(curve, self.medium)
-        if found.log_q is None:
-            return said
+        messages = input_checks.plain(curve, self.medium)
+        if answer.log_q is None:
+            return messages
         if spiking := input_checks.without_spikes(curve):
-            frames, other = spiking
+            frames, without = spiking
             with suppress(InputError):  # read so it is no curve: nothing to compare
-                shot = self._experiment(other)
-                proposal, u = self._drawn(shot)
+                shot = self._experiment(without)
+                proposal, u = self._draws(shot)
                 theta = shot.answer(proposal.prior.to_x(u))[1]
-                change = np.median(theta, axis=0) - np.median(found.theta, axis=0)
-                logs = [(name, 10.0**d) for name, d in zip(found.names, change, strict=True) if LOG10 in name]
-                said += input_checks.moved(frames, {natural_name(name): factor for name, factor in logs})
-        return said
+                change = np.median(theta, axis=0) - np.median(answer.theta, axis=0)
+                logs = [(name, 10.0**d) for name, d in zip(answer.names, change, strict=True) if LOG10 in name]
+                messages += input_checks.moved(frames, {natural_name(name): factor for name, factor in logs})
+        return messages

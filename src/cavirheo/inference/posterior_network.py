@@ -26,7 +26,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, KNOWN_BUBBLES
-from cavirheo.inference.bins import SCALE, cells
+from cavirheo.inference.bins import SCALE, binned
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import SLOTS, damping_to_slot, from_slots, slot, to_slots, used
 from cavirheo.inference.model import Network, PosteriorCard, card, checked_content, load, path_of
@@ -49,7 +49,7 @@ class Flow:
     def __init__(self, content: bytes, kinds: list[tuple[str, str]]) -> None:
         self.session: Any = started(content)
         self.kinds: list[tuple[str, str]] = [(plain(law), bubble) for law, bubble in kinds]
-        self.parts: int = next(int(given.shape[2]) for given in self.session.get_inputs() if given.name == "choice")
+        self.parts: int = next(int(one.shape[2]) for one in self.session.get_inputs() if one.name == "choice")
 
     def sample(
         self, inputs: Any, kind: int, count: int, rng: np.random.Generator, fixed: Mapping[int, float]
@@ -77,8 +77,8 @@ class Flow:
         numbers = {"counted": counted, "choice": choice, "normal": normal, "given": given, "take": take}
         feed = {"cells": inputs, "kind": one, "has": has}
         feed |= {name: values.astype(np.float32) for name, values in numbers.items()}
-        found, log_density, _ = self.session.run(None, feed)
-        return found.astype(float), log_density.astype(float)
+        z, log_density, _ = self.session.run(None, feed)
+        return z.astype(float), log_density.astype(float)
 
 
 class NetworkProposal:
@@ -95,10 +95,8 @@ class NetworkProposal:
         self.names: tuple[str, ...] = (*shot.family.parameters, *shot.logs)
         self.inputs: Any = read(shot, discrepancy)
         width_t, width_r = shot.usual_half_widths
-        camera = {
-            "max_radius_factor": (1.0, width_r / 3.0), "time_origin": (0.0, width_t * shot.time_scale),
-            "radius_scale": (1.0, SCALE),
-        }  # fmt: skip
+        camera = {"max_radius_factor": (1.0, width_r / 3.0), "time_origin": (0.0, width_t * shot.time_scale)}
+        camera |= {"radius_scale": (1.0, SCALE)}
         # column of x, slot, and (middle, width) of x over z, of each that is free
         self.camera: list[tuple[int, int, float, float]] = []
         for name, (middle, width) in camera.items():
@@ -117,24 +115,24 @@ class NetworkProposal:
         if "confinement_damping" in prior.names:
             self.damping = prior.names.index("confinement_damping")
         elif bubble == "real":
-            given = damping_to_slot(shot.bubble.get("confinement_damping", 0.0))
-            self.fixed[slot("confinement_damping")] = given
+            damping = shot.bubble.get("confinement_damping", 0.0)
+            self.fixed[slot("confinement_damping")] = damping_to_slot(damping)
         pressure = shot.medium.pressure / WATER.pressure
         times = shot.time_scale / WATER.time_scale(shot.max_radius)
         factors = dict.fromkeys(_PRESSURE, pressure) | dict.fromkeys(_PRESSURE_TIME, pressure * times)
         self.shift: Floats = np.log10([factors.get(name, 1.0) for name in self.names])
         self.log_share: float = 0.0
-        inside = self._drawn(_POOL, np.random.Generator(np.random.Philox(0)))
+        inside = self._within_bounds(_POOL, np.random.Generator(np.random.Philox(0)))
         message = "hardly any of the network's draws is within the ranges of the parameters"
         require(len(inside) > _LEAST * _POOL, message, "network.outside", shot.curve.name)
         self.log_share = float(np.log(len(inside) / _POOL))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d)"""
-        found = np.empty((0, len(self.prior.names)))
-        while len(found) < count:
-            found = np.concatenate([found, self._drawn(count, rng)])
-        return found[:count]
+        u = np.empty((0, len(self.prior.names)))
+        while len(u) < count:
+            u = np.concatenate([u, self._within_bounds(count, rng)])
+        return u[:count]
 
     def log_density(self, u: Floats) -> Floats:
         """(k,) at u (k, d)."""
@@ -152,7 +150,7 @@ class NetworkProposal:
         log_q += self.flow.log_density(self.inputs, self.kind, z, [*self.fixed, *self.integrated]) - self.log_share
         return np.asarray(log_q + np.sum(np.log(self.prior.slope(u))[:, by_x], axis=1))
 
-    def _drawn(self, count: int, rng: np.random.Generator) -> Floats:
+    def _within_bounds(self, count: int, rng: np.random.Generator) -> Floats:
         """Those of `count` draws that are within the bounds, (k, d)."""
         z = self.flow.sample(self.inputs, self.kind, count, rng, self.fixed)
         x = np.zeros((count, len(self.prior.names)))
@@ -182,14 +180,11 @@ def read(shot: Experiment, discrepancy: bool) -> Any:
     """(1, SIZE) what the network reads of the frames of an experiment that count."""
     counted = shot.counted & (shot.since >= 0)
     time = shot.since[counted] / shot.time_scale
-    about = {
-        "max_radius": shot.max_radius, "frame": shot.frame / shot.time_scale,
-        "exposure": shot.exposure / shot.time_scale,
-        "noise": shot.curve.noise / shot.max_radius, "discrepancy": float(discrepancy),
-        "late": float(shot.curve.begins_late),
-    }  # fmt: skip
-    given = {name: np.array([value]) for name, value in about.items()}
-    return cells(np.zeros(len(time), np.int64), time, shot.measured[counted], **given)
+    numbers = {"max_radius": shot.max_radius, "noise": shot.curve.noise / shot.max_radius}
+    numbers |= {"frame": shot.frame / shot.time_scale, "exposure": shot.exposure / shot.time_scale}
+    numbers |= {"discrepancy": float(discrepancy), "late": float(shot.curve.begins_late)}
+    arrays = {name: np.array([value]) for name, value in numbers.items()}
+    return binned(np.zeros(len(time), np.int64), time, shot.measured[counted], **arrays)
 
 
 class PosteriorModel:
@@ -214,11 +209,11 @@ class PosteriorModel:
 
     def proposal(self, shot: Experiment, prior: Prior, discrepancy: bool) -> NetworkProposal:
         """Raises InputError: the experiment is outside the training."""
-        outside = self.beyond(shot)
+        outside = self.outside(shot)
         require(not outside, f"the network cannot read it: {outside}", "network.outside")
         return NetworkProposal(self.flow, shot, prior, discrepancy=discrepancy)
 
-    def beyond(self, shot: Experiment) -> str:
+    def outside(self, shot: Experiment) -> str:
         """What of an experiment is outside its training, in words; empty if all is inside."""
         bubble, trained = shot.options.bubble, self.card.trained
         if not kind_of(bubble):
@@ -226,7 +221,7 @@ class PosteriorModel:
         if not self.knows(shot.family.name, bubble):
             return f"it was not trained on {shot.family.name} with the {kind_of(bubble)} bubble"
         frames = int((shot.counted & (shot.since >= 0)).sum())
-        here: dict[str, tuple[float, str]] = {
+        limited: dict[str, tuple[float, str]] = {
             "max_radius_um": (shot.max_radius * 1e6, "R_max of {:.4g} um"),
             "frame_interval_us": (shot.frame * 1e6, "{:.4g} us between frames"),
             "frames": (frames, "{:.0f} frames in the window"),
@@ -234,7 +229,7 @@ class PosteriorModel:
             "density": (shot.medium.density, "a density of {:.4g} kg/m3"),
             "pressure": (shot.medium.pressure, "a pressure of {:.4g} Pa"),
         }
-        for name, (value, words) in here.items():
+        for name, (value, words) in limited.items():
             low, high = trained[name]
             if not low <= value <= high:
                 return f"{words.format(value)} is outside its training ({low:g} to {high:g})"
@@ -280,6 +275,6 @@ def describe(card: PosteriorCard) -> list[str]:
     lines = [f"  {law}, bubble {' or '.join(bubbles)}" for law, bubbles in laws.items()]
     words: Any = {name: f"{low:g} to {high:g}" for name, (low, high) in card.trained.items()}
     inside = card.coverage.get("by_slot", {})
-    shown = ", ".join(f"{name.replace('_', ' ')} {share['90']:.0%}" for name, share in inside.items())
-    lines += [f"  truth within its 90 % interval, without simulations: {shown}"] if shown else []
+    coverage = ", ".join(f"{name.replace('_', ' ')} {share['90']:.0%}" for name, share in inside.items())
+    lines += [f"  truth within its 90 % interval, without simulations: {coverage}"] if coverage else []
     return [*lines, f"  R_max {words['max_radius_um']} um, {words['frames']} frames of {words['frame_interval_us']} us"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
@@ -49,8 +50,7 @@ def window(curve: RadiusCurve, *, collapses: int | None = None, end: float | Non
     """The window of `collapses` collapses and at most `end` s, cut at the last measured frame. Raises InputError."""
     cut = curve.window(collapses=collapses, end=end)
     last = cut.time[np.isfinite(cut.radius)][-1]
-    seen = curve.collapse_times()
-    return Window(cut, float(last - curve.time_of_max), int(np.count_nonzero(seen <= last)))
+    return Window(cut, float(last - curve.time_of_max), int(np.count_nonzero(curve.collapse_times() <= last)))
 
 
 def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
@@ -59,13 +59,11 @@ def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
     The error has several minima (a rebound may slip by a period), so the whole range is looked over first.
     """
     top, measured = view.curve.max_radius, view.normalised
+    shot: Any = {"max_radius": top, "time": view.since_max, "medium": medium}
 
     def misfit(stretches: Floats) -> Floats:
         """(k,) RMSE/R_max of quick simulations, only compared with each other; infinite where a solve failed."""
-        runs = simulate_many(
-            [material] * len(stretches), max_radius=top, stretch=stretches, time=view.since_max, medium=medium,
-            workers=1, accuracy=_COMPARED,
-        )  # fmt: skip
+        runs = simulate_many([material] * len(stretches), **shot, stretch=stretches, workers=1, accuracy=_COMPARED)
         return np.array([np.sqrt(np.mean((run.radius / top - measured) ** 2)) if run.ok else np.inf for run in runs])
 
     grid = np.geomspace(*STRETCH_RANGE, 18)
@@ -76,11 +74,10 @@ def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
     around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
     from scipy.optimize import minimize_scalar  # a tenth of a second to import
 
-    found = minimize_scalar(
-        lambda stretch: float(misfit(np.array([stretch]))[0]),
-        bounds=around, method="bounded", options={"xatol": 0.01},
-    )  # fmt: skip
-    return float(found.x)
+    def cost(stretch: float) -> float:
+        return float(misfit(np.array([stretch]))[0])
+
+    return float(minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 0.01}).x)
 
 
 @dataclass(frozen=True, eq=False)

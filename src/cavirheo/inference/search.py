@@ -157,7 +157,7 @@ class Scan:
 
     def __init__(self, fit: LeastSquares, count: int = STARTS, first: int = 0) -> None:
         shot, family = fit.shot, fit.shot.family
-        self.shot, self.bounds = shot, fit.bounds
+        self.bounds = fit.bounds
         stated = shot.stretch_prior
         logs = [PARAMETERS[name] for name in shot.logs]
         usual = np.concatenate([family.bounds(started=True), np.array([p.started for p in logs]).reshape(-1, 2)])
@@ -185,9 +185,9 @@ class Scan:
         if not any(self.predictions):
             raise SolverError(f"all {count} simulations of {family.name} failed that were to start the search")
 
-    def best(self, count: int, used: list[Floats]) -> list[Floats]:
-        """Points with the smallest cost in the present window of the shot, far from each other and from those used."""
-        shot, m = self.shot, len(self.shot.since)
+    def best(self, shot: Experiment, count: int, used: list[Floats]) -> list[Floats]:
+        """Points with the smallest cost in the window of a shot, far from each other and from those used."""
+        m = len(shot.since)
         costs = [np.sum(shot.residual(p and Prediction(*(values[:m] for values in p))) ** 2) for p in self.predictions]
         width = (self.bounds[:, 1] - self.bounds[:, 0])[self.searched]
         chosen: list[Floats] = []
@@ -215,13 +215,14 @@ def spread_starts(bounds: Floats, count: int) -> Floats:
 
 
 class Search:
-    """cuts: the windows. stages: x of the best of each but the last. rounds: how many there were. unlike: least squared
-    difference of the weighted frames of two minima; if it is not 0, no coarse simulation is gone on from in a longer
-    window where minima of the one before leave nothing but noise."""
+    """shots: the experiment of each window, the whole one last. stages: x of the best of each but the last. rounds: how
+    many there were. unlike: least squared difference of the weighted frames of two minima; if it is not 0, no coarse
+    simulation is gone on from in a longer window where minima of the one before leave nothing but noise."""
 
     def __init__(self, shot: Experiment, workers: int = 1, unlike: float = 0.0) -> None:
-        self.shot, self.fit, self.unlike = shot, LeastSquares(shot, workers), unlike
-        self.cuts: list[Cut] = [*((n, shot.cut[1]) for n in range(1, min(shot.view.collapses, 4))), shot.cut]
+        self.shot, self.workers, self.unlike = shot, workers, unlike
+        cuts: list[Cut] = [*((n, shot.cut[1]) for n in range(1, min(shot.view.collapses, 4))), shot.cut]
+        self.shots: dict[Cut, Experiment] = {cut: shot.cut_to(*cut) for cut in cuts}
         self.stages: dict[Cut, Floats] = {}
         self.used: list[Floats] = []
         self.rounds = 0
@@ -229,21 +230,20 @@ class Search:
     def starts(self) -> tuple[list[Floats], list[Floats]]:
         """x of one more round where the minima of the whole window may be: minima of the window before, and coarse
         simulations. Raises SolverError: none of these succeeds."""
-        shot, first = self.shot, sum(ROUNDS[: self.rounds])
-        shot.set_window(*shot.cut)
-        scan, earlier = Scan(self.fit, ROUNDS[self.rounds], first), list[Floats]()
-        for cut in self.cuts[:-1]:
-            shot.set_window(*cut)
-            earlier = [minimum.x for minimum in self._lowest(earlier, self._new(scan, earlier), _QUICK)]
+        scan = Scan(LeastSquares(self.shot, self.workers), ROUNDS[self.rounds], sum(ROUNDS[: self.rounds]))
+        earlier = list[Floats]()
+        *shorter, whole = self.shots
+        for cut in shorter:
+            new = self._new(scan, self.shots[cut], earlier)
+            earlier = [minimum.x for minimum in self._lowest(self.shots[cut], earlier, new, _QUICK)]
             self.stages.setdefault(cut, earlier[0])
-        shot.set_window(*shot.cut)
-        new = self._new(scan, earlier)
+        new = self._new(scan, self.shots[whole], earlier)
         self.rounds += 1
         return earlier, new
 
     def minima(self) -> list[Minimum]:
         """Those of the whole window to which the starts of one round lead, best first."""
-        found = self._lowest(*self.starts(), LIMITS)
+        found = self._lowest(self.shot, *self.starts(), LIMITS)
         # a rough simulation may step over what stops the default one, such as chains that are taut
         return [one for one in found if self.shot.predict(one.x) is not None] or found
 
@@ -259,20 +259,22 @@ class Search:
         """Whether what a simulation missed, over R_max, is nothing but noise."""
         return self.unlike > 0 and _rms(missed) < WITHIN * self.shot.curve.noise / self.shot.max_radius
 
-    def _new(self, scan: Scan, earlier: Sequence[Floats]) -> list[Floats]:
-        """The best coarse simulations of the present window beside the minima of the one before."""
+    def _new(self, scan: Scan, shot: Experiment, earlier: Sequence[Floats]) -> list[Floats]:
+        """The best coarse simulations of the window of a shot beside the minima of the one before."""
         count = (FURTHER if earlier else FIRST) + 2 * self.rounds
-        new = scan.best(count, [*earlier, *self.used])
+        new = scan.best(shot, count, [*earlier, *self.used])
         self.used += new
         return new
 
-    def _lowest(self, earlier: Sequence[Floats], new: Sequence[Floats], limits: Mapping[str, Any]) -> list[Minimum]:
-        """The lowest minima of the present window, from minima of the one before and from coarse simulations."""
-        shot, found = self.shot, list[Minimum]()
+    def _lowest(
+        self, shot: Experiment, earlier: Sequence[Floats], new: Sequence[Floats], limits: Mapping[str, Any]
+    ) -> list[Minimum]:
+        """The lowest minima of the window of a shot, from minima of the one before and from coarse simulations."""
+        fit, found = LeastSquares(shot, self.workers), list[Minimum]()
         for number, start in enumerate([*earlier, *new]):
-            if number == len(earlier) and any(self.only_noise(self._missed(minimum)) for minimum in found):
+            if number == len(earlier) and any(self.only_noise(_missed(shot, minimum)) for minimum in found):
                 break
-            minimum = self.fit.minimise(start, ROUGH, limits, found, self.unlike)
+            minimum = fit.minimise(start, ROUGH, limits, found, self.unlike)
             if np.isfinite(minimum.cost):
                 found.append(minimum)
             if minimum.cost < 0.5 * np.sum((FOLLOWED / shot.sigma) ** 2):
@@ -281,10 +283,10 @@ class Search:
         limit = LOWEST * found[0].cost + ALIKE * len(shot.measured)
         return [minimum for minimum in found if minimum.cost < limit][:BREADTH]
 
-    def _missed(self, minimum: Minimum) -> Floats:
-        """What it missed, over R_max, of the frames that count in the present window."""
-        shot = self.shot
-        return (minimum.residual[: len(shot.sigma)] * shot.sigma * shot.noise_factor)[shot.counted]
+
+def _missed(shot: Experiment, minimum: Minimum) -> Floats:
+    """What a minimum missed, over R_max, of the frames that count in the window of a shot."""
+    return np.asarray((minimum.residual[: len(shot.sigma)] * shot.sigma * shot.noise_factor)[shot.counted])
 
 
 def _rms(missed: Floats) -> float:

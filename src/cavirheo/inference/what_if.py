@@ -29,26 +29,27 @@ DRAWS = 40  # of a posterior, that its band is made of
 Band = tuple[Floats, Floats, Floats]
 
 
-def seen(curve: RadiusCurve, asked: Analysis) -> Window:
+def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
     """What is compared with the answer of this analysis. Raises InputError."""
-    medium, collapses = named(asked.medium), cast("int | None", asked.window)
-    if asked.method != "bdt":
+    medium, collapses = named(analysis.medium), cast("int | None", analysis.window)
+    if analysis.method != "bdt":
         return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
-    problem = load(str(asked.model)).problem  # of a network that reads its own window
+    problem = load(str(analysis.model)).problem  # of a network that reads its own window
     end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
     return window(curve, collapses=collapses, end=end)
 
 
 class WhatIf:
     """A curve, what was answered of it, and the window it was compared over; of an answer without a simulation that of
-    what was asked, as in `seen`. Raises InputError as `Experiment`."""
+    `analysis`, as in `compared_window`. Raises InputError as `Experiment`."""
 
-    def __init__(self, curve: RadiusCurve, posterior: Posterior, asked: Analysis) -> None:
-        frames, medium = posterior.checks.compared_time, named(asked.medium)
-        end = seen(curve, asked).end if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
+    def __init__(self, curve: RadiusCurve, posterior: Posterior, analysis: Analysis) -> None:
+        frames, medium = posterior.checks.compared_time, named(analysis.medium)
+        compared = None if frames is None else window(curve, end=frames[-1] - curve.time_of_max)
+        end = (compared or compared_window(curve, analysis)).end
         options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
         exposure = float(curve.exposure or 0.0)
-        self.curve, self.posterior, self.asked = curve, posterior, asked
+        self.curve, self.posterior, self.analysis = curve, posterior, analysis
         self.shot: Experiment = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
 
     @cached_property
@@ -58,13 +59,13 @@ class WhatIf:
         options = replace(shot.options, bubble=FIELD)
         return Experiment(shot.curve, shot.family, shot.medium, options, exposure=shot.exposure)
 
-    def checks(self, given: Mapping[str, float]) -> Checks:
+    def checks(self, values: Mapping[str, float]) -> Checks:
         """With these parameters (natural name, SI) in place of those of the answer; without any damping a real bubble
         is taken as its limit, the field's (`Experiment.as_limit`). Raises InputError, SolverError."""
-        check_stretch(given.get("stretch"))
-        at_limit = self.posterior.bubble == REAL and given.get("confinement_damping") == 0.0
+        check_stretch(values.get("stretch"))
+        at_limit = self.posterior.bubble == REAL and values.get("confinement_damping") == 0.0
         shot = self.limit if at_limit else self.shot
-        return shot.checks(shot.from_best({**self.posterior.best, **given}), "ok", [])
+        return shot.checks(shot.from_best({**self.posterior.best, **values}), "ok", [])
 
     def band(self, level: float = 0.9) -> Band | None:
         """(s on the measurement's clock, lower and upper radius (m)) of the central part of what the draws simulate;
@@ -77,47 +78,41 @@ class WhatIf:
         share = np.exp(logs - log_sum(logs))
         rng, lines = np.random.default_rng(0), list[Floats]()
         for part, count in zip(parts, rng.multinomial(DRAWS, share), strict=True):
-            lines += self._of(part).lines(rng.choice(len(part.theta), count, p=part.weights), time)
+            rows = rng.choice(len(part.theta), count, p=part.weights)
+            lines += (WhatIf(self.curve, part, self.analysis) if answer.laws else self).lines(rows, time)
         if len(lines) < DRAWS // 2:
             return None
         tail = 0.5 - 0.5 * level
         low, high = np.quantile(np.array(lines), (tail, 1.0 - tail), axis=0)
         return time, low, high
 
-    def _of(self, law: Posterior) -> WhatIf:
-        """The same for the answer of one law of an average."""
-        return self if law is self.posterior or not self.posterior.laws else WhatIf(self.curve, law, self.asked)
-
     def lines(self, rows: Iterable[int], time: Floats) -> list[Floats]:
         """(n,) radius (m) at these times of each draw that can be simulated."""
-        answer, found = self.posterior, list[Floats]()
+        answer, lines = self.posterior, list[Floats]()
         for row in rows:
-            values = {name: float(answer.draws(name)[row]) for name in answer.parameters}
-            try:
-                checks = self.checks(values)
-            except (InputError, SolverError):
-                continue
-            if checks.reconstruction_time is not None and checks.reconstruction_radius is not None:
-                found.append(np.interp(time, checks.reconstruction_time, checks.reconstruction_radius))
-        return found
+            with suppress(InputError, SolverError):
+                checks = self.checks({name: float(answer.draws(name)[row]) for name in answer.parameters})
+                if checks.reconstruction_time is not None and checks.reconstruction_radius is not None:
+                    lines.append(np.interp(time, checks.reconstruction_time, checks.reconstruction_radius))
+        return lines
 
 
-def tried(curve: RadiusCurve, posterior: Posterior, given: Mapping[str, float], asked: Analysis) -> Checks:
+def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, float], analysis: Analysis) -> Checks:
     """As `WhatIf.checks`; where that cannot be, the checks say why."""
     try:
-        return WhatIf(curve, posterior, asked).checks(given)
+        return WhatIf(curve, posterior, analysis).checks(values)
     except (InputError, SolverError) as error:
         return Checks("failed", (of_error(error),))
 
 
-def band(curve: RadiusCurve, posterior: Posterior, asked: Analysis) -> Band | None:
+def band(curve: RadiusCurve, posterior: Posterior, analysis: Analysis) -> Band | None:
     """As `WhatIf.band`; None also of an answer that cannot be simulated."""
     with suppress(InputError, SolverError):
-        return WhatIf(curve, posterior, asked).band()
+        return WhatIf(curve, posterior, analysis).band()
     return None
 
 
-def reach(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:
+def slider(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:
     """minimum, maximum, step and value of a parameter that is changed by hand, in SI times `factor`; None where the law
     has none of this name.
 

@@ -120,18 +120,18 @@ class Bubble:
         """Raises InputError for a value that is to be inferred, with what to give instead."""
         usual = {"accommodation": ACCOMMODATION} if self.contents == "kinetic" else {}
         usual |= dict.fromkeys(FROM_NOTHING, 0.0)
-        wanted = [f"{name}={value}" for name, value in usual.items() if isinstance(getattr(self, name), str)]
+        free = [f"{name}={value}" for name, value in usual.items() if isinstance(getattr(self, name), str)]
         if isinstance(self.damage, str) and self.damage != "none":
-            wanted.append(f"damage=Damage(0.5, 1.5, {self.damage!r})")
-        message = f"simulate needs a bubble whose values are known: give numbers, such as {', '.join(wanted)}"
-        require(not wanted, message, "physics.free_bubble")
+            free.append(f"damage=Damage(0.5, 1.5, {self.damage!r})")
+        message = f"simulate needs a bubble whose values are known: give numbers, such as {', '.join(free)}"
+        require(not free, message, "physics.free_bubble")
 
     def inertia(self, max_radius: float) -> float:
         """beta of a bubble of this R_max (m) whose confinement is known. Raises InputError: a wall within R_max."""
         if self.wall_distance is None:
             return float(self.confinement_inertia)
-        near = f"wall_distance must be more than R_max ({max_radius:.4g} m), got {self.wall_distance:.6g} m"
-        require(max_radius < self.wall_distance, near, "physics.wall_too_near")
+        message = f"wall_distance must be more than R_max ({max_radius:.4g} m), got {self.wall_distance:.6g} m"
+        require(max_radius < self.wall_distance, message, "physics.wall_too_near")
         return 0.5 * max_radius / self.wall_distance
 
     @property

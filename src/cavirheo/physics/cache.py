@@ -36,29 +36,30 @@ def compiled(function: Callable[..., Any]) -> Any:
     depend on where in memory the arrays lie."""
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
     with suppress(OSError):  # a package without its source: nothing would tell one version's code from another's
-        dispatcher._cache = Kept(function)
+        dispatcher._cache = StoredCode(function)
     return dispatcher
 
 
 def kept(function: Any) -> list[Path]:
     """Files with the compiled code of a `compiled` function as its source is now, of any Python and machine."""
     store = function._cache
-    named = f"{store.begin}.{store.source}.*.nbc" if isinstance(store, Kept) else None
-    return [file for folder in store.folders for file in folder.glob(named)] if named else []
+    if not isinstance(store, StoredCode):
+        return []
+    return [file for folder in store.folders for file in folder.glob(f"{store.begin}.{store.source}.*.nbc")]
 
 
-class Kept(caching.NullCache):
+class StoredCode(caching.NullCache):
     """What numba asks for compiled code, and gives it to keep."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         file = Path(inspect.getfile(function)).absolute()
-        others = [getattr(value, "_cache", None) for value in function.__globals__.values()]
-        called = sorted({one.source for one in others if isinstance(one, Kept)})  # of functions that it may call
+        caches = [getattr(value, "_cache", None) for value in function.__globals__.values()]
+        called = sorted({one.source for one in caches if isinstance(one, StoredCode)})  # of functions that it may call
         self.begin: str = f"{file.stem}.{function.__name__}"
         self.source: str = _source(file, *called)
-        named, of_user = getattr(config, "CACHE_DIR", ""), AppDirs("numba", appauthor=False).user_cache_dir
+        given, of_user = getattr(config, "CACHE_DIR", ""), AppDirs("numba", appauthor=False).user_cache_dir
         part = f"{file.parent.name}_{hashlib.sha256(str(file.parent).encode()).hexdigest()[:16]}"
-        self.folders = [Path(named, part)] if named else []
+        self.folders = [Path(given, part)] if given else []
         self.folders += [file.parent / "__pycache__", Path(of_user, part)]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

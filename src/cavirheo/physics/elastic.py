@@ -223,19 +223,19 @@ class StrainEnergy(Elastic):
             raise InputError(why, "physics.not_analytic") from None
 
     def slope(self, ratio: Floats) -> Floats:
-        near = np.abs(ratio - 1) < 2e-3  # 0/0 at 1: there a polynomial through six points beside it
-        away = np.where(near, 2.0, ratio)
+        close = np.abs(ratio - 1) < 2e-3  # 0/0 at 1: there a polynomial through six points beside it
+        away = np.where(close, 2.0, ratio)
         x = np.array([-3, -2, -1, 1, 2, 3])
         b = 1 + 2e-3 * x
         through = np.polynomial.Polynomial.fit(x, -self._derivative(b) / (b**3 - 1), 5)
-        slope = np.where(near, through((ratio - 1) / 2e-3), -self._derivative(away) / (away**3 - 1))
+        slope = np.where(close, through((ratio - 1) / 2e-3), -self._derivative(away) / (away**3 - 1))
         return np.asarray(slope, float)
 
     def table(self) -> Floats:
         b, h = np.array([0.6, 0.9, 1.2, 1.7]), 1e-5
         by_step = self._derivative(b)
         above, below = (np.array([self.energy(c**-2, c, c) for c in ends]) for ends in (b + h, b - h))
-        near = np.allclose(by_step, (above - below) / (2 * h), rtol=1e-4, atol=1e-4 * np.abs(by_step).max())
+        alike = np.allclose(by_step, (above - below) / (2 * h), rtol=1e-4, atol=1e-4 * np.abs(by_step).max())
         why = "the strain energy is not analytic in the stretches: use no abs, max, real or conditions"
-        require(near, why, "physics.not_analytic")
+        require(alike, why, "physics.not_analytic")
         return super().table()

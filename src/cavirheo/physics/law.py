@@ -168,11 +168,11 @@ class Arm(Material):
 def table_of(law: Elastic | Viscous) -> Floats:
     """`law.table()`, kept once computed; of a law that is proportional to a modulus it is kept for 1 Pa."""
     if not law.proportional:
-        return _kept(law)
+        return _table_of(law)
     unit: Any = {law.proportional: 1.0}
-    return scaled(_kept(replace(cast("Any", law), **unit)), 1.0, getattr(law, law.proportional))
+    return scaled(_table_of(replace(cast("Any", law), **unit)), 1.0, getattr(law, law.proportional))
 
 
 @lru_cache(maxsize=128)
-def _kept(law: Elastic | Viscous) -> Floats:
+def _table_of(law: Elastic | Viscous) -> Floats:
     return law.table()

@@ -225,12 +225,12 @@ def _takes_tuple(parameter: Parameter) -> bool:
 
 def usage(name: str) -> str:
     """How a law is written, with units and defaults: `gent(shear_modulus [Pa], limit [-])`."""
-    shown = []
+    parameters = []
     for key, parameter in signature(LAWS[name]).parameters.items():
         unit = "-" if PARAMETERS[key].unit == "1" else PARAMETERS[key].unit
         default = "" if parameter.default is Parameter.empty else f" = {parameter.default:g}"
-        shown.append(f"{key} [({unit}, ...)]" if _takes_tuple(parameter) else f"{key} [{unit}]{default}")
-    return f"{name}({', '.join(shown)})"
+        parameters.append(f"{key} [({unit}, ...)]" if _takes_tuple(parameter) else f"{key} [{unit}]{default}")
+    return f"{name}({', '.join(parameters)})"
 
 
 def summary(name: str) -> str:
@@ -276,10 +276,10 @@ def combine(terms: Sequence[Material]) -> Material:
 
 def with_consistency(values: Mapping[str, float]) -> dict[str, float]:
     """Parameters of a law by name, the consistency K in place of the reference viscosity K (1e5 1/s)^(n-1)."""
-    found = dict(values)
-    if "reference_viscosity" in found:
-        found["consistency"] = found.pop("reference_viscosity") * RATE ** (1.0 - found["exponent"])
-    return found
+    values = dict(values)
+    if "reference_viscosity" in values:
+        values["consistency"] = values.pop("reference_viscosity") * RATE ** (1.0 - values["exponent"])
+    return values
 
 
 def viscosity_at(material: str, rate: float, values: Mapping[str, float]) -> float | None:
@@ -313,11 +313,11 @@ def _law(node: ast.expr) -> Material:
     if not isinstance(node, ast.Call):
         raise InputError(f"{name} stands without its parameters; it reads {usage(name)}", "laws.parameters")
     takes = signature(LAWS[name])
-    named = {keyword.arg or "**": keyword.value for keyword in node.keywords}
+    keywords = {keyword.arg or "**": keyword.value for keyword in node.keywords}
     try:
-        if len(named) < len(node.keywords):
+        if len(keywords) < len(node.keywords):
             raise TypeError("a parameter given twice")
-        nodes = takes.bind(*node.args, **named).arguments
+        nodes = takes.bind(*node.args, **keywords).arguments
     except TypeError as error:
         raise InputError(f"{name}: {error}; it reads {usage(name)}", "laws.parameters") from None
     try:
@@ -336,5 +336,5 @@ def _value(parameter: Parameter, node: ast.expr) -> float | tuple[float, ...]:
             raise TypeError
         return tuple(map(float, numbers)) if many else float(value)
     except (ValueError, TypeError, OverflowError):
-        wanted = "a tuple of numbers" if many else "a number"
-        raise InputError(f"{parameter.name} must be {wanted}, got {ast.unparse(node)}", "laws.number") from None
+        expected = "a tuple of numbers" if many else "a number"
+        raise InputError(f"{parameter.name} must be {expected}, got {ast.unparse(node)}", "laws.number") from None

@@ -30,8 +30,8 @@ def _constant(
 ) -> Any:
     """A field: its domain, default, plausible range, unit, and other units that are taken for it with their size (and
     their zero) in this one."""
-    others = {name: (size, zero) for name, size in taken.items()}
-    return field(default=usual, metadata=allowed | {"plausible": Plausible(low, high, usual, unit, others)})
+    mistaken = {name: (size, zero) for name, size in taken.items()}
+    return field(default=usual, metadata=allowed | {"plausible": Plausible(low, high, usual, unit, mistaken)})
 
 
 @dataclass(frozen=True)

@@ -296,21 +296,21 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
     # R^3 is nearly linear in the impulse v^2, the kinetic energy: (impulse, memories) by R^3 - 1 of what was tried
     turns: dict[float, tuple[float, Floats]] = {numbers.stretch**-3.0 - 1.0: (0.0, nothing)}
     low, high = 0.0, np.inf
-    impulse = work = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure
-    while high - low > exact * max(low, work):
+    impulse = whole = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure
+    while high - low > exact * max(low, whole):
         radius, memories = _turn(quiet, float(np.sqrt(impulse)), exact)
         missed = radius**3 - 1.0
         low, high = (impulse, high) if missed < 0 else (low, impulse)
         if radius < np.inf:
             turns[missed] = impulse, memories
-            near = sorted(turns, key=abs)[:4]
-            if abs(near[0]) < exact:
-                return turns[near[0]][1]
-            weights = np.array(_at_nothing(near))
+            nearest = sorted(turns, key=abs)[:4]
+            if abs(nearest[0]) < exact:
+                return turns[nearest[0]][1]
+            weights = np.array(_at_zero(nearest))
             # the error of a cubic through four is about the product of what they missed by
-            if abs(near[0]) < GROWTH_NEAR and len(near) == 4 and prod(map(abs, near)) < exact:
-                return np.asarray(weights @ np.array([turns[one][1] for one in near]))
-            impulse = float(weights @ np.array([turns[one][0] for one in near]))
+            if abs(nearest[0]) < GROWTH_NEAR and len(nearest) == 4 and prod(map(abs, nearest)) < exact:
+                return np.asarray(weights @ np.array([turns[one][1] for one in nearest]))
+            impulse = float(weights @ np.array([turns[one][0] for one in nearest]))
         if not low < impulse < high:
             impulse = 2.0 * low if high == np.inf else 0.5 * (low + high)
         if impulse > LARGEST_IMPULSE * numbers.stretch**3:
@@ -318,7 +318,7 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
     raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
 
 
-def _at_nothing(x: list[float]) -> list[float]:
+def _at_zero(x: list[float]) -> list[float]:
     """Weights with which values at x give the value at 0 of the polynomial through them (Lagrange)."""
     return [prod(b / (b - a) for j, b in enumerate(x) if j != i) for i, a in enumerate(x)]
 
@@ -347,5 +347,5 @@ def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats
     rates = (follows * E - m) * fading - power * (1 + m) * U / R
     (y0, y1), (slope0, slope1) = np.hstack([R, m]), step * np.hstack([U, rates])
     x = U[0, 0] / (U[0, 0] - U[1, 0])  # on the cubic through values and slopes at both instants
-    here = (1 - x) ** 2 * ((1 + 2 * x) * y0 + x * slope0) + x**2 * ((3 - 2 * x) * y1 - (1 - x) * slope1)
-    return float(here[0]), here[1:]
+    turn = (1 - x) ** 2 * ((1 + 2 * x) * y0 + x * slope0) + x**2 * ((3 - 2 * x) * y1 - (1 - x) * slope1)
+    return float(turn[0]), turn[1:]

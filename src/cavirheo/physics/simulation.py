@@ -109,11 +109,9 @@ class Simulation:
     @property
     def columns(self) -> dict[str, Floats]:
         """(n,) each, named as in the CSV of `cavirheo simulate`: "time_us", "radius_um", "velocity_m_per_s", ..."""
-        return {
-            "time_us": self.time * 1e6, "radius_um": self.radius * 1e6, "velocity_m_per_s": self.velocity,
-            "pressure_Pa": self.pressure, "stress_Pa": self.stress, "strain": self.strain,
-            "strain_rate_per_s": self.strain_rate,
-        }  # fmt: skip
+        wall = {"time_us": self.time * 1e6, "radius_um": self.radius * 1e6, "velocity_m_per_s": self.velocity}
+        forces = {"pressure_Pa": self.pressure, "stress_Pa": self.stress}
+        return wall | forces | {"strain": self.strain, "strain_rate_per_s": self.strain_rate}
 
     def to_dataframe(self) -> Any:
         """`columns` as a pandas.DataFrame. Raises InputError without pandas."""

@@ -66,10 +66,10 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
             return np.where(np.abs(value) < LARGEST, value, np.nan)
 
     a, b = nodes[:-1], nodes[1:]
-    done: list[Floats] = []  # rows a, b, rise, c0 ... c5
+    rows_done: list[Floats] = []  # rows a, b, rise, c0 ... c5
     while a.size:
         rough = f"the law is too rough: {MOST} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
-        require(a.size + sum(map(len, done)) <= MOST, rough, "physics.rough")
+        require(a.size + sum(map(len, rows_done)) <= MOST, rough, "physics.rough")
         h = b - a
         x = a[:, None] + h[:, None] * _WHERE
         x[:, 5] = b
@@ -84,22 +84,17 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
         error /= TOLERANCE * np.abs(exact).max(axis=1) + 1e-300
         narrow = h <= NARROWEST * np.abs(b)
         good = (error <= 1) | (narrow & np.isfinite(error))
-        done.append(np.column_stack([a, b, rise, pieces])[good])
+        rows_done.append(np.column_stack([a, b, rise, pieces])[good])
         left = ~good & ~narrow & (np.nanmin(np.abs(slopes), axis=1, initial=LARGEST, where=np.isfinite(slopes)) < STEEP)
         # the error falls with the fifth power of h; where the law ends within, as many as there may be
         with np.errstate(over="ignore"):
             parts = np.clip(np.nan_to_num(1.2 * error[left] ** 0.2, nan=MOST_PARTS, posinf=MOST_PARTS), 2, MOST_PARTS)
         parts = np.ceil(parts).astype(int)
         which = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-        ends = [
-            np.repeat(a[left], parts),
-            np.repeat(h[left], parts),
-            np.repeat(parts, parts),
-            np.repeat(b[left], parts),
-        ]
-        a = ends[0] + ends[1] * (which / ends[2])
-        b = np.where(which + 1 == ends[2], ends[3], ends[0] + ends[1] * ((which + 1) / ends[2]))
-    rows = np.concatenate(done)
+        start, length, count, end = (np.repeat(values, parts) for values in (a[left], h[left], parts, b[left]))
+        a = start + length * (which / count)
+        b = np.where(which + 1 == count, end, start + length * ((which + 1) / count))
+    rows = np.concatenate(rows_done)
     rows = rows[np.argsort(rows[:, 0])]
     up = rows[rows[:, 0] >= origin]  # from the origin as far as the pieces join, each way
     down = rows[rows[:, 0] < origin][::-1]
@@ -107,10 +102,10 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
     down = down[np.cumprod(down[:, 1] == np.append(origin, down[:-1, 0])) == 1]
     up[:, 3] = np.cumsum(up[:, 2]) - up[:, 2]
     down[:, 3] = -np.cumsum(down[:, 2])
-    kept = np.concatenate([down[::-1], up])
-    table = np.zeros((len(kept) + 1, 7))
-    table[:-1, 0], table[:-1, 1:] = kept[:, 0], kept[:, 3:]
-    table[-1, 0] = kept[-1, 1] if len(kept) else origin
+    joined = np.concatenate([down[::-1], up])
+    table = np.zeros((len(joined) + 1, 7))
+    table[:-1, 0], table[:-1, 1:] = joined[:, 0], joined[:, 3:]
+    table[-1, 0] = joined[-1, 1] if len(joined) else origin
     return table
 
 

@@ -27,14 +27,14 @@ DOCUMENTS = ("result.json", "result.csv", "report.html")
 def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Sequence[str] = ()) -> Outputs:
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
     many = ["result.parquet"] if len(curves) > MANY else []
-    drawn: list[str] = []
+    drawings: list[str] = []
     if figures:
         from cavirheo.reporting.figures import check_figures, files
 
         check_figures(figures)
         groups = dict.fromkeys((curve.group, curve.group_source) for curve in curves)
-        drawn = files(figures, [curve.name for curve in curves], [group for group, _ in groups])
-    return Outputs(directory, *DOCUMENTS, *many, *drawn, inputs=[curve.source for curve in curves if curve.source])
+        drawings = files(figures, [curve.name for curve in curves], [group for group, _ in groups])
+    return Outputs(directory, *DOCUMENTS, *many, *drawings, inputs=[curve.source for curve in curves if curve.source])
 
 
 def write_report(
@@ -85,8 +85,8 @@ def write_report(
 
     pairs, date = Answered.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figures = figures if complete else ()
-    known = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
-    with claim.held(claim.Claim(command, {"command": command, "curves": known}, replace)):
+    sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
+    with claim.held(claim.Claim(command, {"command": command, "curves": sources}, replace)):
         folder = outputs(directory, pairs.curves, figures)
         workers = workers if complete else 1
         document = result(pairs, command, date=date, notes=notes, workers=workers)

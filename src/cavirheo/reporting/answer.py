@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, fields
 from math import inf
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, PlainSerializer
@@ -67,9 +67,9 @@ def _stored(medium: Medium) -> dict[str, Any]:
 def _restored(value: Any) -> Any:
     if not isinstance(value, dict):
         return value
-    known = {field.name for field in fields(Medium)}
+    names = {field.name for field in fields(Medium)}
     speed = value.get("sound_speed")
-    constants = {name: item for name, item in value.items() if name in known}
+    constants = {name: item for name, item in value.items() if name in names}
     return Medium(**constants | {"sound_speed": inf if speed is None else speed}, unusual=True)
 
 
@@ -77,7 +77,36 @@ def _restored(value: Any) -> Any:
 StoredMedium = Annotated[Medium, BeforeValidator(_restored), PlainSerializer(_stored)]
 
 
-class OtherModel(Record):
+class Answer:
+    """What the row of a curve and the answer of another model have in common."""
+
+    if TYPE_CHECKING:
+        material: str
+        bubble: Bubble
+        viscosity_Pa_s: Quantity
+        other_parameters: dict[str, Quantity]
+
+    def quantity(self, name: str) -> Quantity:
+        """A parameter by its natural name; empty where the model has none."""
+        return getattr(self, _KEYS[name]) if name in _KEYS else self.other_parameters.get(name, Quantity())
+
+    @property
+    def viscosity(self) -> Quantity:
+        """Or that at 1e5 1/s, where it is not one number."""
+        return self.quantity("viscosity" if self.viscosity_Pa_s.median is not None else AT_RATE)
+
+    @property
+    def model(self) -> str:
+        """'nhkv, real'."""
+        return f"{self.material}, {self.bubble.name}"
+
+    @property
+    def in_words(self) -> str:
+        """'nhkv, real bubble'."""
+        return f"{self.material}, {self.bubble.title}"
+
+
+class OtherModel(Record, Answer):
     """What another model answers for the same frames; one of the answer's own material and bubble is another mode.
 
     Attributes:
@@ -104,26 +133,6 @@ class OtherModel(Record):
     other_parameters: dict[str, Quantity] = {}
     weight: float = 0.0
 
-    def quantity(self, name: str) -> Quantity:
-        """A parameter by its natural name; empty where the model has none."""
-        return getattr(self, _KEYS[name]) if name in _KEYS else self.other_parameters.get(name, Quantity())
-
-    @property
-    def viscosity(self) -> Quantity:
-        """Or that at 1e5 1/s, where it is not one number."""
-        at_rate = self.other_parameters.get(AT_RATE, Quantity())
-        return at_rate if self.viscosity_Pa_s.median is None else self.viscosity_Pa_s
-
-    @property
-    def model(self) -> str:
-        """'nhkv, real'."""
-        return f"{self.material}, {self.bubble.name}"
-
-    @property
-    def in_words(self) -> str:
-        """'nhkv, real bubble'."""
-        return f"{self.material}, {self.bubble.title}"
-
 
 class Sentence(Record):
     """A message of an answer.
@@ -137,7 +146,7 @@ class Sentence(Record):
     text: str
 
 
-class CurveRecord(Record):
+class CurveRecord(Record, Answer):
     """One row: the answer for one curve.
 
     Attributes:
@@ -229,51 +238,42 @@ class CurveRecord(Record):
 
     def determined(self, name: str) -> float | None:
         """The median of a parameter by its natural name, SI, if it is a value and not a bound alone."""
-        return None if name in self.diagnostics.at_bound else self.itself.quantity(name).determined
+        return None if name in self.diagnostics.at_bound else self.quantity(name).determined
 
     @property
     def itself(self) -> OtherModel:
         """The answer as an entry among those of other models."""
-        about = {name: getattr(self, name) for name in OtherModel.model_fields if name in CurveRecord.model_fields}
+        shared = {name: getattr(self, name) for name in OtherModel.model_fields if name in CurveRecord.model_fields}
         log, error = (self.evidence.log, self.evidence.error) if self.evidence else (None, None)
-        return OtherModel(**about, log_evidence=log, evidence_error=error)
-
-    @property
-    def model(self) -> str:
-        """'nhkv, real'."""
-        return self.itself.model
+        return OtherModel(**shared, log_evidence=log, evidence_error=error)
 
     @property
     def preferred(self) -> OtherModel | None:
         """The model that the evidence prefers to that of the answer, where it rejects this."""
-        rivals = [one for one in self.other_models if one.model != self.model and one.log_evidence is not None]
+        rivals = [model for model in self.other_models if model.model != self.model and model.log_evidence is not None]
         return max(rivals, key=evidence, default=None) if self.verdict == "other_model_preferred" else None
 
     @property
     def message(self) -> str:
         """All messages in one line."""
-        return "; ".join(one.text for one in self.messages)
+        return "; ".join(message.text for message in self.messages)
 
     @property
     def warnings(self) -> list[Sentence]:
         """Those about the recording and its settings, where they decide the verdict."""
-        return [one for one in self.messages if is_input_warning(one.code)] if self.verdict == "check_input" else []
+        decisive = self.verdict == "check_input"
+        return [message for message in self.messages if decisive and is_input_warning(message.code)]
 
     @property
     def remarks(self) -> list[Sentence]:
         """The messages without such warnings, which are said before all others."""
-        return [one for one in self.messages if one not in self.warnings]
+        return [message for message in self.messages if message not in self.warnings]
 
     def logs(self, names: Sequence[str]) -> Floats:
         """(l, 3) log10 of q05, median and q95 of these parameters, SI; NaN where it has none."""
-        known = [self.itself.quantity(name) for name in names]
-        ends = np.array([[value.q05, value.median, value.q95] for value in known], dtype=float)
+        values = [self.quantity(name) for name in names]
+        ends = np.array([[value.q05, value.median, value.q95] for value in values], dtype=float)
         return np.log10(np.where(ends > 0, ends, np.nan))
-
-    @property
-    def viscosity(self) -> Quantity:
-        """Or that at 1e5 1/s, where it is not one number."""
-        return self.itself.viscosity
 
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
@@ -287,7 +287,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         if broken or not posterior.theta.size:
             verdict = "failed"
     answered = verdict != "failed"
-    known = posterior.stretch_prior if answered else None
+    prior = posterior.stretch_prior if answered else None
     if not (messages or answered):
         messages.append(Message("answer.none"))
     checks = posterior.checks if answered else Checks("failed")
@@ -306,25 +306,37 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
         **{name: getattr(checks, name) for name in _DIFFERENCES},
-        max_radius_m=_measured(curve, "max_radius"), time_of_max_s=_measured(curve, "time_of_max"),
-        strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
-        bubble=posterior.bubble, medium=posterior.medium,
-        stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values, best=_simulated(posterior),
+        max_radius_m=_measured(curve, "max_radius"),
+        time_of_max_s=_measured(curve, "time_of_max"),
+        strain_rate_per_s=_measured(curve, "strain_rate"),
+        material=posterior.material,
+        method=posterior.method,
+        bubble=posterior.bubble,
+        medium=posterior.medium,
+        stretch=stretch,
+        shear_modulus_Pa=G,
+        viscosity_Pa_s=mu,
+        other_parameters=values,
+        best=_simulated(posterior),
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
-        verdict=verdict, messages=[Sentence(code=one.code, text=one.text) for one in messages],
+        verdict=verdict,
+        messages=[Sentence(code=message.code, text=message.text) for message in messages],
         notes=list(curve.notes),
-        column=dict(curve.column), stretch_prior={"mean": known[0], "std": known[1]} if known else {},
-        seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
-        other_models=[_other(one) for one in posterior.others],
+        column=dict(curve.column),
+        stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
+        seconds=finite(posterior.seconds) or 0.0,
+        evidence=posterior.evidence,
+        other_models=[_other(answer) for answer in posterior.others],
         windows={key: _known(window) for key, window in posterior.windows.items()},
-        diagnostics=_known(posterior.diagnostics), provenance=_plain(posterior.provenance),
-    )  # fmt: skip
+        diagnostics=_known(posterior.diagnostics),
+        provenance=_plain(posterior.provenance),
+    )
 
 
 def _simulated(posterior: Posterior) -> dict[str, float]:
     """The values of the simulation that is drawn; none where nothing is."""
-    drawn = posterior.checks.verdict != "failed" and posterior.checks.reconstruction_time is not None
-    return {name: float(value) for name, value in posterior.best.items()} if drawn else {}
+    simulated = posterior.checks.verdict != "failed" and posterior.checks.reconstruction_time is not None
+    return {name: float(value) for name, value in posterior.best.items()} if simulated else {}
 
 
 def _word(name: str, value: float) -> str:
@@ -351,30 +363,37 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     first = next(rows, None)
     if first is None or viscosity_at(posterior.material, RATE, dict(zip(names, first, strict=True))) is None:
         return {}
-    found = np.array(
+    viscosities = np.array(
         [viscosity_at(posterior.material, RATE, dict(zip(names, row, strict=True))) for row in (first, *rows)]
     )
-    low, median, high = intervals((AT_RATE,), found[:, None], posterior.log_weight).get(AT_RATE, (None, found[0], None))
+    low, median, high = intervals((AT_RATE,), viscosities[:, None], posterior.log_weight).get(
+        AT_RATE, (None, viscosities[0], None)
+    )
     return {AT_RATE: Quantity(median=float(median), q05=low, q95=high)}
 
 
-def _other(one: OtherAnswer) -> OtherModel:
+def _other(answer: OtherAnswer) -> OtherModel:
     from cavirheo.physics.materials import viscosity_at
 
-    names = dict.fromkeys((*one.intervals, *(name for name in BUBBLE if one.best.get(name))))
-    values = {name: Quantity(median=finite(one.best.get(name))) for name in names}
-    for name, (low, median, high) in one.intervals.items():
+    names = dict.fromkeys((*answer.intervals, *(name for name in BUBBLE if answer.best.get(name))))
+    values = {name: Quantity(median=finite(answer.best.get(name))) for name in names}
+    for name, (low, median, high) in answer.intervals.items():
         if np.all(np.isfinite((low, median, high))):
             values[name] = Quantity(q05=low, median=median, q95=high, bound=searched_bound(name, low, high))
-    if (viscosity := viscosity_at(one.material, RATE, one.best)) is not None:
+    if (viscosity := viscosity_at(answer.material, RATE, answer.best)) is not None:
         values[AT_RATE] = Quantity(median=viscosity)
-    known = {key: values.pop(name, Quantity()) for name, key in _KEYS.items()}
-    evidence = one.evidence or Evidence(np.nan)
+    law = {key: values.pop(name, Quantity()) for name, key in _KEYS.items()}
+    evidence = answer.evidence or Evidence(np.nan)
     return OtherModel(
-        material=one.material, bubble=one.bubble, log_evidence=evidence.log,
-        evidence_error=evidence.error, rmse_over_rmax=one.rmse_over_rmax, **known, other_parameters=values,
-        weight=one.weight,
-    )  # fmt: skip
+        material=answer.material,
+        bubble=answer.bubble,
+        log_evidence=evidence.log,
+        evidence_error=evidence.error,
+        rmse_over_rmax=answer.rmse_over_rmax,
+        **law,
+        other_parameters=values,
+        weight=answer.weight,
+    )
 
 
 def described(name: str) -> tuple[str, str]:
@@ -393,10 +412,10 @@ def meaning_of(name: str) -> str:
 
 def parameter_key(names: Iterable[str]) -> list[str]:
     """Lines below a table with these: what those are that a bubble has besides its law, and whose they are."""
-    known = {described(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
-    own = [symbol for symbol, (name, _) in known.items() if not name.startswith("damage")]
-    end = [f"{' and '.join(own)}: of bubble and vessel, no property of the material"] if own else []
-    return [f"{symbol} ({meaning})" for symbol, (_, meaning) in known.items()] + end
+    meanings = {described(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
+    symbols = [symbol for symbol, (name, _) in meanings.items() if not name.startswith("damage")]
+    end = [f"{' and '.join(symbols)}: of bubble and vessel, no property of the material"] if symbols else []
+    return [f"{symbol} ({meaning})" for symbol, (_, meaning) in meanings.items()] + end
 
 
 def in_unit(name: str, unit: Unit) -> tuple[str, float, str]:
@@ -405,17 +424,21 @@ def in_unit(name: str, unit: Unit) -> tuple[str, float, str]:
     return symbol, *(unit if written == "Pa" else (1.0, written))
 
 
-def evidence(one: OtherModel) -> float:
+def evidence(model: OtherModel) -> float:
     """Its log, to sort by."""
-    return -np.inf if one.log_evidence is None else one.log_evidence
+    return -np.inf if model.log_evidence is None else model.log_evidence
 
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
     """The law's that some of these have, G and the viscosity first; a reference viscosity only where it is not the
     viscosity at that rate."""
-    names = dict.fromkeys(["shear_modulus", "viscosity", *(name for one in records for name in one.other_parameters)])
-    known = [name for name in names if any(one.itself.quantity(name).median is not None for one in records)]
-    return [name for name in known if of_the_law(name) and (name != "reference_viscosity" or "yield_stress" in known)]
+    names = dict.fromkeys(
+        ["shear_modulus", "viscosity", *(name for record in records for name in record.other_parameters)]
+    )
+    inferred = [name for name in names if any(record.quantity(name).median is not None for record in records)]
+    return [
+        name for name in inferred if of_the_law(name) and (name != "reference_viscosity" or "yield_stress" in inferred)
+    ]
 
 
 def _measured(curve: RadiusCurve, name: str) -> float | None:

@@ -17,7 +17,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from cavirheo.arrays import Bools, Floats
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.what_if import Band
@@ -72,39 +72,55 @@ def filmed(
         some = flags == flag
         marker = {"color": colours.get(flag, PALE), **(cross if flag == "excluded" else {"size": 5})}
         figure.add_scatter(
-            x=1e6 * time[some], y=np.nan_to_num(radius)[some], customdata=number[some], mode="markers", marker=marker,
-            name=flag, hovertemplate="frame %{customdata}: %{y:.4g} " + unit,
-        )  # fmt: skip
+            x=1e6 * time[some],
+            y=np.nan_to_num(radius)[some],
+            customdata=number[some],
+            mode="markers",
+            marker=marker,
+            name=flag,
+            hovertemplate="frame %{customdata}: %{y:.4g} " + unit,
+        )
     figure.add_vline(x=1e6 * time[shown - first], line={"color": MEASURED, "width": 1.5})
     return figure
 
 
 def checked(
-    curve: RadiusCurve, answer: Checks, simulated_as: str, fit: Checks | None = None,
-    trial: dict[str, Any] | None = None, band: Band | None = None,
-) -> go.Figure:  # fmt: skip
+    curve: RadiusCurve,
+    answer: Checks,
+    simulated_as: str,
+    fit: Checks | None = None,
+    trial: dict[str, Any] | None = None,
+    band: Band | None = None,
+) -> go.Figure:
     """A measured curve, the simulation of its answer over it under this name, that of a conventional fit, what is left
-    between, a trial's `lines`, and the band in which the draws' simulations run."""
+    between, the `lines` of a what-if simulation, and the band in which the draws' simulations run."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
     figure.layout.template, figure.layout.height = _STYLE, 520
     _lines(figure, trial or lines(Checks("failed")), GREEN, "solid", "sliders")  # TRIAL
-    inside = np.zeros(len(curve.time), dtype=bool)
+    start = curve.time[0]
+    with suppress(InputError):  # a curve without R_max is drawn from its beginning
+        start = curve.time_of_max
+    time, compared = curve.time - start, np.zeros(len(curve.time), dtype=bool)
     if answer.compared_time is not None and len(answer.compared_time):
         slack = 1e-9 * max(curve.time[-1] - curve.time[0], 1e-12)
-        first, last = answer.compared_time[[0, -1]]
-        inside = (curve.time >= first - slack) & (curve.time <= last + slack)
-        reach = 1e6 * (last - curve.time_of_max)
-        figure.update_xaxes(range=[-0.05 * reach, 1.15 * reach])
+        first, last = answer.compared_time[[0, -1]] - start
+        compared = (time >= first - slack) & (time <= last + slack)
+        figure.update_xaxes(range=[-0.05e6 * last, 1.15e6 * last])
     if band:
-        x, low, high = _short(band[0], 1e6, curve.time_of_max), _short(band[1], 1e6), _short(band[2], 1e6)
+        x, low, high = _short(band[0], 1e6, start), _short(band[1], 1e6), _short(band[2], 1e6)
         shape: Any = {"fill": "toself", "fillcolor": "rgba(213, 94, 0, .25)", "line": {"width": 0}, "mode": "lines"}
-        x, y = [*x, *x[::-1]], [*high, *low[::-1]]
-        figure.add_scatter(x=x, y=y, name="90 % of the draws", hoverinfo="skip", row=1, col=1, **shape)
-    _measured(figure, curve, inside)
-    drawn = (simulated_as, VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
-    for name, colour, dash, checks in drawn:
+        around: Any = {"x": [*x, *x[::-1]], "y": [*high, *low[::-1]]}
+        figure.add_scatter(**around, name="90 % of the draws", hoverinfo="skip", row=1, col=1, **shape)
+    measured = np.isfinite(curve.radius)
+    for name, colour, some in (("measured, not compared", PALE, ~compared), ("measured", MEASURED, compared)):
+        if (some := measured & some).any():
+            when, radius = _thin(time[some], curve.radius[some])
+            marker = {"color": colour, "size": 5}
+            figure.add_scatter(x=1e6 * when, y=1e6 * radius, mode="markers", marker=marker, name=name)
+    simulations = (simulated_as, VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
+    for name, colour, dash, checks in simulations:
         if checks and checks.reconstruction_time is not None:
-            _lines(figure, lines(checks, curve.time_of_max), colour, dash, name)
+            _lines(figure, lines(checks, start), colour, dash, name)
     figure.update_yaxes(title_text="R (µm)", rangemode="tozero", row=1, col=1)
     figure.update_yaxes(title_text=f"residual (% {_RMAX})", row=2, col=1, zerolinecolor=INK, zeroline=True)
     figure.update_xaxes(title_text=_TIME, row=2, col=1)
@@ -117,16 +133,16 @@ def cloud(pairs: Pairs, document: Result) -> go.Figure:
     R_max with its intervals where the law of any shot has no G. Shots without a µ are left out."""
     factor, unit = document.modulus_unit
     rows = document.curves
-    known = [row.viscosity.median is not None for row in rows]
-    elastic = all(row.shear_modulus_Pa.median is not None for row, any_ in zip(rows, known, strict=True) if any_)
-    rated = any(row.viscosity_Pa_s.median is None for row, any_ in zip(rows, known, strict=True) if any_)
+    viscous = [row.viscosity.median is not None for row in rows]
+    elastic = all(row.shear_modulus_Pa.median is not None for row, any_ in zip(rows, viscous, strict=True) if any_)
+    rated = any(row.viscosity_Pa_s.median is None for row, any_ in zip(rows, viscous, strict=True) if any_)
     along = f"G ({unit})" if elastic else f"{_RMAX} (µm)"
     up = f"µ{' at 10<sup>5</sup> 1/s' * rated} (Pa s)"
     figure = figure_of(along, up, hovermode="closest", height=420)
     for axis in (figure.update_xaxes, figure.update_yaxes):
         axis(type="log", rangemode="normal", tickformat="~g", nticks=8, automargin=True, title_standoff=12)
     for (group, members), colour in zip(document.members(), cycle(_GROUPS), strict=False):
-        shots = [i for i in members if known[i]]
+        shots = [i for i in members if viscous[i]]
         look: dict[str, Any] = {"legendgroup": group.name, "name": digits.elide(group.name, 40)}
         contour = group.population.contour() if elastic and group.population else None
         if contour is not None:
@@ -134,23 +150,23 @@ def cloud(pairs: Pairs, document: Result) -> go.Figure:
             y, x = contour.T
             words = look | {"name": f"90 % of shots, {look['name']}"}
             figure.add_scatter(x=factor * x, y=y, mode="lines", line=line, hoverinfo="skip", **words)
-        drawn = [pairs[i][1] for i in shots]
+        posteriors = [pairs[i][1] for i in shots]
         both = {"log10_viscosity", "log10_shear_modulus"}
-        several = [one for one in drawn if elastic and len(one.theta) > 1 and both <= {*one.names}]
+        several = [each for each in posteriors if elastic and len(each.theta) > 1 and both <= {*each.names}]
         if several:
-            some = [np.random.default_rng(0).choice(len(one.theta), 80, p=one.weights) for one in several]
+            some = [np.random.default_rng(0).choice(len(each.theta), 80, p=each.weights) for each in several]
             x, y = (
-                np.concatenate([one.draws(name)[which] for one, which in zip(several, some, strict=True)])
+                np.concatenate([each.draws(name)[which] for each, which in zip(several, some, strict=True)])
                 for name in ("shear_modulus", "viscosity")
             )
             marker: Any = {"color": colour, "size": 3, "opacity": 0.25}
             figure.add_scatter(
                 x=factor * x, y=y, mode="markers", marker=marker, hoverinfo="skip", showlegend=False, **look
-            )  # fmt: skip
+            )
         if shots:
             _medians(figure, [rows[i] for i in shots], factor if elastic else None, f"{along}, {up}", colour, look)
             places = [row.viscosity.median if elastic else row.max_radius_m for row in (rows[i] for i in shots)]
-            across = [(1.0 if elastic else 1e6) * (one or np.nan) for one in places]
+            across = [(1.0 if elastic else 1e6) * (each or np.nan) for each in places]
             for mark, (method, values) in zip(cycle(_MARKS), group.published.items(), strict=False):
                 marked = {"color": colour, "symbol": mark}
                 _published(figure, f"{look['name']}, {method}", values, factor if elastic else None, across, marked)
@@ -163,7 +179,7 @@ def _medians(
     """A mark for each shot, over R_max with its interval where there is no factor of G; of a bound its end."""
     along = [row.shear_modulus_Pa if factor else Quantity(median=row.max_radius_m) for row in rows]
     up = [row.viscosity for row in rows]
-    x, y = [(factor or 1e6) * _end(one) for one in along], [_end(one) for one in up]
+    x, y = [(factor or 1e6) * _end(value) for value in along], [_end(value) for value in up]
     symbols = [
         (_SIDES.get(G.bound or "") or _UPS.get(mu.bound or "") or "circle") + "-open" * (not row.trusted)
         for row, G, mu in zip(rows, along, up, strict=True)
@@ -171,15 +187,21 @@ def _medians(
     bars: dict[str, Any] = {}
     if not factor:
         above, below = (
-            [(one.q95 or end) - end for one, end in zip(up, y, strict=True)],
-            [end - (one.q05 or end) for one, end in zip(up, y, strict=True)],
+            [(value.q95 or end) - end for value, end in zip(up, y, strict=True)],
+            [end - (value.q05 or end) for value, end in zip(up, y, strict=True)],
         )
         bars = {"error_y": {"array": above, "arrayminus": below, "thickness": 1, "width": 0}}
     marker = {"color": colour, "size": 9, "symbol": symbols, "line": {"color": INK, "width": 1}}
     figure.add_scatter(
-        x=x, y=y, mode="markers", text=[row.name for row in rows], marker=marker, **look, **bars,
+        x=x,
+        y=y,
+        mode="markers",
+        text=[row.name for row in rows],
+        marker=marker,
+        **look,
+        **bars,
         hovertemplate="%{text}: %{x:.3g}, %{y:.3g} (" + axes + ")<extra></extra>",
-    )  # fmt: skip
+    )
 
 
 def _end(value: Quantity) -> float:
@@ -189,14 +211,18 @@ def _end(value: Quantity) -> float:
 
 
 def _published(
-    figure: go.Figure, name: str, values: Mapping[str, Spread], factor: float | None, across: Sequence[float],
+    figure: go.Figure,
+    name: str,
+    values: Mapping[str, Spread],
+    factor: float | None,
+    across: Sequence[float],
     look: dict[str, Any],
-) -> None:  # fmt: skip
+) -> None:
     """µ of another method over its G; of one that has but one of them, or where there is no factor of G, a line
     `across` the shots."""
     modulus, viscosity = values.get("shear_modulus", Spread()), values.get("viscosity", Spread())
     x = None if modulus.mean is None or factor is None else factor * modulus.mean
-    y, ends = viscosity.mean, [one for one in across if np.isfinite(one)]
+    y, ends = viscosity.mean, [place for place in across if np.isfinite(place)]
     line = {"color": look["color"], "dash": "dot"}
     if x is not None and y is not None:
         wide = (factor or 1.0) * (modulus.std or 0.0)
@@ -209,40 +235,28 @@ def _published(
         figure.add_scatter(x=[0.8 * min(ends), 1.25 * max(ends)], y=[y, y], mode="lines", line=line, name=name)
 
 
-def lines(found: Checks, start: float = 0.0) -> dict[str, Any]:
+def lines(checks: Checks, start: float = 0.0) -> dict[str, Any]:
     """{x, y} of a simulation and of its residual: µm and % of R_max over µs after `start` (s); empty if it failed."""
-    x = [_short(found.reconstruction_time, 1e6, start), _short(found.compared_time, 1e6, start)]
-    y = [_short(found.reconstruction_radius, 1e6), _short(found.residual_over_rmax, 100.0)]
+    x = [_short(checks.reconstruction_time, 1e6, start), _short(checks.compared_time, 1e6, start)]
+    y = [_short(checks.reconstruction_radius, 1e6), _short(checks.residual_over_rmax, 100.0)]
     return {"x": x, "y": y}
 
 
-def _measured(figure: go.Figure, curve: RadiusCurve, inside: Bools) -> None:
-    """The frames of a curve that have a radius, those `inside` what is compared darker."""
-    measured = np.isfinite(curve.radius)
-    _dots(figure, curve, measured & ~inside, "measured, not compared", PALE)
-    _dots(figure, curve, measured & inside, "measured", MEASURED)
-
-
-def _dots(
-    figure: go.Figure, curve: RadiusCurve, which: Bools, name: str, colour: str, size: int = 5, **look: Any
-) -> None:
-    """Frames of a curve, those without a radius at zero."""
-    if which.any():
-        start = curve.time[0]
-        with suppress(InputError):  # a curve without R_max is drawn from its beginning
-            start = curve.time_of_max
-        time, radius = _thin(curve.time[which] - start, np.nan_to_num(curve.radius[which]))
-        marker = {"color": colour, "size": size, **look}
-        figure.add_scatter(x=1e6 * time, y=1e6 * radius, mode="markers", marker=marker, name=name)
-
-
-def _lines(figure: go.Figure, drawn: dict[str, Any], colour: str, dash: str, name: str) -> None:
-    for row, (x, y) in enumerate(zip(drawn["x"], drawn["y"], strict=True), 1):
+def _lines(figure: go.Figure, simulation: dict[str, Any], colour: str, dash: str, name: str) -> None:
+    for row, (x, y) in enumerate(zip(simulation["x"], simulation["y"], strict=True), 1):
         shape: Any = {"color": colour, "dash": dash, "width": 2 if row == 1 else 1.3}
         figure.add_scatter(
-            x=x, y=y, mode="lines" if row == 1 else "lines+markers", line=shape, marker={"size": 3}, name=name,
-            legendgroup=name, showlegend=row == 1, row=row, col=1,
-        )  # fmt: skip
+            x=x,
+            y=y,
+            mode="lines" if row == 1 else "lines+markers",
+            line=shape,
+            marker={"size": 3},
+            name=name,
+            legendgroup=name,
+            showlegend=row == 1,
+            row=row,
+            col=1,
+        )
 
 
 def figure_of(x: str, y: str, **look: Any) -> go.Figure:

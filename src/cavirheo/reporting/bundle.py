@@ -51,8 +51,8 @@ def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Ca
     document = write_report(folder, pairs, command, _FIGURES, done=done, **about)
     if fits:
         write_report(folder / "least-squares", fits, f"{command}; then fit", _FIGURES, done=done, **about)
-    for one in (folder, folder / "least-squares"):
-        (one / LIST).unlink(missing_ok=True)  # it tells one run from the next; a bundle is of one
+    for directory in (folder, folder / "least-squares"):
+        (directory / LIST).unlink(missing_ok=True)  # it tells one run from the next; a bundle is of one
     for kind in ("processed", "simulated"):
         (folder / kind).mkdir()
     names = file_names([record.name for record in document.curves])
@@ -61,7 +61,8 @@ def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Ca
         time, radius = posterior.checks.reconstruction_time, posterior.checks.reconstruction_radius
         if time is not None and radius is not None:
             # a drawn point beside a frame, which ten digits of a microsecond do not tell from it
-            kept = np.diff(time, prepend=-np.inf) > 1e-15
-            drawn = digits.simulated(posterior.method).replace(" ", "-")
-            place = folder / "simulated" / f"{stem}-{drawn}.csv"
-            write_csv(place, RadiusCurve(time[kept], radius[kept]), f"simulation of {record.name}, {record.simulated}")
+            distinct = np.diff(time, prepend=-np.inf) > 1e-15
+            simulation = digits.simulated(posterior.method).replace(" ", "-")
+            place = folder / "simulated" / f"{stem}-{simulation}.csv"
+            remark = f"simulation of {record.name}, {record.simulated}"
+            write_csv(place, RadiusCurve(time[distinct], radius[distinct]), remark)

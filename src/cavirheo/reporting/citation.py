@@ -142,9 +142,9 @@ def _model(answered: list[CurveRecord]) -> list[str]:
 def _rivals(answered: list[CurveRecord]) -> list[str]:
     """The models beside which the answers stand with an evidence, whose the values are, and what is preferred."""
     compared = [curve for curve in answered if curve.evidence]
-    models = {curve.model: curve.itself.in_words for curve in compared}
-    others = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
-    rivals = {model.in_words for model in others if model.model not in models}
+    models = {curve.model: curve.in_words for curve in compared}
+    alternatives = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
+    rivals = {model.in_words for model in alternatives if model.model not in models}
     if not rivals:
         return []
     preferred = Counter(model.in_words for curve in compared if (model := curve.preferred))
@@ -158,10 +158,10 @@ def _rivals(answered: list[CurveRecord]) -> list[str]:
 
 def _passed(curves: Sequence[CurveRecord]) -> str:
     """How many passed the checks, and what is wrong with the others; those that count besides."""
-    verdicts = Counter("ok" if one.verdict == "undetermined" else one.verdict for one in curves)
-    others = [f"{n} {digits.VERDICTS[verdict]}" for verdict, n in verdicts.items() if verdict != "ok"]
-    wrong = f"; verdicts of the others: {', '.join(others)}" * bool(others)
-    count = digits.counting(sum(one.trusted for one in curves), len(curves))
+    verdicts = Counter("ok" if curve.verdict == "undetermined" else curve.verdict for curve in curves)
+    failures = [f"{n} {digits.VERDICTS[verdict]}" for verdict, n in verdicts.items() if verdict != "ok"]
+    wrong = f"; verdicts of the others: {', '.join(failures)}" * bool(failures)
+    count = digits.counting(sum(curve.trusted for curve in curves), len(curves))
     return (
         f"{verdicts['ok']} of {digits.counted(len(curves), 'curve')} passed the checks of the program (reconstruction "
         f"error, bounds of the ranges, plausibility of the recording){wrong}. {count} in values of groups."
@@ -176,10 +176,10 @@ def _media(answered: list[CurveRecord]) -> list[str]:
         groups = dict.fromkeys(curve.group for curve in answered if curve.medium == medium)
         name = medium.name.removesuffix(", changed")
         of = f" of {', '.join(groups)}" if len(media) > 1 else ""
-        other = " with changes" if replace(medium, name=name, unusual=True) != KNOWN.get(name, medium) else ""
+        changed = " with changes" if replace(medium, name=name, unusual=True) != KNOWN.get(name, medium) else ""
         key = f" [{MEDIA[name]}]" if name in MEDIA else ""
         sentences.append(
-            f"Constants of the medium{of} are those of {name}{key}{other}: density {medium.density:g} kg/m3, sound "
+            f"Constants of the medium{of} are those of {name}{key}{changed}: density {medium.density:g} kg/m3, sound "
             f"speed {medium.sound_speed:g} m/s, surface tension {medium.surface_tension:g} N/m, pressure "
             f"{medium.pressure:g} Pa, temperature {medium.temperature:g} K."
         )
@@ -202,9 +202,7 @@ def _prior(answered: list[CurveRecord]) -> list[str]:
     if not any(curve.method in ("verified", "laplace", "amortised") for curve in answered):
         return stated
     ranges = []
-    names = [
-        name for curve in answered for name in ("shear_modulus", "viscosity") if curve.itself.quantity(name).median
-    ]
+    names = [name for curve in answered for name in ("shear_modulus", "viscosity") if curve.quantity(name).median]
     names += [] if all(curve.stretch_prior for curve in answered) else ["stretch"]
     for name in dict.fromkeys(names):
         parameter = PARAMETERS[name]
@@ -224,11 +222,14 @@ def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -
     mean and the standard deviation of the trusted ones. Nothing where none is trusted."""
     if group.headline:
         return f"{group.name}: {group.headline}."
-    trusted, n = [one for one in members if one.trusted], group.n if group.n_trusted is None else group.n_trusted
+    trusted, n = (
+        [member for member in members if member.trusted],
+        group.n if group.n_trusted is None else group.n_trusted,
+    )
     values = []
     for name in parameters_of(trusted):
         symbol, factor, unit = in_unit(name, result.modulus_unit)
-        text = digits.quantity(trusted[0].itself.quantity(name), factor, unit=unit)
+        text = digits.quantity(trusted[0].quantity(name), factor, unit=unit)
         if n > 1:
             text = f"{digits.spread(group.spread(name), factor).replace('±', '+-')} {unit}".rstrip()
         values += [f"{symbol} = {text}"] if digits.MISSING not in text else []

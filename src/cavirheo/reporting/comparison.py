@@ -79,8 +79,8 @@ class Comparison:
 def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:
     """One for each parameter that is published or inferred; a liquid has no G."""
     answered = [shot for shot in shots if shot.answered]
-    known = {name: [shot.itself.quantity(name).median for shot in answered] for name in (G, MU)}
-    inferred = [name for name in known if group.spread(name).mean is not None or any(known[name])]
+    medians = {name: [shot.quantity(name).median for shot in answered] for name in (G, MU)}
+    inferred = [name for name in medians if group.spread(name).mean is not None or any(medians[name])]
     published = [name for values in group.published.values() for name in values]
     for name in sorted({*inferred, *published}, key=[G, MU, *published].index) or [""]:
         values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
@@ -91,11 +91,11 @@ def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[Compared
 
 def remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """The material, doubtful and failed shots."""
-    found = [group.population.line] if group.population and group.population.found else []
+    lines = [group.population.line] if group.population and group.population.found else []
     if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
-        found.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
+        lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
     reasons = terminal.once((shot.name, shot.message) for shot in shots if not shot.answered)
-    return found + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
+    return lines + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
 
 
 def print_comparison(result: Result) -> None:
@@ -104,8 +104,8 @@ def print_comparison(result: Result) -> None:
     console.print(comparison_table(comparison, wide=console.width >= 100))
     console.print(_key(comparison), style="dim")
     for group, of in result.members():
-        said = remarks(group, [result.curves[k] for k in of])
-        terminal.print_remarks(console, {remark: [group.name] for remark in said})
+        lines = remarks(group, [result.curves[k] for k in of])
+        terminal.print_remarks(console, {remark: [group.name] for remark in lines})
     terminal.print_remarks(console, {}, result.notes)
 
 
@@ -151,11 +151,11 @@ def markdown(result: Result) -> str:
         factor, label = comparison.unit(row.name)
         values = [_written(row, method, factor) for method in methods]
         lines.append([row.group.name, label, *values, *(_error(row, *pair) for pair in pairs), *_counts(row)])
-    parts = ["| " + " | ".join(map(_escaped, cells)) + " |" for cells in lines]
+    parts = ["| " + " | ".join(map(_escaped, row)) + " |" for row in lines]
     parts += ["", _key(comparison), ""]
     for group, of in result.members():
-        said = [*group.models, *remarks(group, [result.curves[k] for k in of])]
-        parts += [f"- {_escaped(group.name)}: {_escaped('; '.join(said))}"] if said else []
+        sentences = [*group.models, *remarks(group, [result.curves[k] for k in of])]
+        parts += [f"- {_escaped(group.name)}: {_escaped('; '.join(sentences))}"] if sentences else []
     parts += [f"- {_escaped(note)}" for note in result.notes]
     return "\n".join([*parts, "", f"cavirheo {result.version}, {result.date}: `{result.command}`", ""])
 
@@ -185,8 +185,8 @@ def write_csv(path: Path, result: Result) -> None:
 
 def _misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
     """RMSE over R_max of the answered shots: median, smallest and largest."""
-    known = [shot.rmse_over_rmax for shot in shots if shot.answered and shot.rmse_over_rmax is not None]
-    return [float(np.median(known)), min(known), max(known)] if known else [None] * 3
+    misfits = [shot.rmse_over_rmax for shot in shots if shot.answered and shot.rmse_over_rmax is not None]
+    return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
 
 
 def _error(row: ComparedParameter, reference: str, method: str) -> str:
@@ -200,10 +200,10 @@ def _error(row: ComparedParameter, reference: str, method: str) -> str:
 def _written(row: ComparedParameter, method: str, factor: float) -> str:
     """With the digits that it was published with; what was computed to those that the spread leaves."""
     value = row.value(method)
-    known = [number for number in (value.mean, value.std) if number is not None]
-    if method in (OURS, TRUSTED, ALL) or any(float(f"{number:.4g}") != number for number in known):
+    numbers = [number for number in (value.mean, value.std) if number is not None]
+    if method in (OURS, TRUSTED, ALL) or any(float(f"{number:.4g}") != number for number in numbers):
         return digits.spread(value, factor)
-    parts = [f"{number * factor:.10g}" for number in known]
+    parts = [f"{number * factor:.10g}" for number in numbers]
     places = max((len(part.partition(".")[2]) for part in parts), default=0)
     if not any("e" in part for part in parts):
         parts = [f"{float(part):.{places}f}" for part in parts]

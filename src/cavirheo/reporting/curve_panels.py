@@ -45,7 +45,7 @@ class Axis:
         if not np.isfinite(rough) or rough <= 0.0:
             return []
         ten = 10.0 ** np.floor(np.log10(rough))
-        step = next(one * ten for one in _STEPS if one * ten >= rough * (1.0 - 1e-9))
+        step = next(factor * ten for factor in _STEPS if factor * ten >= rough * (1.0 - 1e-9))
         first, last = np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9)
         return [float(f"{number * step:.10g}") + 0.0 for number in np.arange(first, last + 1.0)]
 
@@ -124,16 +124,16 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
         slack = 1e-6 * (time[-1] - time[0])
         compared = (time >= compared_time[0] - slack) & (time <= compared_time[-1] + slack)
     low, high = _view(time, compared_time)
-    known = np.isfinite(radius) & (time >= low) & (time <= high)
-    beyond = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
-    x = Axis(x_label, low, high, beyond)
-    top = 1.05 * float(np.max([*radius[known], *simulated_radius], initial=0.0)) or 1.05
-    share = 0.4 / max(int(np.count_nonzero(known)), 1)  # as much as the simulation has
+    measured = np.isfinite(radius) & (time >= low) & (time <= high)
+    remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
+    x = Axis(x_label, low, high, remark)
+    top = 1.05 * float(np.max([*radius[measured], *simulated_radius], initial=0.0)) or 1.05
+    share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # as much as the simulation has
     dots = [
         Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some))
         for look, name, some in (
-            ("outside", "not compared", known & ~compared),
-            ("measured", "measured", known & compared),
+            ("measured", "measured", measured & compared),
+            ("outside", "not compared", measured & ~compared),
         )
     ]
     line = Layer("line", "simulated", simulated_time, simulated_radius, simulated_as, share=0.4)
@@ -145,17 +145,17 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
             Axis(y_label, 0.0, top),
             tuple(layer for layer in (*dots, line) if len(layer.y)),
             Axis("t*", low / t_c, high / t_c) if t_c else None,
-            note if known.any() else "no measured radius",
+            note if measured.any() else "no measured radius",
         )
     ]
     if len(residual):
-        reach = 1.15 * max(float(np.max(np.abs(residual), initial=0.1)), rmse)
+        largest = 1.15 * max(float(np.max(np.abs(residual), initial=0.1)), rmse)
         ends = np.array([low, high])
         band = [Layer("band", "band", ends, np.array([-rmse, rmse]))] if rmse else []
         zero = Layer("line", "zero", ends, np.zeros(2))
-        rest = Layer("dots", "residual", compared_time, residual, share=0.2)
+        difference = Layer("dots", "residual", compared_time, residual, share=0.2)
         note = f"band: ± RMSE = {digits.significant(rmse, 2)} %" if rmse else ""
-        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -reach, reach), (*band, zero, rest), note=note))
+        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, difference), note=note))
     return panels
 
 

@@ -171,16 +171,16 @@ def heading(record: CurveRecord, unit: Unit) -> tuple[str, str, list[str]]:
     name = digits.printable(digits.elide(record.name, 60))
     verdict = digits.LOOKS[record.verdict].words
     if not record.answered:
-        said = digits.printable(record.message)
-        return name, verdict, textwrap.wrap(said, _RATHER, max_lines=3, placeholder=" …")
-    known = []
+        message = digits.printable(record.message)
+        return name, verdict, textwrap.wrap(message, _RATHER, max_lines=3, placeholder=" …")
+    values = []
     for parameter in (*parameters_of([record]), "stretch"):
         symbol, factor, written = in_unit(parameter, unit)
-        value = record.itself.quantity(parameter)
-        known += [] if value.median is None else [f"{symbol} = {digits.quantity(value, factor, unit=written)}"]
-    known.append(f"{RMAX} = {digits.micrometres(record.max_radius_m)} µm")
-    unbroken = "   ".join(part.replace(" ", "\u00a0") for part in known)
-    return name, verdict, [*textwrap.wrap(unbroken, _RATHER), f"model: {digits.elide(record.itself.in_words, 80)}"]
+        value = record.quantity(parameter)
+        values += [] if value.median is None else [f"{symbol} = {digits.quantity(value, factor, unit=written)}"]
+    values.append(f"{RMAX} = {digits.micrometres(record.max_radius_m)} µm")
+    unbroken = "   ".join(part.replace(" ", "\u00a0") for part in values)
+    return name, verdict, [*textwrap.wrap(unbroken, _RATHER), f"model: {digits.elide(record.in_words, 80)}"]
 
 
 def curve_figure(panels: Sequence[Panel], look: FigureStyle, head: tuple[str, str, Sequence[str]]) -> Figure:
@@ -227,23 +227,23 @@ def group_figure(group: GroupPanels, look: FigureStyle) -> Figure:
 
 def laws_figure(weighed: WeighedLaws) -> Figure:
     """One column: the log evidence of each law below that of the best, with its standard error; filled: the chosen."""
-    found = {name: law for name, law in weighed.laws.items() if law.log_evidence is not None}
-    ordered = sorted(found, key=lambda name: found[name].log_evidence or 0.0)
-    best = max((found[name].log_evidence or 0.0 for name in ordered), default=0.0)
-    shown, height = [digits.elide(name, 24) for name in ordered], 6.0 * max(len(ordered), 2)
-    left, width = 4.0 + 1.5 * max(map(len, shown), default=8), PAPER.one[0]
-    lowest = min((found[name].log_evidence or 0.0 for name in ordered), default=best) - best
+    laws = {name: law for name, law in weighed.laws.items() if law.log_evidence is not None}
+    ordered = sorted(laws, key=lambda name: laws[name].log_evidence or 0.0)
+    best = max((laws[name].log_evidence or 0.0 for name in ordered), default=0.0)
+    labels, height = [digits.elide(name, 24) for name in ordered], 6.0 * max(len(ordered), 2)
+    left, width = 4.0 + 1.5 * max(map(len, labels), default=8), PAPER.one[0]
+    lowest = min((laws[name].log_evidence or 0.0 for name in ordered), default=best) - best
     figure = _figure((width, 14.0 + height))
     ends = Axis("log evidence, best = 0", 1.8 * min(lowest, -2.0), 3.0), Axis("", -0.6, max(len(ordered), 2) - 0.4)
     axes = _axes(figure, (left, 10.0, width - left - 2.0, height), *ends, PAPER)
     for row, name in enumerate(ordered):
-        law = found[name]
+        law = laws[name]
         look: Any = {"color": "black", "mfc": "black" if name == weighed.chosen else "white", "ms": 4.0, "mew": 0.8}
         axes.errorbar((law.log_evidence or 0.0) - best, row, xerr=law.standard_error or 0.0, fmt="o", lw=0.8, **look)
     axes.axvline(0.0, color=_GREY, lw=0.5, zorder=0)
     axes.set_xscale("symlog", linthresh=10.0)
     axes.set_xlim(ends[0].low, ends[0].high)
-    axes.set_yticks(range(len(ordered)), shown)
+    axes.set_yticks(range(len(ordered)), labels)
     return figure
 
 
@@ -345,9 +345,9 @@ def _size_key(figure: Figure, sizes: Floats, box: tuple[float, float, float, flo
     bar = _axes(figure, box, Axis("", -0.5, 0.5), Axis("", -0.5, count - 0.5), look)
     tones = style.shades(np.linspace(0.0, _LIGHTEST, count))
     bar.imshow(tones[:, None], aspect="auto", origin="lower", extent=(-0.5, 0.5, -0.5, count - 0.5))
-    shown = sorted({0, count // 2, count - 1})
+    labelled = sorted({0, count // 2, count - 1})
     bar.set_xticks([])
-    bar.set_yticks(shown, [f"{ordered[i]:.0f}" for i in shown])
+    bar.set_yticks(labelled, [f"{ordered[i]:.0f}" for i in labelled])
     bar.yaxis.tick_right()
     bar.tick_params(length=0.0)
     bar.spines[:].set_visible(False)

@@ -16,7 +16,7 @@ from cavirheo.arrays import Floats
 from cavirheo.parameters import AT_RATE, CAMERA, about
 from cavirheo.physics.bubble import title_of
 from cavirheo.posterior import TRUSTED
-from cavirheo.reporting.answer import CurveRecord, OtherModel, evidence
+from cavirheo.reporting.answer import Answer, CurveRecord, OtherModel, evidence
 from cavirheo.reporting.material import PopulationRecord, over_size
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
@@ -103,15 +103,19 @@ class GroupModel(Record):
         from cavirheo.inference.alternatives import equal
 
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
-        known = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
-        values = [f"{symbol} {digits.spread(one, by)} {of}" for symbol, one, by, of in known if one.mean is not None]
-        said = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
+        parameters = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
+        values = [
+            f"{symbol} {digits.spread(value, by)} {of}"
+            for symbol, value, by, of in parameters
+            if value.mean is not None
+        ]
+        sentence = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
         if self.log_evidence is None:
-            return said
+            return sentence
         if equal(self.log_evidence):
-            return f"{said}; as likely as the answer"
+            return f"{sentence}; as likely as the answer"
         preferred = "it to the answer" if self.log_evidence > 0 else "the answer"
-        return f"{said}; the evidence prefers {preferred} by a factor of e^{abs(self.log_evidence):.0f}"
+        return f"{sentence}; the evidence prefers {preferred} by a factor of e^{abs(self.log_evidence):.0f}"
 
     @property
     def preferred(self) -> bool:
@@ -175,24 +179,28 @@ class GroupRecord(Record):
     @property
     def by_method(self) -> dict[str, Mapping[str, Spread]]:
         """All values of other methods, then our means if this has shots."""
-        own = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
-        return {**self.published, **({OURS: own} if self.n and self.published else {})}
+        means = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
+        return {**self.published, **({OURS: means} if self.n and self.published else {})}
 
     def put_beside(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
         """Add values of other methods, and the errors of all methods to those of the references."""
         self.published |= {method: dict(values) for method, values in published.items()}
         for reference in references:
-            known, errors = self.published.get(reference, {}), dict[str, dict[str, float]]()
+            reference_values, errors = self.published.get(reference, {}), dict[str, dict[str, float]]()
             for method, values in self.by_method.items():
-                pairs = [(name, error_of(values[name], known[name])) for name in values if name in known]
-                found = {name: error for name, error in pairs if error is not None}
-                errors |= {method: found} if found and method != reference else {}
-            self.errors |= {reference: errors} if known else {}
+                pairs = [
+                    (name, error_of(values[name], reference_values[name]))
+                    for name in values
+                    if name in reference_values
+                ]
+                of_method = {name: error for name, error in pairs if error is not None}
+                errors |= {method: of_method} if of_method and method != reference else {}
+            self.errors |= {reference: errors} if reference_values else {}
 
     def spread(self, name: str) -> Spread:
         """Of a parameter by its natural name."""
-        known = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
-        return (known | self.other_parameters).get(name, Spread())
+        means = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
+        return (means | self.other_parameters).get(name, Spread())
 
     @property
     def viscosity(self) -> Spread:
@@ -210,9 +218,9 @@ class GroupRecord(Record):
         other model answers."""
         models = ", ".join(f"{count} {model}" for model, count in self.models.items())
         mixed = [f"the means are over answers of different models: {models}"] if len(self.models) > 1 else []
-        others = [one.words for one in self.other_models]
+        alternatives = [model.words for model in self.other_models]
         first = [self.warning] if self.warning and not self.headline else []
-        return first + mixed + ([in_words(self.slopes)] if self.slopes else []) + self._scale + others
+        return first + mixed + ([in_words(self.slopes)] if self.slopes else []) + self._scale + alternatives
 
     @property
     def _scale(self) -> list[str]:
@@ -260,24 +268,24 @@ class GroupRecord(Record):
         """Models that only the evidence of all shots together prefers, in words."""
         if self.preferred:
             return []
-        return [f"{one.material}, {title_of(one.bubble)}" for one in self.other_models if one.preferred]
+        return [f"{model.material}, {title_of(model.bubble)}" for model in self.other_models if model.preferred]
 
     @property
     def badges(self) -> list[tuple[str, str]]:
         """(verdict whose look it has, words) of each count of verdicts: what counts by itself is not "ok" where all
         shots together prefer another model."""
-        found = []
+        badges = []
         for verdict, count in self.verdicts.items():
             warned = bool(self.preferred_together) and verdict in TRUSTED
             words = f"{count} {digits.LOOKS[verdict].words}" + f", {': '.join(TOGETHER)}" * warned
-            found.append(("other_model_preferred" if warned else verdict, words))
-        return found
+            badges.append(("other_model_preferred" if warned else verdict, words))
+        return badges
 
     @property
     def headline(self) -> str:
         """The line for a paper, after what must be known before it is used; nothing without a material."""
-        found = self.population and self.population.found
-        return "; ".join(filter(None, [self.warning, self.population.line])) if self.population and found else ""
+        material = self.population and self.population.found
+        return "; ".join(filter(None, [self.warning, self.population.line])) if self.population and material else ""
 
 
 def error_of(value: Spread, reference: Spread) -> float | None:
@@ -289,22 +297,22 @@ def error_of(value: Spread, reference: Spread) -> float | None:
 
 def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:
     """Of the shots that have both; None for fewer than FEWEST, or where all are of one size or one value."""
-    known = [(r, v) for r, v in zip(radius, values, strict=True) if r and v and v > 0]
-    if len(known) < FEWEST:
+    pairs = [(r, v) for r, v in zip(radius, values, strict=True) if r and v and v > 0]
+    if len(pairs) < FEWEST:
         return None
-    if len(known) > MOST:
-        known = sorted(known)[:: -(-len(known) // MOST)]
-    x, y = np.log(np.array(known)).T
+    if len(pairs) > MOST:
+        pairs = sorted(pairs)[:: -(-len(pairs) // MOST)]
+    x, y = np.log(np.array(pairs)).T
     if min(np.ptp(x), np.ptp(y)) < _SAME:
         return None
     median, low, high = theil_sen(x, y)
-    return Slope(median=median, q05=low, q95=high, n=len(known), n_trusted=min(trusted, len(known)))
+    return Slope(median=median, q05=low, q95=high, n=len(pairs), n_trusted=min(trusted, len(pairs)))
 
 
 def slopes(members: Sequence[CurveRecord]) -> dict[str, Slope]:
     """Of the answers of a group, by the name of what should be a constant."""
     sloped = _sloped(members)
-    return _slopes(sloped, [one.itself for one in sloped])
+    return _slopes(sloped, sloped)
 
 
 def _sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
@@ -329,24 +337,24 @@ def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
     return float(np.median(slopes)), float(slopes[low]), float(slopes[high])
 
 
-def _slopes(shots: Sequence[CurveRecord], answers: Sequence[OtherModel]) -> dict[str, Slope]:
+def _slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str, Slope]:
     """By the name of what should be a constant."""
-    radii, found = [record.max_radius_m for record in shots], dict[str, Slope]()
+    radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
     for name in CONSTANTS:
-        values = [one.quantity(name).determined for one in answers]
-        trusted = sum(one.trusted and value is not None for one, value in zip(shots, values, strict=True))
-        if one := slope(radii, values, trusted):
-            found[name] = one
-    return found
+        values = [power.quantity(name).determined for power in answers]
+        trusted = sum(power.trusted and value is not None for power, value in zip(shots, values, strict=True))
+        if power := slope(radii, values, trusted):
+            slopes[name] = power
+    return slopes
 
 
 def in_words(slopes: dict[str, Slope]) -> str:
     """One line: what rises or falls with R_max, and what does not."""
-    said = [over_size(about(name).symbol, one, one.words) for name, one in slopes.items()]
-    most = max(slopes.values(), key=lambda one: one.n)
+    clauses = [over_size(about(name).symbol, power, power.words) for name, power in slopes.items()]
+    most = max(slopes.values(), key=lambda power: power.n)
     shots = f"{most.n} shots" + (f", {most.n_trusted} of them trusted" if most.n_trusted < most.n else "")
     wrong = ", and a constant should not: doubt the law or the bubble (by chance so in 1 group of 10)"
-    return f"{', '.join(said)} over {shots}" + wrong * any(one.sign for one in slopes.values())
+    return f"{', '.join(clauses)} over {shots}" + wrong * any(power.sign for power in slopes.values())
 
 
 def group_of(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
@@ -356,46 +364,66 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
     n = sum(record.answered for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
     firm = [record.diagnostics for record in trusted if record.determined("shear_modulus") is not None]
-    slopes_of_scale = [one.modulus_over_scale for one in firm if one.modulus_over_scale is not None]
+    slopes_of_scale = [shot.modulus_over_scale for shot in firm if shot.modulus_over_scale is not None]
     return GroupRecord(
-        name=name, n=n, n_trusted=len(trusted), n_failed=len(members) - n,
+        name=name,
+        n=n,
+        n_trusted=len(trusted),
+        n_failed=len(members) - n,
         shear_modulus_Pa=spread_of([record.determined("shear_modulus") for record in trusted]),
         viscosity_Pa_s=spread_of([record.determined("viscosity") for record in trusted]),
-        other_parameters={key: spread_of([one.determined(key) for one in trusted]) for key in more},
+        other_parameters={key: spread_of([shot.determined(key) for shot in trusted]) for key in more},
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
-        preferred=dict(Counter(one.in_words for record in members if (one := record.preferred))),
-        slopes=slopes(members), other_models=_other_models(trusted, _sloped(members)),
-        population=population, modulus_over_scale=float(np.median(slopes_of_scale)) if slopes_of_scale else None,
-    )  # fmt: skip
+        preferred=dict(Counter(shot.in_words for record in members if (shot := record.preferred))),
+        slopes=slopes(members),
+        other_models=_other_models(trusted, _sloped(members)),
+        population=population,
+        modulus_over_scale=float(np.median(slopes_of_scale)) if slopes_of_scale else None,
+    )
 
 
 def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list[GroupModel]:
     """Of each model that a trusted shot has besides its answer, of each shot the mode with the largest evidence; the
     slopes are over `sloped`."""
-    others = [(record, _by_model(record.other_models)) for record in trusted]
-    sloped_others, own = [_by_model(record.other_models) for record in sloped], {record.model for record in trusted}
-    found = []
-    for model, first in _by_model(one for _, models in others for one in models.values()).items():
-        pairs = [(record, models[model]) for record, models in others if model in models]
-        if own == {model}:  # another mode of the model itself
+    alternatives = [(record, _by_model(record.other_models)) for record in trusted]
+    sloped_others, answered_models = (
+        [_by_model(record.other_models) for record in sloped],
+        {record.model for record in trusted},
+    )
+    summaries = []
+    for model, first in _by_model(
+        model_answer for _, models in alternatives for model_answer in models.values()
+    ).items():
+        pairs = [(record, models[model]) for record, models in alternatives if model in models]
+        if answered_models == {model}:  # another mode of the model itself
             continue
         gains = [
-            there.log_evidence - record.evidence.log
-            for record, there in pairs if there.log_evidence is not None and record.evidence is not None
-        ]  # fmt: skip
-        answers, complete = [one for _, one in pairs], all(model in models for models in sloped_others)
-        found.append(GroupModel(
-            material=first.material, bubble=first.bubble.name, n=len(pairs),
-            shear_modulus_Pa=spread_of([one.quantity("shear_modulus").determined for one in answers]),
-            viscosity_Pa_s=spread_of([one.viscosity.determined for one in answers]),
-            log_evidence=float(np.sum(gains)) if gains else None,
-            weight=float(np.mean([one.weight for one in answers])),
-            slopes=_slopes(sloped, [models[model] for models in sloped_others]) if complete else {},
-        ))  # fmt: skip
-    return found
+            alternative.log_evidence - record.evidence.log
+            for record, alternative in pairs
+            if alternative.log_evidence is not None and record.evidence is not None
+        ]
+        answers, complete = (
+            [model_answer for _, model_answer in pairs],
+            all(model in models for models in sloped_others),
+        )
+        summaries.append(
+            GroupModel(
+                material=first.material,
+                bubble=first.bubble.name,
+                n=len(pairs),
+                shear_modulus_Pa=spread_of(
+                    [model_answer.quantity("shear_modulus").determined for model_answer in answers]
+                ),
+                viscosity_Pa_s=spread_of([model_answer.viscosity.determined for model_answer in answers]),
+                log_evidence=float(np.sum(gains)) if gains else None,
+                weight=float(np.mean([model_answer.weight for model_answer in answers])),
+                slopes=_slopes(sloped, [models[model] for models in sloped_others]) if complete else {},
+            )
+        )
+    return summaries
 
 
 def _by_model(answers: Iterable[OtherModel]) -> dict[str, OtherModel]:
     """By model, the mode with the largest evidence."""
-    return {one.model: one for one in sorted(answers, key=evidence)}
+    return {answer.model: answer for answer in sorted(answers, key=evidence)}

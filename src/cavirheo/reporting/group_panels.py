@@ -67,7 +67,7 @@ def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> Group
         layers.append(Layer("line", "shot", t_star[some], curve.radius[some] / curve.max_radius, tones=tone[None]))
     title, models = (
         f"{digits.elide(group.name, 32)}: {group.shots}",
-        dict.fromkeys(one.itself.in_words for one in records),
+        dict.fromkeys(record.in_words for record in records),
     )
     key = f"{RMAX} {sizes.min():.0f} µm (dark) to {sizes.max():.0f} µm (light)" if np.ptp(sizes) else title
     return GroupPanels(
@@ -86,12 +86,12 @@ def _answers(
     x, mean_x, x_label = _along(across, records, group, unit)
     y, mean_y, y_label = _along(upper, records, group, unit)
     trusted = np.array([record.trusted for record in records])
-    known = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
+    finite = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
     over_size = across == _SIZE
     layers = [
-        Layer("bars", "interval", x[known], y[known], tones=tones[known]),
-        Layer("dots", "estimate", x[known, 1], y[known, 1], tones=tones[known]),
-        Layer("dots", "ring", x[known & ~trusted, 1], y[known & ~trusted, 1], "does not count"),
+        Layer("bars", "interval", x[finite], y[finite], tones=tones[finite]),
+        Layer("dots", "estimate", x[finite, 1], y[finite, 1], tones=tones[finite]),
+        Layer("dots", "ring", x[finite & ~trusted, 1], y[finite & ~trusted, 1], "does not count"),
     ]
     marks: list[Mark] = []
     if over_size and (slope := group.slopes.get(upper)):
@@ -147,7 +147,7 @@ def _along(
         return np.column_stack([radii] * 3), None, f"{RMAX} (µm)"
     symbol, factor, written = in_unit(name, unit)
     viscous = name in ("viscosity", AT_RATE)
-    values = _ends([one.viscosity if viscous else one.itself.quantity(name) for one in records], factor)
+    values = _ends([record.viscosity if viscous else record.quantity(name) for record in records], factor)
     return values, _mean(group.spread(name), factor), f"{symbol} ({written})" if written else symbol
 
 
@@ -159,18 +159,18 @@ def _mean(value: Spread, factor: float) -> Floats | None:
 
 def _ends(values: Sequence[Quantity], factor: float = 1.0) -> Floats:
     """(n, 3) lower end, median and upper end; the median thrice where there is no interval."""
-    known = factor * np.array([(one.q05, one.median, one.q95) for one in values], dtype=float).reshape(-1, 3)
-    return np.where(np.isnan(known), known[:, 1:2], known)
+    ends = factor * np.array([(value.q05, value.median, value.q95) for value in values], dtype=float).reshape(-1, 3)
+    return np.where(np.isnan(ends), ends[:, 1:2], ends)
 
 
 def _around(parts: Sequence[Floats], *, close: bool = False) -> tuple[float, float]:
     """Limits about all of these positive numbers: from zero where the smallest is far below the largest, else close, so
     that what differs by little lies apart. close: in any case."""
-    known = np.concatenate([np.ravel(part) for part in parts])
-    known = known[np.isfinite(known)]
-    if not len(known) or known.max() <= 0.0:
+    numbers = np.concatenate([np.ravel(part) for part in parts])
+    numbers = numbers[np.isfinite(numbers)]
+    if not len(numbers) or numbers.max() <= 0.0:
         return 0.0, 1.0
-    low, high = float(known.min()), float(known.max())
+    low, high = float(numbers.min()), float(numbers.max())
     begin = 0.0 if low < high / FAR and not close else low
     margin = 0.1 * (high - begin) or 0.1 * high
     return max(begin - margin, 0.0), high + margin

@@ -56,8 +56,8 @@ def write(
     articles = []
     for k, record in enumerate(curves):
         picture, sheet = pictures[k] if pictures else "", sheets[k] if sheets else ""
-        told: Any = {"shared": frozenset(shared), "brief": brief, "number": k}
-        articles.append(article(record, *unit, picture, **told) + part("frames", sheet))
+        options: Any = {"shared": frozenset(shared), "brief": brief, "number": k}
+        articles.append(article(record, *unit, picture, **options) + part("frames", sheet))
     page = template("report.html").render(
         result=result,
         style=style(),
@@ -67,7 +67,7 @@ def write(
         articles=articles,
         pictured=bool(pictures),
         shared=shared,
-        origin=_text(_common([one.provenance for one in curves if one.answered or not shared])),
+        origin=_text(_common([curve.provenance for curve in curves if curve.answered or not shared])),
         brief=brief,
     )
     Path(path).write_text(page, encoding="utf-8")
@@ -75,24 +75,26 @@ def write(
 
 def _shared(curves: Sequence[CurveRecord]) -> dict[str, str]:
     """What is the same for all of several curves that are answered, by its name."""
-    told = [
+    facts = [
         {
-            "material": digits.MATERIALS.get(one.material, one.material),
-            "bubble": one.bubble.sentence,
-            "method": digits.METHODS.get(one.method, one.method),
-            "stretch": one.diagnostics.stretch_source,
-            "file": one.source,
+            "material": digits.MATERIALS.get(curve.material, curve.material),
+            "bubble": curve.bubble.sentence,
+            "method": digits.METHODS.get(curve.method, curve.method),
+            "stretch": curve.diagnostics.stretch_source,
+            "file": curve.source,
         }
-        for one in curves
-        if one.answered
+        for curve in curves
+        if curve.answered
     ]
-    return {name: text for name, text in _common(told).items() if text} if len(told) > 1 else {}
+    return {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
 
 
 def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The entries that all of these have alike."""
-    first, *others = parts or [{}]
-    return {key: value for key, value in first.items() if all(key in one and one[key] == value for one in others)}
+    first, *later = parts or [{}]
+    return {
+        key: value for key, value in first.items() if all(key in mapping and mapping[key] == value for mapping in later)
+    }
 
 
 def _text(origin: Mapping[str, Any]) -> Markup:
@@ -158,7 +160,7 @@ def live_page(
     half_width: that of the 90 % interval over the value, by which shots that are still needed are counted.
     """
     result = result or Result(command="", curves=[], groups=[])
-    group, members = next((one for one in result.members() if latest in one[1]), (None, []))
+    group, members = next((row for row in result.members() if latest in row[1]), (None, []))
     record, picture = result.curves[latest] if group else None, ""
     if curve and answer and record:
         with suppress(InputError):
@@ -175,8 +177,8 @@ def live_page(
         picture=picture,
         style=svg.style(),
         shots=len(result.curves),
-        trusted=sum(one.trusted for one in result.curves),
-        failed=sum(not one.answered for one in result.curves),
+        trusted=sum(row.trusted for row in result.curves),
+        failed=sum(not row.answered for row in result.curves),
     )
 
 
@@ -195,10 +197,13 @@ def _printable(value: Any) -> Any:
 def _templates(package: str) -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    made = Environment(
-        loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined,
-        keep_trailing_newline=True, finalize=_printable,
-    )  # fmt: skip
-    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
-    made.globals.update(named_parameter=_named, meaning_of=meaning_of, parameter_key=parameter_key)
-    return made
+    environment = Environment(
+        loader=PackageLoader(package, ""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        finalize=_printable,
+    )
+    environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
+    environment.globals.update(named_parameter=_named, meaning_of=meaning_of, parameter_key=parameter_key)
+    return environment

@@ -98,61 +98,66 @@ def records(
 ) -> tuple[list[WeighedLaws], list[WeighedLaws]]:
     """The rankings of the curves and of their groups, as the document has them."""
     by_curve = [
-        _weighed(one, {law: {"answer": curve_record(curve, answer)} for law, answer in one.answers.items()})
-        for curve, one in zip(curves, singles, strict=True)
+        _weighed(ranking, {law: {"answer": curve_record(curve, answer)} for law, answer in ranking.answers.items()})
+        for curve, ranking in zip(curves, singles, strict=True)
     ]
     by_group = []
     for group in groups:
-        about: dict[str, dict[str, Any]] = {}
+        fields: dict[str, dict[str, Any]] = {}
         for law in group.evidence:
             shots = [answer for i in group.members if (answer := by_curve[i].laws[law].answer)]
             material = population_record(group.populations.get(law), group.column)
-            about[law] = {"slopes": slopes(shots), "population": material}
-        by_group.append(_weighed(group, about))
+            fields[law] = {"slopes": slopes(shots), "population": material}
+        by_group.append(_weighed(group, fields))
     return by_curve, by_group
 
 
-def _weighed(one: Ranking, about: Mapping[str, Mapping[str, Any]]) -> WeighedLaws:
+def _weighed(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> WeighedLaws:
     """about: what a law has besides its evidence."""
     laws = {
         law: WeighedLaw(
             log_evidence=value,
-            standard_error=one.error[law],
-            probability=one.probability.get(law),
-            **about[law],
+            standard_error=ranking.error[law],
+            probability=ranking.probability.get(law),
+            **fields[law],
         )
-        for law, value in one.log_evidence.items()
+        for law, value in ranking.log_evidence.items()
     }
-    pairs = [ComparedLaws(**vars(pair)) for pair in one.pairs]
+    pairs = [ComparedLaws(**vars(pair)) for pair in ranking.pairs]
     return WeighedLaws(
-        name=one.name, shots=one.shots, chosen=one.chosen, contenders=one.contenders, laws=laws, pairs=pairs
+        name=ranking.name,
+        shots=ranking.shots,
+        chosen=ranking.chosen,
+        contenders=ranking.contenders,
+        laws=laws,
+        pairs=pairs,
     )
 
 
 def print_table(document: Laws) -> None:
     """A line per law of each curve, then of each group; then the input warnings of the curves."""
     heads = ("law", "log evidence", "probability", "G Pa", "µ Pa s", "RMSE %", "verdict")
-    answers = [law.answer for one in document.curves for law in one.laws.values() if law.answer]
+    answers = [law.answer for laws in document.curves for law in laws.laws.values() if law.answer]
     bubbles = ", ".join(dict.fromkeys(answer.bubble.title for answer in answers))
     title = f"{_TITLE}; {bubbles}" if bubbles else _TITLE
     table = terminal.table("curve", heads, left=("law", "verdict"), title=title)
-    rows = [(one, one.name, "") for one in document.curves]
-    rows += [(one, f"{one.name}: {one.shots} shots", "bold") for one in document.groups]
-    for (one, _, style), name in zip(rows, digits.shortened([name for _, name, _ in rows]), strict=True):
-        best = max((law.log_evidence for law in one.laws.values() if law.log_evidence is not None), default=0.0)
-        for law, about in one.laws.items():
-            mark = ("→ " if law == one.chosen else "") + law + ("*" if law in one.contenders else "")
-            table.add_row(name, mark, *_cells(about, best), style=style)
+    rows = [(laws, laws.name, "") for laws in document.curves]
+    rows += [(laws, f"{laws.name}: {laws.shots} shots", "bold") for laws in document.groups]
+    for (laws, _, style), name in zip(rows, digits.shortened([name for _, name, _ in rows]), strict=True):
+        best = max((law.log_evidence for law in laws.laws.values() if law.log_evidence is not None), default=0.0)
+        for law, entry in laws.laws.items():
+            mark = ("→ " if law == laws.chosen else "") + law + ("*" if law in laws.contenders else "")
+            table.add_row(name, mark, *_cells(entry, best), style=style)
             name = ""
         table.add_section()
     console = terminal.console()
     console.print(table)
     terminal.print_warnings(console, warnings(answers))
-    told = firmly(document)
+    lines = firmly(document)
     for group in document.groups:
-        told += [f"{group.name}, {law}: {in_words(one.slopes)}" for law, one in group.laws.items() if one.slopes]
-        told += [f"{group.name}, one material, {law}: {said}" for law, said in _materials(group)]
-    terminal.print_remarks(console, {}, [*told, *document.notes])
+        lines += [f"{group.name}, {law}: {in_words(laws.slopes)}" for law, laws in group.laws.items() if laws.slopes]
+        lines += [f"{group.name}, one material, {law}: {line}" for law, line in _materials(group)]
+    terminal.print_remarks(console, {}, [*lines, *document.notes])
 
 
 def firmly(document: Laws) -> list[str]:
@@ -167,16 +172,16 @@ def firmly(document: Laws) -> list[str]:
 
 def _materials(group: WeighedLaws) -> list[tuple[str, str]]:
     """(law, its log evidence with one material below the best, and the line of that material), the best first."""
-    found = {law: one.population for law, one in group.laws.items() if one.population}
-    whole = {law: one for law, one in found.items() if not one.left_out}  # the same shots for all
-    known = {law: one.log_evidence for law, one in whole.items() if one.log_evidence is not None}
-    top, said = max(known.values(), default=0.0), []
-    for law in sorted(found, key=lambda law: -known.get(law, float("-inf"))):
-        about = found[law]
-        error = "" if about.log_evidence_error is None else f" ± {about.log_evidence_error:.1f}"
-        height = f"log evidence {known[law] - top:.1f}{error}; " if law in known else ""
-        said.append((law, height + about.line))
-    return said
+    materials = {law: entry.population for law, entry in group.laws.items() if entry.population}
+    whole = {law: material for law, material in materials.items() if not material.left_out}  # the same shots for all
+    heights = {law: material.log_evidence for law, material in whole.items() if material.log_evidence is not None}
+    top, lines = max(heights.values(), default=0.0), []
+    for law in sorted(materials, key=lambda law: -heights.get(law, float("-inf"))):
+        material = materials[law]
+        error = "" if material.log_evidence_error is None else f" ± {material.log_evidence_error:.1f}"
+        height = f"log evidence {heights[law] - top:.1f}{error}; " if law in heights else ""
+        lines.append((law, height + material.line))
+    return lines
 
 
 def _cells(law: WeighedLaw, best: float) -> list[str]:

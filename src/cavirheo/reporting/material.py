@@ -84,8 +84,8 @@ class PopulationRecord(Record):
 
     def centre(self, name: str) -> Quantity:
         """Of a parameter by its natural name; empty where the law has none, or there is no material."""
-        known = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
-        return (known | self.other_parameters).get(name, Quantity())
+        law = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
+        return (law | self.other_parameters).get(name, Quantity())
 
     def known(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
         """In log10 of these parameters: mean (l,) and covariance (l, l) of the material, of which the document has the
@@ -93,9 +93,9 @@ class PopulationRecord(Record):
         from cavirheo.inference.design import variance
 
         centre = [self.centre(name) for name in names]
-        ends = np.log10(np.array([[one.q05, one.median, one.q95] for one in centre], dtype=float))
+        ends = np.log10(np.array([[value.q05, value.median, value.q95] for value in centre], dtype=float))
         spread = np.array([self.spreads_decades[name].median for name in names], dtype=float)
-        both = {frozenset(pair.split(", ")): one.median or 0.0 for pair, one in self.correlation.items()}
+        both = {frozenset(pair.split(", ")): value.median or 0.0 for pair, value in self.correlation.items()}
         rho = [[1.0 if a == b else both.get(frozenset((a, b)), 0.0) for b in names] for a in names]
         return ends[:, 1], np.diag(variance(ends)), np.outer(spread, spread) * np.array(rho)
 
@@ -106,10 +106,10 @@ class PopulationRecord(Record):
 
         names = [name for name in _KEYS if self.centre(name).determined is not None]
         logs = [row.logs(names) for row in shots if row.trusted]
-        if not (names and (logs := [one for one in logs if np.all(np.isfinite(one))])):
+        if not (names and (logs := [intervals for intervals in logs if np.all(np.isfinite(intervals))])):
             return None
         _, covariance, scatter = self.known(names)
-        information = np.sum([shared(np.diag(1.0 / variance(one)), scatter) for one in logs], axis=0)
+        information = np.sum([shared(np.diag(1.0 / variance(intervals)), scatter) for intervals in logs], axis=0)
         inliers = 1.0 - len(self.strays) / self.n
         return shots_wanted(inliers / len(shots) * information, covariance, float(np.log10(1.0 + half_width)))
 
@@ -123,8 +123,8 @@ class PopulationRecord(Record):
             return None
         (mu, of_mu), (modulus, of_modulus) = ((centre.determined, spread.median) for centre, spread in pair)
         rho = next(iter(self.correlation.values()), Quantity()).median or 0.0
-        turn, reach = np.linspace(0.0, 2.0 * np.pi, 121), np.sqrt(-2.0 * np.log(1.0 - level))
-        x, y = reach * np.cos(turn), reach * (rho * np.cos(turn) + np.sqrt(1.0 - rho**2) * np.sin(turn))
+        turn, radius = np.linspace(0.0, 2.0 * np.pi, 121), np.sqrt(-2.0 * np.log(1.0 - level))
+        x, y = radius * np.cos(turn), radius * (rho * np.cos(turn) + np.sqrt(1.0 - rho**2) * np.sin(turn))
         return np.column_stack([mu * 10.0 ** (of_mu * x), modulus * 10.0 ** (of_modulus * y)])
 
 
@@ -161,13 +161,15 @@ class GroupDifference(Record):
         """'gel B over gel A: G 1.32 [1.05, 1.65], larger with probability 0.98; ...'."""
         from cavirheo.reporting.answer import described
 
-        said = []
-        for name, apart in self.parameters.items():
-            higher = apart.probability_higher
+        clauses = []
+        for name, difference in self.parameters.items():
+            higher = difference.probability_higher
             way, sure = ("larger", higher) if higher >= 0.5 else ("smaller", 1.0 - higher)
             probable = "> 0.99" if sure > 0.99 else f"{sure:.2f}"
-            said.append(f"{described(name)[0]} {digits.quantity(apart.ratio)}, {way} with probability {probable}")
-        return f"{self.first} over {self.second}: {'; '.join(said)}"
+            clauses.append(
+                f"{described(name)[0]} {digits.quantity(difference.ratio)}, {way} with probability {probable}"
+            )
+        return f"{self.first} over {self.second}: {'; '.join(clauses)}"
 
 
 def material_of(
@@ -185,32 +187,40 @@ def material_of(
 kept_material_of = lru_cache(maxsize=8)(material_of)  # at the bench every new shot writes all groups anew
 
 
-def population_record(found: Population | None, column: str = "") -> PopulationRecord | None:
+def population_record(population: Population | None, column: str = "") -> PopulationRecord | None:
     """As documents hold it; column: the title of that which it has a slope along."""
-    if found is None:
+    if population is None:
         return None
-    about: dict[str, Any] = {
-        "line": found.line, "remarks": found.remarks, "model": f"{found.material}, {found.bubble.name}",
-        "n": len(found.shots), "strays": found.strays, "left_out": dict(found.left_out),
-    }  # fmt: skip
-    if not len(found.centre):
-        return PopulationRecord(**about)
-    values = {name: found.quantity(name) for name in found.names}
-    known: dict[str, Any] = {key: values.pop(name) for name, key in _KEYS.items() if name in values}
-    low, middle, high = np.quantile(np.sqrt(np.mean(found.spread**2, axis=1)), [0.05, 0.5, 0.95]).tolist()
-    evidence, scattered = found.evidence, found.scattered
-    if found.slope is not None:
-        slopes = {name: _quantity(found.trend(name)) for name in found.names}
-        about |= {"column": column, "column_at": found.along_at, "slopes_decades": slopes}
-        about["remarks"] = [*_trends(column, found.along_at or 0.0, slopes), *found.remarks]
+    fields: dict[str, Any] = {
+        "line": population.line,
+        "remarks": population.remarks,
+        "model": f"{population.material}, {population.bubble.name}",
+        "n": len(population.shots),
+        "strays": population.strays,
+        "left_out": dict(population.left_out),
+    }
+    if not len(population.centre):
+        return PopulationRecord(**fields)
+    values = {name: population.quantity(name) for name in population.names}
+    law: dict[str, Any] = {key: values.pop(name) for name, key in _KEYS.items() if name in values}
+    low, middle, high = np.quantile(np.sqrt(np.mean(population.spread**2, axis=1)), [0.05, 0.5, 0.95]).tolist()
+    evidence, scattered = population.evidence, population.scattered
+    if population.slope is not None:
+        slopes = {name: _quantity(population.trend(name)) for name in population.names}
+        fields |= {"column": column, "column_at": population.along_at, "slopes_decades": slopes}
+        fields["remarks"] = [*_trends(column, population.along_at or 0.0, slopes), *population.remarks]
     return PopulationRecord(
-        **about, **known, other_parameters=values, spread_decades=_quantity((low, middle, high)),
-        spreads_decades={name: _quantity(found.scatter(name)) for name in found.names},
-        common={name: _quantity(found.if_common(name)) for name in found.names},
-        correlation={pair: _quantity(one) for pair, one in found.correlations().items()},
-        log_evidence=evidence.log if evidence else None, log_evidence_error=evidence.error if evidence else None,
+        **fields,
+        **law,
+        other_parameters=values,
+        spread_decades=_quantity((low, middle, high)),
+        spreads_decades={name: _quantity(population.scatter(name)) for name in population.names},
+        common={name: _quantity(population.if_common(name)) for name in population.names},
+        correlation={pair: _quantity(interval) for pair, interval in population.correlations().items()},
+        log_evidence=evidence.log if evidence else None,
+        log_evidence_error=evidence.error if evidence else None,
         log_evidence_of_scatter=scattered.log if scattered else None,
-    )  # fmt: skip
+    )
 
 
 def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]:
@@ -220,24 +230,24 @@ def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]
 
     if column == LOG_SIZE:
         return [_over_size(at, slopes)]
-    said = []
-    for name, one in slopes.items():
-        low, middle, high = (end or 0.0 for end in (one.q05, one.median, one.q95))
+    clauses = []
+    for name, slope in slopes.items():
+        low, middle, high = (end or 0.0 for end in (slope.q05, slope.median, slope.q95))
         sure = low > 0 or high < 0
         way = "rises" if low > 0 else "falls" if high < 0 else "may or may not change"
         factor = digits.significant(10.0 ** min(abs(middle), 99.0), 2)
         times = f", a factor of {factor}" * sure
-        said.append(f"{described(name)[0]} {way}: {digits.quantity(one)} decades per unit{times}")
-    return [f"with {column}: {'; '.join(said)}; the material is that at {column} = {digits.significant(at)}"]
+        clauses.append(f"{described(name)[0]} {way}: {digits.quantity(slope)} decades per unit{times}")
+    return [f"with {column}: {'; '.join(clauses)}; the material is that at {column} = {digits.significant(at)}"]
 
 
 def _over_size(at: float, slopes: Mapping[str, Quantity]) -> str:
     """'the material over R_max: G rises as R_max^0.30 [0.10, 0.50]; ...'."""
     from cavirheo.reporting.answer import described
 
-    said = [over_size(described(name)[0], one, digits.quantity(one)) for name, one in slopes.items()]
+    clauses = [over_size(described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
     size = digits.micrometres(1e-6 * 10.0**at)
-    return f"the material over R_max: {'; '.join(said)}; its values are those at R_max = {size} µm"
+    return f"the material over R_max: {'; '.join(clauses)}; its values are those at R_max = {size} µm"
 
 
 def over_size(symbol: str, power: Quantity, words: str) -> str:
@@ -252,19 +262,28 @@ def over_size(symbol: str, power: Quantity, words: str) -> str:
 
 def differences(materials: Mapping[str, Population | None]) -> list[GroupDifference]:
     """Of each two of the first groups whose materials rest on one model and determine a parameter."""
-    known = [(name, one) for name, one in materials.items() if one is not None and len(one.centre)][:_MOST]
-    found: list[GroupDifference] = []
-    for (a, one), (b, its) in combinations(known, 2):
-        apart = its.against(one) if (one.material, one.bubble) == (its.material, its.bubble) else {}
+    populations = [
+        (name, population)
+        for name, population in materials.items()
+        if population is not None and len(population.centre)
+    ][:_MOST]
+    records: list[GroupDifference] = []
+    for (a, population), (b, second) in combinations(populations, 2):
+        ratios = (
+            second.against(population)
+            if (population.material, population.bubble) == (second.material, second.bubble)
+            else {}
+        )
         parameters = {
             name: Apart(
-                ratio=_quantity(each.ratio), probability_higher=each.probability_higher,
+                ratio=_quantity(each.ratio),
+                probability_higher=each.probability_higher,
                 probability_differs=each.probability_differs,
             )
-            for name, each in apart.items()
-        }  # fmt: skip
-        found += [GroupDifference(first=b, second=a, parameters=parameters)] if parameters else []
-    return found
+            for name, each in ratios.items()
+        }
+        records += [GroupDifference(first=b, second=a, parameters=parameters)] if parameters else []
+    return records
 
 
 def _quantity(interval: tuple[float, float, float]) -> Quantity:

@@ -99,12 +99,12 @@ class Result(Document):
     @property
     def model_key(self) -> list[str]:
         """What is to be said of them below a table."""
-        answered = {curve.model: curve.itself for curve in self.curves if curve.answered}
-        said = list(dict.fromkeys(one.bubble.sentence for one in answered.values()))
+        answered = {curve.model: curve for curve in self.curves if curve.answered}
+        lines = list(dict.fromkeys(curve.bubble.sentence for curve in answered.values()))
         if len(answered) == 1:
-            (one,) = answered.values()
-            said = [f"model: {one.material}. {one.bubble.sentence}"]
-        return said + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
+            (curve,) = answered.values()
+            lines = [f"model: {curve.material}. {curve.bubble.sentence}"]
+        return lines + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
 
     def to_dataframe(self) -> Any:
         """The rows of result.csv as a pandas.DataFrame, a row for each curve. Raises InputError without pandas."""
@@ -115,8 +115,8 @@ class Result(Document):
 
     def members(self) -> list[tuple[GroupRecord, list[int]]]:
         """Each group with the indices of its curves."""
-        found = iter(_members(self.curves).values())
-        return [(group, next(found) if group.n + group.n_failed else []) for group in self.groups]
+        members = iter(_members(self.curves).values())
+        return [(group, next(members) if group.n + group.n_failed else []) for group in self.groups]
 
     def put_beside(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCES) -> None:
         """Add values of other methods to the groups of these names; a name that is no group's becomes a group without
@@ -126,6 +126,9 @@ class Result(Document):
                 self.groups.insert(k, group_of(name, []))
         for group in self.groups:
             group.put_beside(published.get(group.name, {}), references)
+
+
+Group = tuple[list[CurveRecord], "Population | None"]  # rows and material
 
 
 def result(
@@ -138,73 +141,76 @@ def result(
 ) -> Result:
     """The record of all curves and of their groups (the files they came from), in the order given. So many processes
     make that of thousands of curves."""
-    known = Answered.of(pairs)
-    members = _members(known.curves)
-    title = next((name for curve in known.curves for name in curve.column), "")
-    rows: dict[int, CurveRecord] = {}
-    found: list[Population | None] = []
-    places = list(members.values())
-    for indices, (mine, material) in zip(places, _made(known, places, title, workers), strict=True):
-        rows |= dict(zip(indices, mine, strict=True))
-        found.append(material)
-    curves = [rows[i] for i in range(len(known))]
-    return _document(curves, members, found, command, date=date, notes=notes)
+    answered = Answered.of(pairs)
+    members = list(_members(answered.curves).values())
+    groups = list(_groups(answered, members, workers))
+    rows = {
+        i: row for indices, (some, _) in zip(members, groups, strict=True) for i, row in zip(indices, some, strict=True)
+    }
+    materials = [material for _, material in groups]
+    return _document([rows[i] for i in range(len(rows))], materials, command, date=date, notes=notes)
 
 
-Made = tuple[list[CurveRecord], "Population | None"]  # rows and material of a group
+def result_of(
+    rows: Sequence[CurveRecord],
+    command: str,
+    answers: Sequence[Posterior] = (),
+    *,
+    date: str | None = None,
+    notes: Sequence[str] = (),
+) -> Result:
+    """The record of rows that are made already, and of their groups; without the answers, these have no material."""
+    members, title = _members(rows).values(), _title(rows)
+    materials = [_material([(rows[i], answers[i]) for i in of], title) if answers else None for of in members]
+    return _document(rows, materials, command, date=date, notes=notes)
 
 
-def _made(known: Answered, places: Sequence[list[int]], title: str, workers: int) -> Iterator[Made]:
-    """Of each group, one after the other, so that no more answers are held than those of the groups in work."""
+def _groups(answered: Answered, members: Sequence[list[int]], workers: int) -> Iterator[Group]:
+    """One after the other, so that no more answers are held than those of the groups in work."""
+    title, keep, count = _title(answered.curves), len(answered) <= KEPT, 0
 
-    def job(indices: list[int]) -> tuple[list[RadiusCurve], list[Posterior], str]:
-        return [known.curves[i] for i in indices], [known.answers[i] for i in indices], title
+    def job(indices: list[int]) -> tuple[list[RadiusCurve], list[Posterior], str, bool]:
+        return [answered.curves[i] for i in indices], [answered.answers[i] for i in indices], title, keep
 
-    done = 0
-    if workers > 1 and len(known) > KEPT:
+    if workers > 1 and not keep:
         with suppress(OSError), processes(workers) as pool:
-            for start in range(0, len(places), workers):
-                for made in pool.map(_of_group, [job(indices) for indices in places[start : start + workers]], 1):
-                    yield made
-                    done += 1
-    for indices in places[done:]:
-        yield _of_group(job(indices), keep=len(known) <= KEPT)
+            for start in range(0, len(members), workers):
+                for group in pool.map(_group, [job(indices) for indices in members[start : start + workers]], 1):
+                    yield group
+                    count += 1
+    for indices in members[count:]:
+        yield _group(job(indices))
 
 
-def _of_group(job: tuple[list[RadiusCurve], list[Posterior], str], keep: bool = False) -> Made:
-    curves, answers, title = job
+def _group(job: tuple[list[RadiusCurve], list[Posterior], str, bool]) -> Group:
+    curves, answers, title, keep = job
     rows = [curve_record(curve, answer) for curve, answer in zip(curves, answers, strict=True)]
     return rows, _material(list(zip(rows, answers, strict=True)), title, keep=keep)
 
 
-def result_of(
-    curves: Sequence[CurveRecord], command: str, answers: Sequence[Posterior] = (), *, date: str | None = None,
-    notes: Sequence[str] = (),
-) -> Result:  # fmt: skip
-    """The record of rows that are made already, and of their groups; without the answers, these have no material."""
-    members = _members(curves)
-    title = next((name for row in curves for name in row.column), "")
-    found: list[Population | None] = [None] * len(members)
-    if answers:
-        found = [_material([(curves[i], answers[i]) for i in indices], title) for indices in members.values()]
-    return _document(curves, members, found, command, date=date, notes=notes)
-
-
 def _document(
-    curves: Sequence[CurveRecord], members: Mapping[tuple[str, str], list[int]], found: Sequence[Population | None],
-    command: str, *, date: str | None, notes: Sequence[str],
-) -> Result:  # fmt: skip
+    rows: Sequence[CurveRecord],
+    materials: Sequence[Population | None],
+    command: str,
+    *,
+    date: str | None,
+    notes: Sequence[str],
+) -> Result:
+    members, title = _members(rows), _title(rows)
     stems = [group for group, _ in members]
     names = [group if stems.count(group) == 1 or not source else source for group, source in members]
-    title = next((name for row in curves for name in row.column), "")
     groups = [
-        group_of(name, [curves[i] for i in indices], population_record(one, title))
-        for name, indices, one in zip(names, members.values(), found, strict=True)
+        group_of(name, [rows[i] for i in indices], population_record(material, title))
+        for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
-    apart = differences({name: one for name, one in zip(names, found, strict=True) if one})
     return Result(
-        command=command, date=date, notes=list(notes), curves=list(curves), groups=groups, differences=apart
-    )  # fmt: skip
+        command=command,
+        date=date,
+        notes=list(notes),
+        curves=list(rows),
+        groups=groups,
+        differences=differences(dict(zip(names, materials, strict=True))),
+    )
 
 
 def read_json(path: str | Path) -> Result:
@@ -215,13 +221,18 @@ def read_json(path: str | Path) -> Result:
 def _material(shots: Sequence[tuple[CurveRecord, Posterior]], column: str, *, keep: bool = True) -> Population | None:
     """Of a group, with its slope along the column where there is one; kept for the next time, with its answers."""
     along = tuple(row.column.get(column, np.nan) for row, _ in shots) if column else None
-    made = kept_material_of if keep else material_of
-    return made(tuple(answer for _, answer in shots), tuple(row.name for row, _ in shots), along)
+    material = kept_material_of if keep else material_of
+    return material(tuple(answer for _, answer in shots), tuple(row.name for row, _ in shots), along)
+
+
+def _title(curves: Iterable[CurveRecord | RadiusCurve]) -> str:
+    """Of the column that the user declared; "" where there is none."""
+    return next((title for curve in curves for title in curve.column), "")
 
 
 def _members(curves: Iterable[CurveRecord | RadiusCurve]) -> dict[tuple[str, str], list[int]]:
     """Indices of the curves of each group; two files of one name in different folders are two groups."""
-    found: dict[tuple[str, str], list[int]] = {}
-    for index, record in enumerate(curves):
-        found.setdefault((record.group, record.group_source), []).append(index)
-    return found
+    members: dict[tuple[str, str], list[int]] = {}
+    for index, curve in enumerate(curves):
+        members.setdefault((curve.group, curve.group_source), []).append(index)
+    return members

@@ -69,7 +69,7 @@ class Picture:
         look that is left out."""
         parts = [
             (layer.look, f"{_SYMBOLS.get(layer.look, _SYMBOLS.get(layer.shape, ''))} {layer.name}")
-            for layer in sorted(panel.layers, key=lambda layer: layer.look == "outside")
+            for layer in panel.layers
             if layer.name and layer.look != without
         ]
         parts += [("failed", note)] if note else []
@@ -82,8 +82,8 @@ class Picture:
         from markupsafe import Markup
 
         view = _units(self.width), _units(self.height)
-        made = {"axes": "".join(self.axes), "ticks": self.ticks, "layers": self.layers, "words": self.words}
-        return Markup(_template().render(view=view, label=digits.printable(self.label), **made))
+        parts = {"axes": "".join(self.axes), "ticks": self.ticks, "layers": self.layers, "words": self.words}
+        return Markup(_template().render(view=view, label=digits.printable(self.label), **parts))
 
 
 class Frame:
@@ -132,8 +132,8 @@ class Frame:
         colours = np.array([""] if layer.tones is None else _colours(layer.tones))
         for colour in dict.fromkeys(colours.tolist()):
             some = colours == colour if len(colours) == len(layer.x) else slice(None)
-            if drawn := path(layer.x[some], layer.y[some], most):
-                self.picture.layers.append((layer.look, drawn, colour))
+            if data := path(layer.x[some], layer.y[some], most):
+                self.picture.layers.append((layer.look, data, colour))
 
     def _dots(self, x: Floats, y: Floats, most: int) -> str:
         """A dot for each point, or for every k-th of more than `most`."""
@@ -143,11 +143,11 @@ class Frame:
 
     def _line(self, x: Floats, y: Floats, most: int) -> str:
         """A line through the points, with no more than about `most` of them; it breaks where a number is NaN."""
-        known, path = np.flatnonzero(np.isfinite(y)), ""
-        for part in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(known) else ():
+        finite, path = np.flatnonzero(np.isfinite(y)), ""
+        for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else ():
             across, down = x[part] / (self.x.high - self.x.low), y[part] / (self.y.high - self.y.low)
-            kept = part[thinned(across, down, max(most * len(part) // len(known), 2))]
-            first, *steps = _steps(*self.place(x[kept], y[kept]))
+            some = part[thinned(across, down, max(most * len(part) // len(finite), 2))]
+            first, *steps = _steps(*self.place(x[some], y[some]))
             path += f"M{first}l{' '.join(steps)}" if steps else f"M{first}z"
         return path
 
@@ -243,8 +243,8 @@ def thinned(x: Floats, y: Floats, most: int) -> np.ndarray:
 
 def _colours(tones: Floats) -> list[str]:
     """Of few tones, so that the shots of one are one path."""
-    shown = shades(np.rint(_TONES * tones) / _TONES)
-    return ["#" + "".join(f"{round(255 * part):02x}" for part in tone) for tone in shown]
+    rgb = shades(np.rint(_TONES * tones) / _TONES)
+    return ["#" + "".join(f"{round(255 * part):02x}" for part in tone) for tone in rgb]
 
 
 def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:

@@ -31,32 +31,33 @@ def print_table(
     result: Result,
     console: Console | None = None,
     *,
-    asked: Analysis | None = None,
+    analysis: Analysis | None = None,
     out: Path = Path(),
-    told: Collection[str] = (),
+    notes_shown: Collection[str] = (),
 ) -> None:
     """One row per curve, one per group (mean ± standard deviation), what is said of groups and curves, and the next
-    step, where what was asked and the folder of the run are given. told: notes that the reader has seen."""
+    step, where the analysis and the folder of the run are given. notes_shown: those that stderr has already."""
     from rich.text import Text
 
     console = console or terminal.console()
-    wide, answers = console.width >= _WIDE, [record.itself for record in result.curves if record.answered]
-    named: list[Callable[[Any], str]] = [lambda one: one.material, lambda one: one.bubble.name]
-    mixed = [name for name in named if len({name(one) for one in answers}) > 1]
+    wide, answers = console.width >= _WIDE, [record for record in result.curves if record.answered]
+    parts: list[Callable[[Any], str]] = [lambda row: row.material, lambda row: row.bubble.name]
+    mixed = [name for name in parts if len({name(row) for row in answers}) > 1]
     factor, unit = result.modulus_unit
     heads = [*(["model"] if mixed else []), "R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%"]
     heads += ["collapses" if wide else "col-\nlapses", "verdict"]
     table = terminal.table("curve", heads, left=("model", "verdict"), gap=int(wide))
-    for name, record in zip(digits.shortened([record.name for record in result.curves]), result.curves, strict=True):
-        *row, verdict = _cells(record, factor, wide)
-        row[:0] = [", ".join(name(record) for name in mixed)] if mixed else []
-        table.add_row(name, *row, Text(verdict, digits.LOOKS[record.verdict].terminal))
+    rows: list[tuple[str, Sequence[Any], str]] = []
+    for record in result.curves:
+        look, model = digits.LOOKS[record.verdict], [", ".join(name(record) for name in mixed)] if mixed else []
+        rows.append((record.name, [*model, *_cells(record, factor, wide), Text(look.words, look.terminal)], ""))
+    terminal.add_rows(table, rows)
     for group in result.groups:
         if group.headline:
             console.print(Text(f"{group.name}: {group.headline}", "bold"), soft_wrap=False)
     table.add_section()
-    for name, group in zip(digits.shortened([group.name for group in result.groups]), result.groups, strict=True):
-        table.add_row(name, *[""] * bool(mixed), *_group_cells(group, factor), style="bold")
+    blank = [""] * bool(mixed)
+    terminal.add_rows(table, [(row.name, [*blank, *_group_cells(row, factor)], "bold") for row in result.groups])
     console.print(table)
     key = "RMSE: measured minus simulated, % of R_max"
     if any(record.viscosity.q05 is not None for record in result.curves):
@@ -65,21 +66,21 @@ def print_table(
         key += "; below, above: a bound (95 %) and no value"
     for line in (key, *result.model_key):
         console.print(Text(line, "dim"))
-    if (more := parameters_table(result)) is not None:
-        console.print(more)
+    if (parameters := parameters_table(result)) is not None:
+        console.print(parameters)
         for line in parameter_key(result.parameters):
             console.print(Text(line, "dim"))
-    if (more := windows_table(result)) is not None:
-        console.print(more)
+    if (windows := windows_table(result)) is not None:
+        console.print(windows)
     terminal.print_warnings(console, warnings(result.curves))
-    said = [(group.name, line) for group in result.groups for line in group.lines]
-    notes = [note for note in result.notes if note not in told]
-    _print_most(console, said, MOST)
-    terminal.print_remarks(console, {}, [*(one.words for one in result.differences), *notes])
+    remarks = [(group.name, line) for group in result.groups for line in group.lines]
+    notes = [note for note in result.notes if note not in notes_shown]
+    _print_most(console, remarks, MOST)
+    terminal.print_remarks(console, {}, [*(row.words for row in result.differences), *notes])
     whole, several = digits.counted(len(result.curves), "curve"), causes(result.curves).items()
-    curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), one) for one, of in several]
-    _print_most(console, curves, max(MOST - len(said), MOST // 2))
-    if asked and (step := next_step(result, asked, out)):
+    curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), cause) for cause, of in several]
+    _print_most(console, curves, max(MOST - len(remarks), MOST // 2))
+    if analysis and (step := next_step(result, analysis, out)):
         console.print(Text(digits.printable(step), "bold"), soft_wrap=True)  # a command that can be copied
 
 
@@ -91,17 +92,19 @@ def _print_most(console: Console, remarks: Sequence[tuple[str, str]], most: int)
         terminal.print_remarks(console, {}, [f"{digits.counted(more, 'more remark')} in the report"])
 
 
-def line(record: CurveRecord) -> str:
+def _line(record: CurveRecord) -> str:
     """'gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
     if not record.answered:
         return f"{record.name}: {record.message}"
     factor, unit = digits.modulus_unit([record.shear_modulus_Pa.median])
     size = f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %"
     values = (record.shear_modulus_Pa, factor, unit), (record.viscosity, 1.0, "Pa s"), (record.stretch, 1.0, "")
-    said = []
-    for symbol, (value, scale, name) in zip("Gµλ", values, strict=True):
-        said += [] if value.median is None else [f"{symbol} {digits.quantity(value, scale, unit=name)}"]
-    return f"{record.name}: {', '.join([*said, size])}"
+    parts = [
+        f"{symbol} {digits.quantity(value, scale, unit=name)}"
+        for symbol, (value, scale, name) in zip("Gµλ", values, strict=True)
+        if value.median is not None
+    ]
+    return f"{record.name}: {', '.join([*parts, size])}"
 
 
 def print_line(record: CurveRecord) -> None:
@@ -109,7 +112,7 @@ def print_line(record: CurveRecord) -> None:
     from rich.text import Text
 
     look = digits.LOOKS[record.verdict]
-    terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(line(record)), "default"))
+    terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(_line(record)), "default"))
 
 
 def print_all(result: Result) -> None:
@@ -125,19 +128,18 @@ def print_all(result: Result) -> None:
 
 def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
     """(name, sentence) of those whose recording or settings are to be checked."""
-    return ((one.name, warning.text) for one in records for warning in one.warnings)
+    return ((record.name, warning.text) for record in records for warning in record.warnings)
 
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
     """The answer, then those of the others by evidence: model, G, µ, λ, RMSE and log evidence above the answer's."""
-    rows, here = [], record.itself
-    for one in (here, *sorted(record.other_models, key=evidence, reverse=True)):
-        known = None not in (one.log_evidence, here.log_evidence)
-        above = f"{(one.log_evidence or 0.0) - (here.log_evidence or 0.0):+.1f}" if known else digits.MISSING
-        viscosity = one.quantity("viscosity" if one.viscosity_Pa_s.median is not None else AT_RATE)
-        values = (one.shear_modulus_Pa, factor), (viscosity, 1.0), (one.stretch, 1.0)
+    rows, answer = [], record.itself
+    for model in (answer, *sorted(record.other_models, key=evidence, reverse=True)):
+        comparable = None not in (model.log_evidence, answer.log_evidence)
+        above = f"{(model.log_evidence or 0.0) - (answer.log_evidence or 0.0):+.1f}" if comparable else digits.MISSING
+        values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
         cells = [digits.quantity(value, scale) for value, scale in values]
-        rows.append([one.model, *cells, digits.percent(one.rmse_over_rmax), above if one is not here else "0"])
+        rows.append([model.model, *cells, digits.percent(model.rmse_over_rmax), above if model is not answer else "0"])
     return rows
 
 
@@ -151,18 +153,17 @@ def models_table(record: CurveRecord, factor: float, unit: str) -> Table:
 
 
 def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
-    words, joint = digits.LOOKS[record.verdict].words, " " if wide else "\n"
+    joint = " " if wide else "\n"
     collapses, end = record.window.collapses, record.window.t_star_end
     window = digits.MISSING if collapses is None else str(collapses)
     window += f", t* ≤ {digits.significant(end, 2)}" if wide and end is not None else ""
     return [
         digits.micrometres(record.max_radius_m),
-        digits.quantity(record.stretch, joint=" " if wide else "\n").split("\n")[0],
+        digits.quantity(record.stretch, joint=joint).split("\n")[0],
         digits.quantity(record.shear_modulus_Pa, factor, joint=joint),
         digits.quantity(record.viscosity, joint=joint),
         digits.percent(record.rmse_over_rmax),
         window,
-        words,
     ]
 
 
@@ -199,32 +200,35 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]
     plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
     units = {name: described(name)[1].replace(" ", "_") for name in result.parameters}
-    others = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
+    columns = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
     head = ["name", "group", "source", "material", "method"]
-    for name in (*plain, *others.values()):
-        head += [name + end for end in ends.values()] if name in (*quantities, *others.values()) else [name]
+    for name in (*plain, *columns.values()):
+        head += [name + end for end in ends.values()] if name in (*quantities, *columns.values()) else [name]
     rows = []
     for record in result.curves:
-        known = {key: getattr(record, key) for key in quantities}
-        known |= {others[name]: value for name, value in record.other_parameters.items()}
-        values = {key + end: getattr(value, part) for key, value in known.items() for part, end in ends.items()}
+        by_column = {key: getattr(record, key) for key in quantities}
+        by_column |= {columns[name]: value for name, value in record.other_parameters.items()}
+        values = {key + end: getattr(value, part) for key, value in by_column.items() for part, end in ends.items()}
         rows.append(vars(record) | {"bubble": record.bubble.name} | vars(record.window) | values)
     return head, rows
 
 
 def parameters_table(result: Result) -> Table | None:
     """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
-    own = parameters_of(result.curves)
+    of_law = parameters_of(result.curves)
     names = [
-        name for name in result.parameters if name not in (*CAMERA, AT_RATE) and (name in own or not of_the_law(name))
+        name
+        for name in result.parameters
+        if name not in (*CAMERA, AT_RATE) and (name in of_law or not of_the_law(name))
     ]
     if not names:
         return None
     table = terminal.table("curve", ["\n".join(filter(None, described(name))) for name in names])
     having = [record for record in result.curves if any(name in record.other_parameters for name in names)]
-    for name, record in zip(digits.shortened([record.name for record in having]), having, strict=True):
-        table.add_row(name, *(digits.quantity(record.itself.quantity(parameter)) for parameter in names))
+    terminal.add_rows(
+        table, [(record.name, [digits.quantity(record.quantity(name)) for name in names], "") for record in having]
+    )
     return table
 
 
@@ -244,12 +248,12 @@ def window_title(records: Sequence[CurveRecord], unit: Unit) -> str:
 def window_cells(record: CurveRecord, unit: Unit) -> dict[str, str]:
     """'6.44, 0.0295' (G, mu) for windows of 1, 2, 3 and all collapses, if a fit answers; * where one is at a bound."""
     fitted = record.method in FITS and record.answered
-    found = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
-    cells = dict.fromkeys(_WINDOWS.values() if found else (), digits.MISSING)
-    for key, window in found.items():
+    windows = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
+    cells = dict.fromkeys(_WINDOWS.values() if windows else (), digits.MISSING)
+    for key, window in windows.items():
         values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed(record)]
-        known = [digits.significant(value * scale) for value, scale in values if value is not None]
-        cells[_WINDOWS[key]] = (", ".join(known) or digits.MISSING) + ("*" if window.at_bound else "")
+        numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
+        cells[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
     return cells
 
 
@@ -260,23 +264,23 @@ def _mean_cells(records: list[CurveRecord], unit: Unit) -> Iterator[str]:
     for key in _WINDOWS:
         having = [record.windows[key].best for record in trusted if key in record.windows]
         means = [digits.spread(spread_of([b.get(name) for b in having]), in_unit(name, unit)[1]) for name in names]
-        known = [text for text in means if text != digits.MISSING]
-        yield f"{', '.join(known)} (n = {len(having)})" if known else digits.MISSING
+        texts = [text for text in means if text != digits.MISSING]
+        yield f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING
 
 
 def windows_table(result: Result) -> Table | None:
     """For the terminal: G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
     unit = result.modulus_unit
-    shown = [(record, cells) for record in result.curves if (cells := window_cells(record, unit))]
-    if not shown:
+    fitted = [(record, cells) for record in result.curves if (cells := window_cells(record, unit))]
+    if not fitted:
         return None
-    rows: list[tuple[str, Iterable[str], str]] = [(record.name, cells.values(), "") for record, cells in shown]
+    rows = [(record.name, list(cells.values()), "") for record, cells in fitted]
     for group, members in result.members():
         if len(members) > 1:
-            rows.append((group.name, _mean_cells([result.curves[i] for i in members], unit), "bold"))
+            rows.append((group.name, list(_mean_cells([result.curves[i] for i in members], unit)), "bold"))
     heads = [*_WINDOWS.values()]
-    title = f"{window_title([one for one, _ in shown], unit)} by the window that is fitted; *: a parameter at its bound"
+    values = window_title([record for record, _ in fitted], unit)
+    title = f"{values} by the window that is fitted; *: a parameter at its bound"
     table = terminal.table("curve", heads, left=heads, title=title)
-    for name, (_, row, style) in zip(digits.shortened([name for name, *_ in rows]), rows, strict=True):
-        table.add_row(name, *row, style=style)
+    terminal.add_rows(table, rows)
     return table

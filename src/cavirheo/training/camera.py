@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.bins import END, SCALE, cells, half_widths
+from cavirheo.inference.bins import END, SCALE, binned, half_widths
 from cavirheo.inference.latent import SLOTS
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.media import WATER
@@ -63,7 +63,7 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     discrepancy = 1.0 * (camera.slow > 0)
     numbers = {"max_radius": top[good] * read / camera.scale, "frame": camera.frame / read}
     numbers |= {"exposure": camera.exposure / read, "noise": noise[good], "discrepancy": discrepancy}
-    inputs = cells(sample, time[rows, flat], radius[rows, flat], **numbers, late=late[good])
+    inputs = binned(sample, time[rows, flat], radius[rows, flat], **numbers, late=late[good])
     z = shots.z[index][good].copy()
     z[:, SLOTS.index("max_radius_factor")] = 3.0 * more[good]
     z[:, SLOTS.index("time_origin")] = early[good]

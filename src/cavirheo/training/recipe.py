@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
-from cavirheo.errors import InputError, explained, require
+from cavirheo.errors import InputError, require, validation_message
 from cavirheo.files import read_bytes
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import Prior
@@ -148,7 +148,7 @@ def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
         recipe = kind.model_validate(sections)
         recipe.check()
     except ValidationError as error:
-        raise InputError(f"{path} cannot be used: {explained(error, kind)}", "recipe.value") from error
+        raise InputError(f"{path} cannot be used: {validation_message(error, kind)}", "recipe.value") from error
     except InputError as error:
         raise error.within(f"{path} cannot be used") from error
     except UnicodeDecodeError as error:

@@ -69,8 +69,9 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
     out: options.Out = Path("cavirheo-rheometer")
 
     def __call__(self, run: Run) -> None:
+        from cavirheo.companions import rheometer
+        from cavirheo.companions import rheometer_document as document
         from cavirheo.companions.published_values import set_beside
-        from cavirheo.companions.rheometer import document, read
         from cavirheo.reporting import comparison, read_json
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
@@ -84,7 +85,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         sweeps = []
         for path in files:
             try:
-                sweeps += read.read_sweeps(path)
+                sweeps += rheometer.read_sweeps(path)
             except InputError as error:
                 run.refuse([str(error)])
         run.need(sweeps, "sweep")
@@ -96,9 +97,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
             outputs.write("table.csv", comparison.write_csv, result)
         for kind in ("strain", "frequency") if drawing else ():
             if rheometry.of(kind):
-                rheometry.notes += outputs.picture(
-                    f"{kind}-sweep.png", style.save_png, document.figure, rheometry, kind
-                )
+                rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, document.figure, rheometry, kind)
         outputs.write("rheometer.json", write_json, rheometry)
         outputs.finish()
         run.show(rheometry, document.print_rheometry)
@@ -157,7 +156,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
         )
         outputs.write("shots.csv", collapse_times.write_csv, document)
         for group, stem in zip(drawn, file_names([group.name for group in drawn]), strict=True):
-            document.notes += outputs.picture(f"{stem}.png", style.save_png, collapse_times.figure, group, document)
+            document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
         outputs.write("collapse-time.json", write_json, document)
         outputs.finish()
         run.show(document, collapse_times.print_table)
@@ -244,7 +243,7 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
                 done=advance,
             ).model_copy(update=run.head)
         outputs.write("design.json", write_json, document)
-        if drawing and (failed := outputs.picture("design.png", style.save_png, picture, document)):
+        if drawing and (failed := outputs.picture("design.png", style.save, picture, document)):
             document.notes += failed
             outputs.write("design.json", write_json, document)
         outputs.finish()

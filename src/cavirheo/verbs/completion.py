@@ -61,8 +61,8 @@ def _laws() -> list[str]:
 
 def _begun(incomplete: str, words: Iterable[str], between: str = "") -> list[str]:
     """The words that go on from what is typed; where several may be given, from what follows the last separator."""
-    done = max((incomplete.rfind(one) for one in between), default=-1) + 1
-    kept, typed = incomplete[:done], incomplete[done:]
-    kept += typed[: len(typed) - len(typed.lstrip())]
-    used = kept.replace(",", " ").split() if "," in between else []
-    return [kept + word for word in words if word.startswith(typed.strip()) and word not in used]
+    start = max((incomplete.rfind(mark) for mark in between), default=-1) + 1
+    prefix, typed = incomplete[:start], incomplete[start:]
+    prefix += typed[: len(typed) - len(typed.lstrip())]
+    used = prefix.replace(",", " ").split() if "," in between else []
+    return [prefix + word for word in words if word.startswith(typed.strip()) and word not in used]

@@ -71,7 +71,7 @@ class _Report(options.Cluster, options.Figures, options.Measured):
         with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
             result = write_report(out, pairs, run.command, figures, done=advance, **how)
         unfinished.remove()
-        run.show(result, partial(print_table, asked=analysis, out=out, told=run.refusals))
+        run.show(result, partial(print_table, analysis=analysis, out=out, notes_shown=run.refusals))
         message = f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
         run.end(message, doubtful(result))
 

@@ -134,9 +134,9 @@ def _show_model(path: Path) -> None:
     from cavirheo.inference.model import card
     from cavirheo.verbs.networks import explain
 
-    about = card(path)
+    content = card(path)
     try:
-        explain(path.stem, path, about)
+        explain(path.stem, path, content)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
 

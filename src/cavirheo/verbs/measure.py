@@ -58,17 +58,19 @@ class Measure(options.Printing, options.Documents):
             def begin(count: int) -> Callable[[], None]:
                 return stack.enter_context(run.bar("measuring", count, unit="frames"))
 
-            found, curve = examine(path, begin=begin, **settings)
-        odd = [warning.text for warning in input_checks.plain(curve, WATER)]
-        made = document.describe(found, curve, odd, command=run.command, date=run.date, notes=list(found.notes))
-        outputs.write("measured.csv", document.write_csv, found)
-        made.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, found)
+            measurement, curve = examine(path, begin=begin, **settings)
+        doubts = [warning.text for warning in input_checks.plain(curve, WATER)]
+        made = document.describe(
+            measurement, curve, doubts, command=run.command, date=run.date, notes=list(measurement.notes)
+        )
+        outputs.write("measured.csv", document.write_csv, measurement)
+        made.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
         if self.overlay:
-            outputs.write("overlay.mp4", picture.write_overlay, found)
+            outputs.write("overlay.mp4", picture.write_overlay, measurement)
         outputs.write("measure.json", write_json, made)
         outputs.finish()
         run.show(made, document.print_table)
-        run.end(f"written to {self.out} in {{seconds}}", bool(odd or made.unusable))
+        run.end(f"written to {self.out} in {{seconds}}", bool(doubts or made.unusable))
 
 
 def _numbers(option: str, text: str | None, count: int) -> tuple[int, ...] | None:

@@ -21,8 +21,8 @@ def models() -> None:
     from cavirheo.inference.model import card, shipped
 
     for name, path in shipped().items():
-        about = card(path)
-        lines = _draws_in_short(about) if about["kind"] == "posterior" else _values_in_short(about, path)
+        content = card(path)
+        lines = _draws_in_short(content) if content["kind"] == "posterior" else _values_in_short(content, path)
         print(printable("\n".join([f"{name}: {next(lines)}", *lines])))
 
 
@@ -141,41 +141,41 @@ class Evaluate(options.Cluster, options.Documents):
         run.say(f"written to {self.out}")
 
 
-def _draws_in_short(about: dict[str, Any]) -> Iterator[str]:
+def _draws_in_short(content: dict[str, Any]) -> Iterator[str]:
     from cavirheo.inference.model import PosteriorCard
     from cavirheo.inference.posterior_network import describe
 
     yield "draws of the parameters, for any camera"
-    yield from describe(PosteriorCard.model_validate(about))
+    yield from describe(PosteriorCard.model_validate(content))
 
 
-def _values_in_short(about: dict[str, Any], path: Path) -> Iterator[str]:
-    yield f"{about['material']}, one value each without an interval"
-    for output in about["outputs"]:
-        score = about["metrics"][output["name"]]["r2"]
-        scale, curves = output["scale"], about["data"]["test"]
-        yield f"  {_output_range(about, output):40s} R2 {score:.4f} ({scale} scale, {curves} test curves)"
-    yield f"  trained on {about['data']['train']} curves, {about['date']}; card: {path.with_suffix('.json')}"
+def _values_in_short(content: dict[str, Any], path: Path) -> Iterator[str]:
+    yield f"{content['material']}, one value each without an interval"
+    for output in content["outputs"]:
+        score = content["metrics"][output["name"]]["r2"]
+        scale, curves = output["scale"], content["data"]["test"]
+        yield f"  {_output_range(content, output):40s} R2 {score:.4f} ({scale} scale, {curves} test curves)"
+    yield f"  trained on {content['data']['train']} curves, {content['date']}; card: {path.with_suffix('.json')}"
 
 
-def _output_range(about: Mapping[str, Any], output: Mapping[str, Any]) -> str:
+def _output_range(content: Mapping[str, Any], output: Mapping[str, Any]) -> str:
     """'shear_modulus 100 to 1e4 Pa': a number that a network gives, in the range that it was trained on."""
-    low, high = about["problem"]["prior"][output["name"]]
+    low, high = content["problem"]["prior"][output["name"]]
     if output["scale"] == "log10":
         low, high = 10**low, 10**high
     return f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
 
 
-def explain(name: str, path: Path, about: dict[str, Any]) -> None:
+def explain(name: str, path: Path, content: dict[str, Any]) -> None:
     """Print all that the card of a model knows, a line each. Raises KeyError, TypeError, ValueError: it lacks something
     that every card has."""
     from cavirheo.verbs.machine import checksum
 
-    draws = about["kind"] == "posterior"
-    size = f"{path.stat().st_size / 1e6:.3g} MB" + _counted(about.get("network", {}), "parameters", " weights")
+    draws = content["kind"] == "posterior"
+    size = f"{path.stat().st_size / 1e6:.3g} MB" + _counted(content.get("network", {}), "parameters", " weights")
     rows = [
-        *(_of_draws(about) if draws else _of_values(about)),
-        *_origin(about),
+        *(_of_draws(content) if draws else _of_values(content)),
+        *_origin(content),
         ("file", f"{path}, {size}"),
         ("", f"sha256 {checksum(path)}"),
         ("card", str(path.with_suffix(".json"))),
@@ -185,27 +185,27 @@ def explain(name: str, path: Path, about: dict[str, Any]) -> None:
     print(printable("\n".join(lines)))
 
 
-def _of_draws(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _of_draws(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     from cavirheo.inference.law import Family
 
-    losses = dict(zip(map(tuple, about["kinds"]), about.get("loss_by_kind", ()), strict=False))
-    laws = dict.fromkeys(law for law, _ in about["kinds"])
-    bubbles = {law: " or ".join(bubble for of, bubble in about["kinds"] if of == law) for law in laws}
+    losses = dict(zip(map(tuple, content["kinds"]), content.get("loss_by_kind", ()), strict=False))
+    laws = dict.fromkeys(law for law, _ in content["kinds"])
+    bubbles = {law: " or ".join(bubble for of, bubble in content["kinds"] if of == law) for law in laws}
     yield from _under(
         "answers", [f"{law} ({', '.join(Family(law).parameters)}), bubble {bubbles[law]}" for law in laws]
     )
     names = dict.fromkeys(name for law in laws for name in Family(law).parameters)
-    kinetic = ["accommodation"] * any(bubble == "real" for _, bubble in about["kinds"])
+    kinetic = ["accommodation"] * any(bubble == "real" for _, bubble in content["kinds"])
     real = "; real bubble: accommodation and confinement damping"
     yield "", "with each: stretch, R_max, clock and scale" + real * bool(kinetic)
     yield from _under("ranges", map(_range, [*names, "stretch", *kinetic]))
     units = {"max_radius_um": ("R_max", "um"), "frame_interval_us": ("time between frames", "us")}
     trained = []
-    for name, (low, high) in about["trained"].items():
+    for name, (low, high) in content["trained"].items():
         what, unit = units.get(name, (name.replace("_", " "), {"density": "kg/m3", "pressure": "Pa"}.get(name, "")))
         trained.append(f"{what.replace(' rmax', ' R_max')} {low:g} to {high:g} {unit}".rstrip())
     yield from _under("trained on", trained)
-    how = about["training"]
+    how = content["training"]
     yield "", f"{how['samples']} recordings" + _counted(how, "curves", " simulated curves", " of ")
     yield "training", _time(how) + _counted(how, "held_out", " curves held out")
     yield "loss", f"{how['loss']:.4g} (-log density of the truth, curves held out)"
@@ -213,7 +213,7 @@ def _of_draws(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         each = ", ".join(f"{bubble} {loss:g}" for (of, bubble), loss in losses.items() if of == law)
         if each:
             yield "", f"{law} {each}"
-    coverage = about.get("coverage", {})
+    coverage = content.get("coverage", {})
     inside = {
         name: ", ".join(f"{value:.1%} in the {level} % interval" for level, value in share.items())
         for name, share in coverage.get("by_slot", {}).items()
@@ -223,17 +223,17 @@ def _of_draws(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "", f"of the truth of {coverage['recordings']} recordings, without simulations"
 
 
-def _of_values(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    data, how, problem = about["data"], about["training"], about["problem"]
+def _of_values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    data, how, problem = content["data"], content["training"], content["problem"]
     answers = []
-    for output in about["outputs"]:
-        score = about["metrics"][output["name"]]
+    for output in content["outputs"]:
+        score = content["metrics"][output["name"]]
         off = f", median error {score['median_relative_error']:.1%}" if "median_relative_error" in score else ""
-        answers.append(f"{_output_range(about, output)}, R2 {score['r2']:.4f} ({output['scale']} scale){off}")
+        answers.append(f"{_output_range(content, output)}, R2 {score['r2']:.4f} ({output['scale']} scale){off}")
     yield from _under("answers", answers)
     medium, camera = problem["medium"], problem["camera"]
-    yield "law", f"{about['material']}, field's bubble"
-    names = {output["name"] for output in about["outputs"]}
+    yield "law", f"{content['material']}, field's bubble"
+    names = {output["name"] for output in content["outputs"]}
     inner = [f"{name} {low:g} to {high:g}" for name, (low, high) in problem["prior"].items() if name not in names]
     yield "trained on", ", ".join([f"R_max {1e6 * problem['reference_max_radius']:g} um", *inner])
     yield "", f"{camera['frames']} frames of {1e6 * camera['frame_interval']:g} us from R_max on"
@@ -243,7 +243,7 @@ def _of_values(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     passes = f"{how['epochs']} epochs, the best is {how['best_epoch']}" if "epochs" in how else ""
     yield "training", ", ".join(filter(None, [passes, _time(how)]))
     best = how["best_epoch"] - 1
-    losses = [f"{part} {values[best]:.4g}" for part, values in about.get("history", {}).items() if len(values) > best]
+    losses = [f"{part} {values[best]:.4g}" for part, values in content.get("history", {}).items() if len(values) > best]
     if losses:
         yield "loss", f"{', '.join(losses)} (mean square error, best epoch)"
 
@@ -255,13 +255,13 @@ def _under(title: str, lines: Iterable[str]) -> Iterator[tuple[str, str]]:
         title = ""
 
 
-def _origin(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    libraries = about.get("made_with") or about.get("versions") or {}
-    origin = ", ".join([*([about["date"]] if "date" in about else []), *(f"{a} {b}" for a, b in libraries.items())])
+def _origin(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    libraries = content.get("made_with") or content.get("versions") or {}
+    origin = ", ".join([*([content["date"]] if "date" in content else []), *(f"{a} {b}" for a, b in libraries.items())])
     if origin:
         yield "made", origin
-    if "license" in about:
-        yield "license", about["license"]
+    if "license" in content:
+        yield "license", content["license"]
 
 
 def _range(name: str) -> str:

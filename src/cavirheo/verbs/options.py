@@ -337,7 +337,7 @@ class Answering(Printing, Documents, Pictures, Seed, Liquid, Reading):
         )
         if exposure is None:
             return found
-        return found._replace(curves=[curve.with_exposure(exposure) for curve in found.curves])
+        return found._replace(curves=[curve.labelled(exposure_s=exposure) for curve in found.curves])
 
 
 @dataclass(kw_only=True)

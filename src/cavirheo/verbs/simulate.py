@@ -106,7 +106,7 @@ class Simulate(options.Documents, options.Liquid):
         outputs = Outputs(self.out, *writers, inputs=[driving] if driving else [])
         forward.load_solver()
         with _named(driving):
-            made = forward.simulate(
+            simulation = forward.simulate(
                 law,
                 max_radius=self.rmax_um * 1e-6,
                 stretch=self.stretch,
@@ -119,7 +119,7 @@ class Simulate(options.Documents, options.Liquid):
                 accuracy=PRECISE if self.precise else DEFAULT,
             )
         for name, writer in writers.items():
-            outputs.write(name, writer, made)
+            outputs.write(name, writer, simulation)
         outputs.finish()
         run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES}")
 
@@ -129,8 +129,8 @@ class Simulate(options.Documents, options.Liquid):
 
         idle = self.accommodation is not None and self.contents != "kinetic"
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
-        alone = "--damage-by changes nothing without --damage: give that too"
-        require(self.damage is not None or self.damage_by == "first-rebound", alone, "simulate.idle")
+        message = "--damage-by changes nothing without --damage: give that too"
+        require(self.damage is not None or self.damage_by == "first-rebound", message, "simulate.idle")
         try:
             return Bubble(
                 contents=self.contents,
@@ -153,16 +153,16 @@ class Simulate(options.Documents, options.Liquid):
         from cavirheo.physics.materials import LAWS, MATERIALS, parse
 
         names = ("shear_modulus", "viscosity", "stiffening")
-        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        values = {name: value for name in names if (value := getattr(self, name)) is not None}
         if self.material in MATERIALS:
             needed = list(signature(LAWS[self.material]).parameters)
-            takes = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(given) or 'nothing'}"
-            require(sorted(given) == sorted(needed), takes, "simulate.parameters")
-            return LAWS[self.material](**given)
-        words = ", ".join(f"--{key.replace('_', '-')}" for key in given)
+            message = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(values) or 'nothing'}"
+            require(sorted(values) == sorted(needed), message, "simulate.parameters")
+            return LAWS[self.material](**values)
+        words = ", ".join(f"--{key.replace('_', '-')}" for key in values)
         law = parse(self.material)
-        why = f"--material {self.material!r} holds its own parameters: leave out {words}"
-        require(not given, why, "simulate.parameters_twice")
+        message = f"--material {self.material!r} holds its own parameters: leave out {words}"
+        require(not values, message, "simulate.parameters_twice")
         return law
 
 

@@ -114,24 +114,24 @@ class Unfinished:
         keys = [analysis.key(curve) for curve in curves]
         self._keys.update(keys)
         self.store.most = 0 if len(curves) > HELD else None
-        found: list[int] = []
+        answered: list[int] = []
         if self.interrupted:
-            return Answers(self.store, keys, found)
+            return Answers(self.store, keys, answered)
         taken = sum(self.store.get(key) is not None for key in set(keys) - self.store.written)
         if taken and self.shown:
-            told = f"{taken} of {len(curves)} answers are taken from {self.store.folder}"
-            say(f"{told}, where an unfinished run left them")
+            message = f"{taken} of {len(curves)} answers are taken from {self.store.folder}"
+            say(f"{message}, where an unfinished run left them")
         try:
             for index, _ in analyse(curves, analysis, self.store, self.executor, begun=begun, shown=self.shown):
-                found.append(index)
+                answered.append(index)
         except KeyboardInterrupt:
             self.interrupted = True
-        return Answers(self.store, keys, found)
+        return Answers(self.store, keys, answered)
 
-    def note(self, answered: int, asked: int) -> str:
+    def note(self, answered: int, total: int) -> str:
         """What is to be said of a run that was interrupted; nothing of another."""
-        told = f"interrupted: {answered} of {asked} answered; the same command again answers the rest"
-        return told if self.interrupted else ""
+        message = f"interrupted: {answered} of {total} answered; the same command again answers the rest"
+        return message if self.interrupted else ""
 
     def remove(self) -> None:
         """To be called when all documents are complete. What another run left here is kept for it."""

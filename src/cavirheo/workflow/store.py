@@ -21,7 +21,7 @@ from cavirheo.writing.packing import decode, encode
 
 _TYPES = (Posterior, Checks, Message, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
-_Kept = TypeVar("_Kept")
+_Value = TypeVar("_Value")
 
 
 class Store:
@@ -38,7 +38,7 @@ class Store:
         self._held: OrderedDict[str, Future[Any]] = OrderedDict()
         self._lock = Lock()
 
-    def get(self, key: str, kind: type[_Kept] = Posterior) -> _Kept | None:  # type: ignore[assignment]
+    def get(self, key: str, kind: type[_Value] = Posterior) -> _Value | None:  # type: ignore[assignment]
         """What is kept under a key; None where there is nothing, or nothing of this kind that can be read."""
         with self._lock:
             held = self._held.get(key)
@@ -56,12 +56,12 @@ class Store:
             self.written.add(key)
         self._hold(key, value)
 
-    def once(self, key: str, work: Callable[[], _Kept]) -> _Kept:
+    def once(self, key: str, work: Callable[[], _Value]) -> _Value:
         """What is held under a key, or what `work` finds: the first thread that asks finds it, and the others wait. A
         failure is told to all who wait, and is not kept."""
         with self._lock:
             mine = key not in self._held
-            task: Future[_Kept] = self._held.setdefault(key, Future())
+            task: Future[_Value] = self._held.setdefault(key, Future())
             self._held.move_to_end(key)
             self._trim()
         if mine:
@@ -73,7 +73,7 @@ class Store:
                 task.set_exception(error)
         return task.result()
 
-    def values(self, kind: type[_Kept]) -> Iterable[_Kept]:
+    def values(self, kind: type[_Value]) -> Iterable[_Value]:
         """All of a kind that are in files."""
         for place in sorted(self.folder.glob("*.npz")) if self.folder else ():
             if (value := read_kept(place, kind)) is not None:
@@ -117,7 +117,7 @@ def keep(path: Path, value: Any) -> None:
         temporary.write_bytes(encode(value, default=str))
 
 
-def read_kept(path: Path, kind: type[_Kept]) -> _Kept | None:
+def read_kept(path: Path, kind: type[_Value]) -> _Value | None:
     """What `keep` wrote; None where there is nothing, or nothing of this kind that can be read."""
     with suppress(EOFError, OSError):  # whatever is wrong with it, the answer is found anew
         value = decode(path.read_bytes(), _KINDS)

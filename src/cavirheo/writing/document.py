@@ -123,13 +123,13 @@ class Spread(Record):
 
 def spread_of(values: list[float | None]) -> Spread:
     """Over those that are known."""
-    known = [value for value in values if value is not None]
-    if not known:
+    numbers = [value for value in values if value is not None]
+    if not numbers:
         return Spread()
     with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the largest there is none
-        std = finite(float(np.std(known, ddof=1))) if len(known) > 1 else None
-        middle = finite(float(np.median(known)))
-        return Spread(mean=finite(float(np.mean(known))), std=std, median=middle, n=len(known))
+        std = finite(float(np.std(numbers, ddof=1))) if len(numbers) > 1 else None
+        middle = finite(float(np.median(numbers)))
+        return Spread(mean=finite(float(np.mean(numbers))), std=std, median=middle, n=len(numbers))
 
 
 @contextmanager
@@ -208,10 +208,10 @@ class Outputs:
     def check(self, *names: str) -> None:
         """Raises InputError: one of these is there and must not be replaced."""
         for name in names:
-            path, mend = self.folder / name, "give another place with -o, or move it away"
-            read = f"{path} is read by this command, and its results would replace it: {mend}"
+            path, remedy = self.folder / name, "give another place with -o, or move it away"
+            read = f"{path} is read by this command, and its results would replace it: {remedy}"
             require(os.path.realpath(path) not in self._inputs, read, "document.input")
-            foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {mend}"
+            foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
             with _told(self.folder):
                 require(not _is_there(path) or self.holds(name), foreign, "document.foreign")
 
@@ -243,22 +243,22 @@ class Outputs:
                 path, kind = self.folder / name, self._listed[name][-1]["kind"]
                 if kind == self.kind and self.holds(name) and os.path.realpath(path) not in self._inputs:
                     path.unlink()
-            there = [entries[-1] for name, entries in self._listed.items() if os.path.lexists(self.folder / name)]
+            current = [entries[-1] for name, entries in self._listed.items() if os.path.lexists(self.folder / name)]
             with whole(self.folder / LIST) as temporary:
-                temporary.write_text("\n".join(map(json.dumps, there)), encoding="utf-8")
+                temporary.write_text("\n".join(map(json.dumps, current)), encoding="utf-8")
 
     def _leave_others(self, names: Sequence[str]) -> None:
         """Raises InputError: what this run would replace or remove is another run's."""
         if self._claim is None or self._claim.replace:
             return
         for name, entries in self._listed.items():
-            near = name in names or entries[-1]["kind"] == self.kind
-            entry = self._entry(name) if near and entries[-1]["run"] != self._claim.key else None
+            concerned = name in names or entries[-1]["kind"] == self.kind
+            entry = self._entry(name) if concerned and entries[-1]["run"] != self._claim.key else None
             if entry and entry["run"] != self._claim.key:
                 whose = f" ({entry['command']})" if entry["command"] else ""
                 message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
-                mend = "name another folder by -o, or give --replace (replace=True in Python)"
-                raise InputError(f"{message}: {mend}", "document.other_run")
+                remedy = "name another folder by -o, or give --replace (replace=True in Python)"
+                raise InputError(f"{message}: {remedy}", "document.other_run")
 
     def holds(self, name: str) -> bool:
         """Whether this file is there as we wrote it."""
@@ -266,19 +266,19 @@ class Outputs:
 
     def _entry(self, name: str) -> dict[str, str] | None:
         """The line of this file as it is now; None if it is not there, or not as we wrote it."""
-        path, known = self.folder / name, self._listed.get(name, [])
-        if not known or not path.is_file() or path.is_symlink():
+        path, entries = self.folder / name, self._listed.get(name, [])
+        if not entries or not path.is_file() or path.is_symlink():
             return None
         digest = _sha256(path)
-        return next((entry for entry in reversed(known) if entry["sha256"] == digest), None)
+        return next((entry for entry in reversed(entries) if entry["sha256"] == digest), None)
 
     def _read(self) -> None:
         """What is listed, by name; a line that is cut short is none, nor is one of a file elsewhere."""
         path = self.folder / LIST
         for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
             with suppress(ValueError, TypeError, KeyError):
-                given = {"run": "", "command": "", **json.loads(line)}
-                entry = {key: str(given[key]) for key in ("kind", "name", "sha256", "run", "command")}
+                fields = {"run": "", "command": "", **json.loads(line)}
+                entry = {key: str(fields[key]) for key in ("kind", "name", "sha256", "run", "command")}
                 if Path(entry["name"]).name == entry["name"]:
                     self._listed.setdefault(entry["name"], []).append(entry)
 
@@ -338,8 +338,8 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"])) or "the document"
-        said = f"{path}: not a cavirheo {kind.__name__.lower()} of schema 1; {where}: {first['msg']}"
-        raise InputError(said, "document.other") from None
+        message = f"{path}: not a cavirheo {kind.__name__.lower()} of schema 1; {where}: {first['msg']}"
+        raise InputError(message, "document.other") from None
 
 
 def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]], remark: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Columns and draws as the objects of other libraries: pandas, ArviZ, and corner's picture of all pairs."""
+"""Columns and draws as the objects of pandas and ArviZ, or as a picture of all pairs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def needed(name: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        own = (error.name or "").split(".")[0] == name  # not something that it needs itself
-        require(not own, f"this needs {name}: pip install {name}", "posterior.missing_library")
+        missing = (error.name or "").split(".")[0] == name  # not something that it needs itself
+        require(not missing, f"this needs {name}: pip install {name}", "posterior.missing_library")
         raise
 
 
@@ -66,7 +66,15 @@ def pairs(columns: Mapping[str, Floats], weights: Floats) -> Figure:
     low, high = np.quantile(draws, [0.001, 0.999], axis=0, weights=weights, method="inverted_cdf")
     margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))  # some, where all draws are one
     needed("corner").corner(
-        draws, 40, range=[*zip(low - margin, high + margin, strict=True)], weights=weights, labels=[*columns],
-        quantiles=(0.05, 0.5, 0.95), color=BLUE, fig=figure, plot_datapoints=False, plot_contours=False,
-    )  # fmt: skip
+        draws,
+        40,
+        range=[*zip(low - margin, high + margin, strict=True)],
+        weights=weights,
+        labels=[*columns],
+        quantiles=(0.05, 0.5, 0.95),
+        color=BLUE,
+        fig=figure,
+        plot_datapoints=False,
+        plot_contours=False,
+    )
     return figure

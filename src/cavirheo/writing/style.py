@@ -22,7 +22,6 @@ from cavirheo.writing.digits import elide, printable
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from PIL.Image import Image
 
 BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222", "#888888"
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
@@ -108,32 +107,13 @@ def plain_ticks(axis: Any, steps: tuple[int, ...], most: int | None = None) -> N
     axis.set_minor_formatter("")
 
 
-def drawn(figure: Figure, dpi: int = DPI) -> Image:
-    """The figure as an image (RGB)."""
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from PIL import Image
-
-    figure.dpi = dpi
-    canvas: Any = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    faster: Any = {"text.hinting": "none"}  # by a fifth, and nothing shows it
-    with _settings, matplotlib.rc_context(faster), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: they are drawn as boxes
-        canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-
-
-def save_png(path: str | Path, figure: Figure) -> None:
-    drawn(figure).save(path, dpi=(DPI, DPI), compress_level=1)
-
-
-def save(path: str | Path, figure: Figure, kind: str, dpi: int = DPI) -> None:
+def save(path: str | Path, figure: Figure, kind: str = "png", dpi: int = DPI) -> None:
     """As "png", "svg" or "pdf": with text as text, and the same bytes each time."""
     import matplotlib
 
-    fonts: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "cavirheo"}
+    settings: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "cavirheo"}
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
-    with _settings, matplotlib.rc_context(fonts), warnings.catch_warnings():
+    with _settings, matplotlib.rc_context(settings), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: they are drawn as boxes
         figure.savefig(path, format=kind, dpi=dpi, metadata=undated[kind])
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.writing.digits import LOOKS, elide, printable
+from cavirheo.writing.digits import LOOKS, elide, printable, shortened
 
 _LONGEST = 1000  # characters of one line
 RATE_OVER = 120.0  # s over which a rate is taken: an answer may take many, and a cluster brings many at once
@@ -59,9 +59,13 @@ def bar(
 
     whole = Column(no_wrap=True)  # where it is narrow, the words fold
     columns = (
-        TextColumn("{task.description}", table_column=Column()), BarColumn(20), MofNCompleteColumn(table_column=whole),
-        Rate(whole), TimeRemainingColumn(table_column=whole), TextColumn("left", "dim"),
-    )  # fmt: skip
+        TextColumn("{task.description}", table_column=Column()),
+        BarColumn(20),
+        MofNCompleteColumn(table_column=whole),
+        Rate(whole),
+        TimeRemainingColumn(table_column=whole),
+        TextColumn("left", "dim"),
+    )
     on = console(stderr=True)
     how: Any = {"console": on, "transient": True, "disable": not (shown and on.is_terminal)}
     with Progress(*columns, speed_estimate_period=RATE_OVER, **how) as progress:
@@ -109,20 +113,26 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
                     break
             numbers = sum(column.justify == "right" for column in columns)
             places = range(numbers), range(numbers, len(columns))
-            for wanted, mine in product((lines, title_lines), places):
-                while short := [k for k in mine if widths[k] < wanted[k]][: max(spare, 0)]:
+            for goal, mine in product((lines, title_lines), places):
+                while short := [k for k in mine if widths[k] < goal[k]][: max(spare, 0)]:
                     for k in short:  # a letter each, so that no column takes all that is left
                         widths[k], spare = widths[k] + 1, spare - 1
             for column, width in zip(columns, widths, strict=True):
                 column.width = width if spare >= 0 else None
             return super().__rich_console__(console, options)
 
-    made = Folding(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0), show_edge=False)
+    grid = Folding(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0), show_edge=False)
     if title:
-        made.title, made.title_justify, made.title_style = title, "left", "dim"
+        grid.title, grid.title_justify, grid.title_style = title, "left", "dim"
     for head in (first, *heads):
-        made.add_column(head, justify="left" if head in (first, *left) else "right", overflow="fold")
-    return made
+        grid.add_column(head, justify="left" if head in (first, *left) else "right", overflow="fold")
+    return grid
+
+
+def add_rows(to: Table, rows: Sequence[tuple[str, Sequence[Any], str]]) -> None:
+    """A row for each (name, cells, style), long names shortened."""
+    for name, (_, cells, style) in zip(shortened([name for name, *_ in rows]), rows, strict=True):
+        to.add_row(name, *cells, style=style)
 
 
 def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
@@ -132,14 +142,14 @@ def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     Where one of these numbers has no unit, it may be the name of a thing or the end of an interval: then "…" stands for
     each of them.
     """
-    found: dict[str, list[tuple[str, list[str]]]] = {}
+    by_form: dict[str, list[tuple[str, list[str]]]] = {}
     for name, message in about:
         form = _NUMBER.sub("{}", re.sub("[{}]", "", message))
         if message:
-            found.setdefault(form, []).append((name, _NUMBER.findall(message)))
+            by_form.setdefault(form, []).append((name, _NUMBER.findall(message)))
     return {
         _merged(form, list(zip(*(numbers for _, numbers in mine), strict=True))): [name for name, _ in mine]
-        for form, mine in found.items()
+        for form, mine in by_form.items()
     }
 
 
@@ -148,9 +158,11 @@ def _merged(form: str, columns: Sequence[Sequence[str]]) -> str:
     parts = form.split("{}")[1:]
     ends = [(min(column, key=float), max(column, key=float)) for column in columns]
     differ = [float(low) != float(high) for low, high in ends]
-    amounts = all(_UNIT.match(part) for part, other in zip(parts, differ, strict=True) if other)
+    amounts = all(_UNIT.match(part) for part, different in zip(parts, differ, strict=True) if different)
     ranges = (f"{low} to {high}" if amounts else "…" for low, high in ends)
-    return form.format(*(text if other else low for text, other, (low, _) in zip(ranges, differ, ends, strict=True)))
+    return form.format(
+        *(text if different else low for text, different, (low, _) in zip(ranges, differ, ends, strict=True))
+    )
 
 
 def print_remarks(
@@ -167,8 +179,8 @@ def print_remarks(
     from rich.text import Text
 
     for message, names in remarks.items():
-        shown = names[:most]
-        who = ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(shown) < len(names) else "")
+        listed = names[:most]
+        who = ", ".join(listed) + (f" and {len(names) - len(listed)} more" if len(listed) < len(names) else "")
         to.print(Text().append(f"{mark} ", colour).append(printable(who), "bold").append(f": {printable(message)}"))
     for note in notes:
         to.print(Text(f"• {printable(note)}"))
@@ -177,5 +189,5 @@ def print_remarks(
 def print_warnings(to: Console, about: Iterable[tuple[str, str]]) -> None:
     """What is to be checked of recordings and settings, of (name, sentence): each once, before all other remarks."""
     look = LOOKS["check_input"]
-    names = {said: list(dict.fromkeys(of)) for said, of in once(about).items()}
+    names = {message: list(dict.fromkeys(of)) for message, of in once(about).items()}
     print_remarks(to, names, most=2, mark=f"{look.words}:", colour=look.terminal)

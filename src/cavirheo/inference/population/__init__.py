@@ -27,7 +27,7 @@ __all__ = ["Population", "population"]
 
 FEWEST = 3  # shots of a population
 _DRAWS = 4000  # of a population
-_WORTH = 200.0  # effective draws of a population, below which that is said
+_LEAST_EFFECTIVE = 200.0  # effective draws of a population, below which that is said
 
 
 def population(
@@ -68,45 +68,45 @@ def population(
     require(bool(answers), "a population needs answers of shots, got none", "population.none")
     shots = [f"shot {i + 1}" for i in range(len(answers))] if names is None else list(names)
     column = None if along is None else np.asarray(along, dtype=float)
-    for what, given in (("names", shots), ("along", column)):
+    for what, values in (("names", shots), ("along", column)):
         message = f"{what} must have one entry for each of the {len(answers)} answers"
-        require(given is None or np.shape(given) == (len(answers),), message, f"population.{what}")
-    kept, left_out, found = _sorted_out(answers, column, only_trusted)
-    first = answers[kept[0]] if kept else answers[0]
+        require(values is None or np.shape(values) == (len(answers),), message, f"population.{what}")
+    counted, left_out, likelihoods = _counted(answers, column, only_trusted)
+    first = answers[counted[0]] if counted else answers[0]
     law = tuple(name for name in first.names if of_the_law(name))
-    made: dict[str, Any] = {
-        "names": tuple(name.removeprefix(LOG10) for name in law), "material": first.material, "bubble": first.bubble,
-        "shots": tuple(shots[i] for i in kept), "left_out": left_out,
-    }  # fmt: skip
-    if len(kept) < FEWEST:
-        doubt = f"{digits.counting(len(kept), len(answers))}, and a material with its scatter needs {FEWEST}"
-        return Population(**made, doubts=(doubt,))
-    rough = [f"{shots[i]} ({one.effective:.0f})" for i, one in zip(kept, found, strict=True) if one.effective < FEW]
+    names = tuple(name.removeprefix(LOG10) for name in law)
+    fields: dict[str, Any] = {"names": names, "material": first.material, "bubble": first.bubble}
+    fields |= {"shots": tuple(shots[i] for i in counted), "left_out": left_out}
+    if len(counted) < FEWEST:
+        doubt = f"{digits.counting(len(counted), len(answers))}, and a material with its scatter needs {FEWEST}"
+        return Population(**fields, doubts=(doubt,))
+    pairs = zip(counted, likelihoods, strict=True)
+    rough = [f"{shots[i]} ({one.effective:.0f})" for i, one in pairs if one.effective < FEW]
     doubts = [f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"] * bool(rough)
-    ends = np.array([_ends(answers[i], law) for i in kept])
+    ends = np.array([_ends(answers[i], law) for i in counted])
     low, high = np.min(ends[:, 0], axis=0), np.max(ends[:, 1], axis=0)
-    like, x, unit = Likelihoods.of(found), None, 1.0
+    like, x, unit = Likelihoods.of(likelihoods), None, 1.0
     if column is not None:
-        unit = float(np.std(column[kept]))
+        column = column[counted]
+        unit = float(np.std(column))
         require(unit > 0, "along must not be one value for all shots", "population.along")
-        x = (column[kept] - np.mean(column[kept])) / unit
+        x = (column - np.mean(column)) / unit
     several = Scatter(like, low, high, column=x)
     one = Scatter(like, low, high, column=x, spread=False)
-    drawn, drawn_one = several.sample(seed), one.sample(seed)
-    if drawn.ess < _WORTH or not drawn.reliable:
-        doubts.append(f"the intervals of the material are rough: its draws are worth {drawn.ess:.0f} independent ones")
-    u = _resampled(drawn, seed)
+    sample, sample_of_one = several.sample(seed), one.sample(seed)
+    if sample.ess < _LEAST_EFFECTIVE or not sample.reliable:
+        doubts.append(f"the intervals of the material are rough: its draws are worth {sample.ess:.0f} independent ones")
+    u = _resampled(sample, seed)
     centre, spread, correlation, slope = several.parts(u)
-    return Population(
-        **made, doubts=tuple(doubts), centre=centre, spread=spread, correlation=correlation,
-        slope=None if x is None else slope / unit,
-        along_at=None if column is None else float(np.mean(column[kept])),
-        prior={name: (float(a), float(b)) for name, a, b in zip(made["names"], low, high, strict=True)},
-        shots_bound=_shots_bound([answers[i] for i in kept], made["names"]),
-        common=one.parts(_resampled(drawn_one, seed))[0],
-        stray=several.strays(u[:: max(_DRAWS // 1000, 1)]), gain=_evidence(drawn, like.log_size),
-        gain_of_one=_evidence(drawn_one, like.log_size), shot_evidence=tuple(answers[i].evidence for i in kept),
-    )  # fmt: skip
+    fields |= {"centre": centre, "spread": spread, "correlation": correlation}
+    if column is not None:
+        fields |= {"slope": slope / unit, "along_at": float(np.mean(column))}
+    fields["common"] = one.parts(_resampled(sample_of_one, seed))[0]
+    fields |= {"gain": _evidence(sample, like.log_size), "gain_of_one": _evidence(sample_of_one, like.log_size)}
+    fields["prior"] = {name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)}
+    fields["shots_bound"] = _shots_bound([answers[i] for i in counted], names)
+    fields["stray"] = several.outliers(u[:: max(_DRAWS // 1000, 1)])
+    return Population(**fields, doubts=tuple(doubts), shot_evidence=tuple(answers[i].evidence for i in counted))
 
 
 def with_slope_if_any(
@@ -119,13 +119,13 @@ def with_slope_if_any(
     """As `population`, with a slope along the column unless that has one value in all shots that count, or too few."""
     if along is not None:
         with suppress(InputError):
-            found = population(answers, names=names, along=along, only_trusted=only_trusted)
-            if len(found.centre):
-                return found
+            sloped = population(answers, names=names, along=along, only_trusted=only_trusted)
+            if len(sloped.centre):
+                return sloped
     return population(answers, names=names, only_trusted=only_trusted)
 
 
-def _sorted_out(
+def _counted(
     answers: Sequence[Posterior], column: Floats | None, only_trusted: bool
 ) -> tuple[list[int], dict[str, int], list[Likelihood]]:
     """(which count, how many are left out by reason, the likelihoods of those that count)."""
@@ -140,9 +140,9 @@ def _sorted_out(
     models = [(answer.material, answer.bubble.name) for answer in answers]
     counts = Counter(model for i, model in enumerate(models) if i not in why)
     most = max(counts, key=lambda model: counts[model], default=None)
-    seen: set[bytes] = set()
-    kept: list[int] = []
-    found: list[Likelihood] = []
+    unique: set[bytes] = set()
+    counted: list[int] = []
+    likelihoods: list[Likelihood] = []
     for i, answer in enumerate(answers):
         if i in why:
             continue
@@ -151,14 +151,14 @@ def _sorted_out(
         draws = theta.tobytes()
         if models[i] != most:
             why[i] = "other_model"
-        elif draws in seen:
+        elif draws in unique:
             why[i] = "copy"
         elif one := _likelihood(answer, law):
-            kept, found = [*kept, i], [*found, one]
-            seen.add(draws)
+            counted, likelihoods = [*counted, i], [*likelihoods, one]
+            unique.add(draws)
         else:
             why[i] = "no_interval"
-    return kept, dict(Counter(why.values())), found
+    return counted, dict(Counter(why.values())), likelihoods
 
 
 def _likelihood(answer: Posterior, law: Sequence[int]) -> Likelihood | None:
@@ -170,12 +170,12 @@ def _likelihood(answer: Posterior, law: Sequence[int]) -> Likelihood | None:
 
 def _shots_bound(answers: Sequence[Posterior], names: Sequence[str]) -> dict[str, Bound]:
     """Of each parameter that most shots only bound, and fewer than FEWEST determine: what most of the former say."""
-    found = {}
+    most = {}
     for name in names:
-        said = [bound for answer in answers if (bound := answer.bound(name))]
-        if len(answers) - len(said) < min(FEWEST, len(said)):
-            found[name] = Counter(said).most_common(1)[0][0]
-    return found
+        bounds = [bound for answer in answers if (bound := answer.bound(name))]
+        if len(answers) - len(bounds) < min(FEWEST, len(bounds)):
+            most[name] = Counter(bounds).most_common(1)[0][0]
+    return most
 
 
 def _log_prior(answer: Posterior, law: Sequence[int]) -> Floats:
@@ -189,23 +189,23 @@ def _log_prior(answer: Posterior, law: Sequence[int]) -> Floats:
 
 def _ends(answer: Posterior, law: Sequence[str]) -> Floats:
     """(2, d) low and high of the prior, in the scale of theta."""
-    found = []
+    ends = []
     for name in law:
         values = answer.theta[:, answer.names.index(name)]
         searched = about(name).searched or (float(np.min(values)) - 1.0, float(np.max(values)) + 1.0)
-        found.append(tuple(answer.prior.get(name, searched))[:2])
-    return np.array(found, dtype=float).T
+        ends.append(tuple(answer.prior.get(name, searched))[:2])
+    return np.array(ends, dtype=float).T
 
 
-def _resampled(drawn: Sample, seed: int) -> Floats:
+def _resampled(sample: Sample, seed: int) -> Floats:
     """(_DRAWS, m) equally likely draws, in random order."""
     rng = np.random.Generator(np.random.Philox(seed).jumped())
-    weight = unscaled(drawn.log_weight)
+    weight = unscaled(sample.log_weight)
     places = (np.arange(_DRAWS) + rng.uniform()) / _DRAWS
     chosen = np.searchsorted(np.cumsum(weight) / np.sum(weight), places)
-    return drawn.u[rng.permutation(np.minimum(chosen, len(weight) - 1))]
+    return sample.u[rng.permutation(np.minimum(chosen, len(weight) - 1))]
 
 
-def _evidence(drawn: Sample, log_size: float) -> Evidence:
-    log, error = drawn.log_evidence
+def _evidence(sample: Sample, log_size: float) -> Evidence:
+    log, error = sample.log_evidence
     return Evidence(log + log_size, error)

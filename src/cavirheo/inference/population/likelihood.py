@@ -84,10 +84,10 @@ class Likelihoods:
         found = np.empty((len(centre), len(self.says)))
         for pattern in np.unique(self.says, axis=0):
             some = np.flatnonzero(np.all(self.says == pattern, axis=1))
-            mean, own = self.mean[some], self.covariance[some]
+            mean, base = self.mean[some], self.covariance[some]
             order = _order(pattern)
             off = [mean[:, i] - centre[:, i, None] - slope_at[:, some, i] for i in order]
-            covariance = [[own[:, i, j] + scatter[:, i, j, None] for j in order[: a + 1]] for a, i in enumerate(order)]
+            covariance = [[base[:, i, j] + scatter[:, i, j, None] for j in order[: a + 1]] for a, i in enumerate(order)]
             shape = (len(centre), len(some))
             found[:, some] = np.broadcast_to(log_gaussian(off, covariance, pattern[order]), shape)
         return found + self.log_share
@@ -142,8 +142,8 @@ def _reaching(theta: Floats, effective: Floats, says: np.ndarray, ends: Floats |
     of the prior: most draws tell a value, and some that it may as well be anything beyond."""
     if ends is None:
         return says
-    near = _NEAR * (ends[1] - ends[0])
-    mass = np.array([effective @ (theta < ends[0] + near), effective @ (theta > ends[1] - near)])
+    width = _NEAR * (ends[1] - ends[0])
+    mass = np.array([effective @ (theta < ends[0] + width), effective @ (theta > ends[1] - width)])
     tail = np.where(mass[0] >= mass[1], UPPER, LOWER)
     return np.where((says == VALUE) & (np.max(mass, axis=0) >= _SOME), tail, says)
 
@@ -277,5 +277,5 @@ def log_gaussian(
     return log_p
 
 
-def _dot(one: Sequence[Floats], other: Sequence[Floats]) -> Floats | float:
-    return sum((a * b for a, b in zip(one, other, strict=True)), start=0.0)
+def _dot(first: Sequence[Floats], second: Sequence[Floats]) -> Floats | float:
+    return sum((a * b for a, b in zip(first, second, strict=True)), start=0.0)

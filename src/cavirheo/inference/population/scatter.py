@@ -2,7 +2,7 @@
 
 Of shot i, with Gaussians of share w, mean m and covariance V for its likelihood,
 
-    p(frames_i | c, S) = (1 - STRAY) sum w N(m; c + b x_i, V + S) + STRAY sum w N(m; c + b x_i, V + S + WIDE^2),
+    p(frames_i | c, S) = (1 - OUTLIERS) sum w N(m; c + b x_i, V + S) + OUTLIERS sum w N(m; c + b x_i, V + S + WIDE^2),
 
 c the centre in log10, S the covariance of the spread, b the slope along a column x, if there is one. A shot that does
 not belong has the second, broad density. Of a shot that only bounds a parameter N is a normal distribution function of
@@ -22,7 +22,7 @@ from cavirheo.inference.population.likelihood import Likelihoods
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
 from cavirheo.prior import Prior, log_normal
 
-STRAY = 0.05  # of the shots that may not belong, before they are seen
+OUTLIERS = 0.05  # of the shots that may not belong, before they are seen
 WIDE = 0.7  # decades: how far these scatter
 SPREAD = 0.2  # decades: the half of a normal distribution is the prior of each spread
 SLOPE = 1.0  # decades per standard deviation of the column: standard deviation of the prior of each slope
@@ -31,7 +31,7 @@ _CHUNK = 100_000  # densities at a time
 _EACH, _MOST, _ENOUGH = 1000, 20_000, 2500.0  # draws of a round, of all, effective ones that are enough
 _STEP = 0.002  # of differences, in the coordinates of the prior
 _FAR = 30.0  # height below the best mode, from which another is not drawn from
-_TRIED, _CLIMBED = 12, 3  # shots at most, about each of which a search may start; from how many places it does
+_STARTS, _CLIMBED = 12, 3  # shots at most, about each of which a search may start; from how many places it does
 
 
 class Scatter:
@@ -56,18 +56,18 @@ class Scatter:
     def parts(self, u: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Centre (k, d), spread (k, d), correlation (k, d, d) and slope (k, d) of u (k, .)."""
         d, x = self.d, self.prior.to_x(u)
-        centre, rest = x[:, :d], x[:, d:]
+        centre, left = x[:, :d], x[:, d:]
         spread, root = np.zeros_like(centre), np.broadcast_to(np.eye(d), (len(u), d, d)).copy()
         if self.spread:
-            spread, rest = rest[:, :d], rest[:, d:]
+            spread, left = left[:, :d], left[:, d:]
             for i in range(1, d):  # the root of a correlation matrix from partial correlations, row by row
-                left = np.ones(len(u))
+                square = np.ones(len(u))
                 for j in range(i):
-                    partial, rest = rest[:, 0], rest[:, 1:]
-                    root[:, i, j] = partial * np.sqrt(left)
-                    left = left * (1.0 - partial**2)
-                root[:, i, i] = np.sqrt(left)
-        slope = rest if self.column is not None else np.zeros_like(centre)
+                    partial, left = left[:, 0], left[:, 1:]
+                    root[:, i, j] = partial * np.sqrt(square)
+                    square = square * (1.0 - partial**2)
+                root[:, i, i] = np.sqrt(square)
+        slope = left if self.column is not None else np.zeros_like(centre)
         return centre, spread, root @ root.transpose(0, 2, 1), slope
 
     def densities(self, u: Floats) -> tuple[Floats, Floats]:
@@ -77,11 +77,11 @@ class Scatter:
         scatter = spread[:, :, None] * correlation * spread[:, None, :]
         x = np.zeros(len(shots.shot)) if self.column is None else self.column[shots.shot]
         along = slope[:, None] * x[:, None]
-        found = []
-        for share, wide in ((1.0 - STRAY, 0.0), (STRAY, WIDE**2)):
+        densities = []
+        for share, wide in ((1.0 - OUTLIERS, 0.0), (OUTLIERS, WIDE**2)):
             log_p = shots.log_density(centre, along, scatter + wide * np.eye(d))
-            found.append(np.log(share) + _log_sum(log_p, shots.first))
-        return found[0], found[1]
+            densities.append(np.log(share) + _log_sum(log_p, shots.first))
+        return densities[0], densities[1]
 
     def __call__(self, u: Floats) -> Floats:
         """(k,)"""
@@ -101,7 +101,7 @@ class Scatter:
 
         return sample(self, propose, seed=seed, each=_EACH, most=_MOST, enough=_ENOUGH, fewest=2)
 
-    def strays(self, u: Floats) -> Floats:
+    def outliers(self, u: Floats) -> Floats:
         """(n,) probability that each shot does not belong, over equally likely u (k, .)."""
         rows = max(_CHUNK // len(self.shots.shot), 1)
         total = np.zeros(len(self.shots.first))
@@ -117,19 +117,17 @@ class Scatter:
         spread = np.clip(np.std(means, axis=0), 0.01, 0.5)
         steady = np.clip(1.5 * np.median(np.abs(means - middle), axis=0), 0.01, 0.5)
         starts = [(middle, steady), (np.mean(means, axis=0), spread), (middle, 0.02 + 0.0 * spread)]
-        starts += [(mean, 0.05 + 0.0 * spread) for mean in means] if len(means) <= _TRIED else []
-        begun = np.array([self._at(*start) for start in starts])
-        places: list[Floats] = []
-        widths: list[Floats] = []
-        heights: list[float] = []
-        for start in begun[np.argsort(-self(begun), kind="stable")[:_CLIMBED]]:
-            u, height = self._climbed(start)
-            if any(np.max(np.abs(u - place)) < 0.05 for place in places):
-                continue
-            places, heights, widths = [*places, u], [*heights, height], [*widths, self._width(u)]
-        worth = [height + 0.5 * np.linalg.slogdet(width)[1] for height, width in zip(heights, widths, strict=True)]
-        kept = [i for i, one in enumerate(worth) if one > max(worth) - _FAR]
-        return Mixture.about([places[i] for i in kept], [widths[i] for i in kept], [worth[i] for i in kept])
+        starts += [(mean, 0.05 + 0.0 * spread) for mean in means] if len(means) <= _STARTS else []
+        u = np.array([self._at(*start) for start in starts])
+        modes: list[tuple[Floats, Floats, float]] = []  # place, covariance and log of the integral
+        for start in u[np.argsort(-self(u), kind="stable")[:_CLIMBED]]:
+            place, height = self._climbed(start)
+            if not any(np.max(np.abs(place - mode[0])) < 0.05 for mode in modes):
+                width = self._width(place)
+                modes.append((place, width, height + 0.5 * np.linalg.slogdet(width)[1]))
+        top = max(mode[2] for mode in modes)
+        places, widths, integrals = zip(*(mode for mode in modes if mode[2] > top - _FAR), strict=True)
+        return Mixture.about(places, widths, integrals)
 
     def _at(self, centre: Floats, spread: Floats) -> Floats:
         """u (m,) of a centre and a spread (d,)."""
@@ -147,8 +145,8 @@ class Scatter:
             up, down = np.split(value[1:], 2)
             return -float(value[0]), -(up - down) / 2e-4
 
-        found = minimize(falling, u, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-2})
-        return np.clip(found.x, -7.0, 7.0), -float(found.fun)
+        mode = minimize(falling, u, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-2})
+        return np.clip(mode.x, -7.0, 7.0), -float(mode.fun)
 
     def _width(self, u: Floats) -> Floats:
         """(m, m) covariance of the Gaussian about a mode."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect
-from cavirheo.inference.alternatives import chosen_among, contenders, itself, judged, model_of
+from cavirheo.inference.alternatives import as_alternative, chosen_among, contenders, judged, model_of
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.input_checks import ERRORS, warned
 from cavirheo.inference.law import Family
@@ -150,7 +150,7 @@ def _simplest(found: Sequence[Posterior]) -> Posterior:
     known = {model_of(one) for one in found}
     modes = [one for one in best.others if model_of(one) == model_of(best)]
     others = [one for one in best.others if model_of(one) not in known]
-    return replace(best, others=(*modes, *others, *map(itself, rest)))
+    return replace(best, others=(*modes, *others, *map(as_alternative, rest)))
 
 
 def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[Posterior]:
@@ -171,7 +171,7 @@ def _rival(settings: Verification, curve: RadiusCurve, answer: Posterior) -> lis
     if rival is None or any(model_of(one) == (answer.material, rival.name) for one in answer.others):
         return []
     how = replace(settings, level="map", weights=None, scanned=TUNING.rival_scanned)
-    return [itself(one) for one in _again(how, curve, answer, rival)]
+    return [as_alternative(one) for one in _again(how, curve, answer, rival)]
 
 
 def _again(

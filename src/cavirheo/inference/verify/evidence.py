@@ -18,7 +18,7 @@ from scipy.special import softmax
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
-from cavirheo.inference.alternatives import LAPLACE, chosen_among, contenders, itself, judged, model_of
+from cavirheo.inference.alternatives import LAPLACE, as_alternative, chosen_among, contenders, judged, model_of
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.budget import EVIDENCE
 from cavirheo.inference.law import Family
@@ -248,7 +248,7 @@ def explained(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Pos
         answer, rest = one.answers[chosen], [other for law, other in one.answers.items() if law != chosen]
         kept = {model_of(other) for other in rest if other.evidence}
         others = [other for other in answer.others if model_of(other) not in kept]
-        answer = replace(answer, others=(*others, *(itself(other) for other in rest if other.evidence)))
+        answer = replace(answer, others=(*others, *(as_alternative(other) for other in rest if other.evidence)))
         by_others = [Message("model.of_group", {"material": chosen})] if i in by_group else []
         own = chosen_among(answer, rest) if chosen == one.chosen else by_others
         found.append(replace(answer, checks=judged(answer, own)))

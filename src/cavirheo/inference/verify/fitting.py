@@ -1,7 +1,7 @@
 """Estimations that begin with searches over windows that grow by a collapse: that of a fit, and of a law by itself.
 
 A fit takes the noise as independent from frame to frame. Its size, and the share of the wall's motion in it, are learnt
-from what the best simulation leaves (`Experiment.weigh`). Models are compared, and the answer is judged, by the noise
+from what the best simulation leaves (`Experiment.weighed`). Models are compared, and the answer is judged, by the noise
 of a posterior, which allows for what no simulation follows.
 """
 
@@ -96,7 +96,7 @@ class FitEstimation(SearchedEstimation):
         seen = self.shot.predict(x, DEFAULT)
         if seen is None:
             return False
-        self.shot.weigh(seen)
+        self.shot = self.shot.weighed(seen)
         self.target = Target(self.shot, self.prior, self.shot.white_noise(), self.target.workers)
         return True
 
@@ -131,17 +131,16 @@ class FitEstimation(SearchedEstimation):
             "frames_per_independent_residual": shot.noise_factor**2,
         }
         windows = self._windows(shot.from_best(answer.best))
-        about = replace(answer.diagnostics, **told, simulations=shot.runs, failed_simulations=shot.failures)
+        ran = shot.simulations
+        about = replace(answer.diagnostics, **told, simulations=ran.runs, failed_simulations=ran.failures)
         return replace(answer, windows=windows, diagnostics=about, provenance=answer.provenance | told)
 
     def _windows(self, x: Floats) -> dict[str, WindowAnswer]:
         """What the windows answer: of the whole one x (all,), of shorter ones the minimum beside the best of their
         search, or beside x where that is nearer."""
-        shot, fit, found = self.shot, self.search.fit, dict[str, WindowAnswer]()
-        low, high = shot.bounds.T
-        for collapses, end in self.search.cuts:
-            shot.set_window(collapses, end)
-            best = x
+        found = dict[str, WindowAnswer]()
+        for (collapses, end), shot in self.search.shots.items():
+            (low, high), fit, best = shot.bounds.T, LeastSquares(shot, self.target.workers), x
             stage = self.search.stages.get((collapses, end))
             if stage is not None:
                 nearest = min((x, stage), key=lambda one: float(np.sum(fit.residuals(one, ROUGH) ** 2)))
@@ -159,7 +158,5 @@ class FitEstimation(SearchedEstimation):
     def _whole(self) -> str:
         """How many collapses the whole window is a window of; "all" where it ends elsewhere."""
         view = self.shot.view
-        self.shot.set_window(view.collapses or None, None)
-        ends = self.shot.view.end
-        self.shot.set_window(*self.shot.cut)
+        ends = self.shot.cut_to(view.collapses or None).view.end
         return str(view.collapses) if abs(ends - view.end) < 1e-6 * view.end else "all"

@@ -15,7 +15,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.alternatives import LAPLACE, SEEN, averaged, model_of
 from cavirheo.inference.budget import POSTERIOR, Budget
-from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.experiment import Experiment, Simulations
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.posterior_network import PosteriorModel
@@ -114,9 +114,10 @@ class Estimation:
         scale, end = settings.medium.time_scale(curve.max_radius), answer.checks.t_star_end
         options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), answer.bubble)
         exposure = float(curve.exposure or 0.0)
-        self.shot = Experiment(curve, Family(answer.material), settings.medium, options, exposure=exposure)
-        self.shot.runs = answer.diagnostics.simulations or 0
-        self.shot.failures = answer.diagnostics.failed_simulations or 0
+        known = answer.diagnostics
+        before = Simulations(known.simulations or 0, known.failed_simulations or 0)
+        how: dict[str, Any] = {"exposure": exposure, "simulations": before}
+        self.shot = Experiment(curve, Family(answer.material), settings.medium, options, **how)
         self.answer = answer
         self.prior = self.shot.prior(settings.ranges)
         noise = self.shot.noise(settings.discrepancy)
@@ -254,8 +255,6 @@ class Estimation:
         except SolverError as error:
             _log.debug("%s: no search of %s", self.shot.curve.name, self.shot.family.name, exc_info=error)
             return []
-        finally:
-            self.shot.set_window(*self.shot.cut)
         return [self.target.start(minimum.x) for minimum in found]
 
     @cached_property
@@ -322,7 +321,7 @@ class Estimation:
         told = {
             "stretch_source": shot.stretch_source(),
             "systematic_misfit_over_rmax": excess,
-            "simulations": shot.runs, "failed_simulations": shot.failures, **worth,
+            "simulations": shot.simulations.runs, "failed_simulations": shot.simulations.failures, **worth,
         }  # fmt: skip
         told |= {"predictive": predictive} if predictive else {}
         told |= {

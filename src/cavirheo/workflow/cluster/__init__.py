@@ -53,8 +53,8 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
         if slurm and not find_spec("dask_jobqueue"):
             raise ModuleNotFoundError(name="dask_jobqueue")
     except ModuleNotFoundError as error:
-        mend = "pip install 'cavirheo[cluster]' here and on the workers"
-        raise InputError(f"--scheduler needs {error.name}: {mend}; without it all runs here", "cluster.extra") from None
+        message = f"--scheduler needs {error.name}: pip install 'cavirheo[cluster]' here and on the workers"
+        raise InputError(f"{message}; without it all runs here", "cluster.extra") from None
     if slurm:
         from cavirheo.workflow.cluster.slurm import jobs_of, read_settings
 

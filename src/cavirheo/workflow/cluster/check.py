@@ -105,17 +105,17 @@ def _probe() -> Callable[[], dict[str, Any]]:
 def reports(client: Client) -> list[WorkerReport]:
     """Of all workers that are there, each judged; by address."""
     threads = client.nthreads()
-    found: Mapping[str, Any] = client.run(_probe(), on_error="return")
-    made = []
-    for address in sorted(found):
-        said = found[address]
-        if isinstance(said, BaseException):
-            said = {"host": "?", "identity": None, "wrong": f"{type(said).__name__}: {said}"}
-        made.append(WorkerReport(address, threads=threads.get(address, 0), **said))
+    answers: Mapping[str, Any] = client.run(_probe(), on_error="return")
+    workers = []
+    for address in sorted(answers):
+        answer = answers[address]
+        if isinstance(answer, BaseException):
+            answer = {"host": "?", "identity": None, "wrong": f"{type(answer).__name__}: {answer}"}
+        workers.append(WorkerReport(address, threads=threads.get(address, 0), **answer))
     mine = identity()
-    bits = Counter(one.identity.bits for one in made if one.identity and not _other(one.identity, mine))
+    bits = Counter(worker.identity.bits for worker in workers if worker.identity and not _other(worker.identity, mine))
     usual = bits.most_common(1)[0][0] if bits else ""
-    return [_judged(one, mine, usual) for one in made]
+    return [_judged(worker, mine, usual) for worker in workers]
 
 
 def _other(theirs: Identity, mine: Identity) -> str:
@@ -125,13 +125,13 @@ def _other(theirs: Identity, mine: Identity) -> str:
     return message if theirs.code != mine.code else ""
 
 
-def _judged(one: WorkerReport, mine: Identity, usual: str) -> WorkerReport:
-    if one.identity is None:
-        return one
-    wrong = _other(one.identity, mine)
-    if not wrong and one.identity.bits != usual:
-        wrong = f"its simulations differ in their last bits ({one.identity.bits[:8]}, the others {usual[:8]})"
-    return replace(one, wrong=wrong)
+def _judged(worker: WorkerReport, mine: Identity, usual: str) -> WorkerReport:
+    if worker.identity is None:
+        return worker
+    wrong = _other(worker.identity, mine)
+    if not wrong and worker.identity.bits != usual:
+        wrong = f"its simulations differ in their last bits ({worker.identity.bits[:8]}, the others {usual[:8]})"
+    return replace(worker, wrong=wrong)
 
 
 def arrived(client: Client, wait: float) -> None:
@@ -148,17 +148,17 @@ def arrived(client: Client, wait: float) -> None:
 def admitted(client: Client, say: Callable[[str], None], wait: float) -> Identity:
     """What each worker must be, now and when it comes later. Raises InputError: there is none, or some are another."""
     arrived(client, wait)
-    found = reports(client)
-    wrong = [f"{one.address} on {one.host}: {one.wrong}" for one in found if one.wrong]
+    workers = reports(client)
+    wrong = [f"{worker.address} on {worker.host}: {worker.wrong}" for worker in workers if worker.wrong]
     if wrong:
         more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
-        mend = "install the same cavirheo there, or stop them (`cavirheo cluster check` lists all)"
-        raise InputError(f"refused {'; '.join(wrong[:3])}{more}; {mend}", "cluster.refused")
-    (first, *_) = found
+        remedy = "install the same cavirheo there, or stop them (`cavirheo cluster check` lists all)"
+        raise InputError(f"refused {'; '.join(wrong[:3])}{more}; {remedy}", "cluster.refused")
+    (first, *_) = workers
     assert first.identity
     if first.identity.bits != identity().bits:
         say("note: simulations of the workers differ from this machine's in their last bits: let a data set be made by "
             "one kind of machine")  # fmt: skip
-    threads = sum(one.threads for one in found)
-    say(f"{len(found)} workers with {threads} threads, all with cavirheo {first.identity.version} and the same bits")
+    threads = sum(worker.threads for worker in workers)
+    say(f"{len(workers)} workers with {threads} threads, all with cavirheo {first.identity.version} and the same bits")
     return first.identity

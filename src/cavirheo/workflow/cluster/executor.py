@@ -58,40 +58,40 @@ class Workers:
                 while waiting and len(sent) < places:
                     count = min(round(size), max(len(waiting) // places, 1))
                     batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
-                    given = [jobs[index] for index in batch]
-                    future = self.client.submit(_batch, self.wanted, work, given, pure=False)
+                    content = [jobs[index] for index in batch]
+                    future = self.client.submit(_batch, self.wanted, work, content, pure=False)
                     sent[future] = batch
                     running.add(future)
-                future, found = next(running)
+                future, outcome = next(running)
                 indices = sent.pop(future)
                 if future.status != "finished":
-                    raise _told(future.status, found)
-                seconds, results = found
+                    raise _told(future.status, outcome)
+                seconds, results = outcome
                 future.release()
-                wanted = seconds_for(threads) * len(results) / max(seconds, 1e-6)
-                size = 0.5 * size + 0.5 * min(max(wanted, 1.0), MOST)
+                ideal = seconds_for(threads) * len(results) / max(seconds, 1e-6)
+                size = 0.5 * size + 0.5 * min(max(ideal, 1.0), MOST)
                 yield from zip(indices, results, strict=True)
         finally:
             running.clear()
             self.client.cancel(list(sent), force=True)
 
 
-def _batch(wanted: Identity, work: Callable[[Job], Done], jobs: Sequence[Job]) -> tuple[float, list[Done]]:
+def _batch(required: Identity, work: Callable[[Job], Done], jobs: Sequence[Job]) -> tuple[float, list[Done]]:
     """(s that it took, what came of each job), by a worker."""
     mine = identity()
-    if mine != wanted:
+    if mine != required:
         from distributed import get_worker
 
         message = f"the worker {get_worker().address} has cavirheo {mine.version} with other code or other last bits"
         raise InputError(f"{message}: stop it, and the same command goes on", "cluster.refused")
     began = time.perf_counter()
-    found = [work(job) for job in jobs]
-    return time.perf_counter() - began, found
+    results = [work(job) for job in jobs]
+    return time.perf_counter() - began, results
 
 
-def _told(status: str, found: object) -> BaseException:
+def _told(status: str, outcome: object) -> BaseException:
     """What to raise for a batch that did not end: our own errors as they are."""
-    error = found[1] if isinstance(found, tuple) and len(found) == 3 else found
+    error = outcome[1] if isinstance(outcome, tuple) and len(outcome) == 3 else outcome
     if isinstance(error, InputError | SolverError):
         return error
     if type(error).__name__ == "KilledWorker":

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from cavirheo.errors import InputError, explained
+from cavirheo.errors import InputError, validation_message
 from cavirheo.files import read_bytes
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def read_settings(path: Path) -> SlurmSettings:
     try:
         return SlurmSettings(**tomllib.loads(read_bytes(path, _LARGEST).decode()))
     except ValidationError as error:
-        raise InputError(f"{path}: {explained(error, SlurmSettings)}", "cluster.settings") from None
+        raise InputError(f"{path}: {validation_message(error, SlurmSettings)}", "cluster.settings") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: no TOML: {error}", "cluster.settings") from None
 

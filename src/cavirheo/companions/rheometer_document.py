@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from cavirheo.companions.rheometer.sweeps import Sweep, frequency_sweep, strain_sweep
+from cavirheo.companions.rheometer import Sweep, frequency_sweep, strain_sweep
 from cavirheo.reporting.group import Published, PublishedValue
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
@@ -78,8 +78,8 @@ class Rheometry(Document):
             "shear_modulus": self.shear_modulus_Pa,
             f"viscosity_at_{self.at_rad_per_s:g}_rad_per_s": self.viscosity_Pa_s,
         }
-        known = {name: PublishedValue(**dict(value)) for name, value in values.items() if value.mean is not None}
-        return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": known}
+        published = {name: PublishedValue(**dict(value)) for name, value in values.items() if value.mean is not None}
+        return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": published}
 
 
 def shown(document: Rheometry, kind: str) -> list[Shown]:
@@ -100,18 +100,18 @@ def shown(document: Rheometry, kind: str) -> list[Shown]:
 
 
 def rheometry(
-    found: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
+    sweeps: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
 ) -> Rheometry:
     """The document of these sweeps as they were read; `head`: command, date, notes."""
-    strain = [strain_sweep(one, tolerance) for one in found if one.kind == "strain"]
-    frequency = [frequency_sweep(one, at) for one in found if one.kind == "frequency"]
+    strain = [strain_sweep(one, tolerance) for one in sweeps if one.kind == "strain"]
+    frequency = [frequency_sweep(one, at) for one in sweeps if one.kind == "frequency"]
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
     if modulus.mean is None:
         solid = [s for s in strain if (s.plateau_storage_Pa or 0.0) > (s.plateau_loss_Pa or 0.0)]
         held = _known(s.held for s in solid)
         modulus = spread_of([s.plateau_storage_Pa for s in solid])
         origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
-    made = Rheometry(
+    document = Rheometry(
         material=material,
         tolerance=tolerance,
         at_rad_per_s=at,
@@ -122,13 +122,13 @@ def rheometry(
         **head,
     )
     limit = min(_known(sweep.plateau_to for sweep in strain if sweep.departs), default=math.inf)
-    made.notes += [
+    document.notes += [
         f"{sweep.name} was run at a strain of {digits.percent(sweep.held)} %, beyond the linear range "
         f"(to {digits.percent(limit)} %): its moduli are not those of the linear range"
         for sweep in frequency
         if (sweep.held or 0.0) > limit
     ]
-    return made
+    return document
 
 
 def write_csv(path: Path, document: Rheometry) -> None:
@@ -195,10 +195,10 @@ def _known(values: Iterable[float | None]) -> list[float]:
 
 def _span(values: Iterable[float | None], count: int = 3, to: str = " to ") -> str:
     """'0.10 to 100', '1.5e5 to 2.5e5', or one number where both ends read the same."""
-    known = _known(values)
+    finite = _known(values)
     ends = [
         digits.significant(end, count) if end < 1e4 else f"{end:.{count - 1}e}".replace("e+0", "e")
-        for end in ([min(known), max(known)] if known else [])
+        for end in ([min(finite), max(finite)] if finite else [])
     ]
     return to.join(dict.fromkeys(ends)) or digits.MISSING
 
@@ -213,26 +213,26 @@ def figure(document: Rheometry, kind: str) -> Figure:
     sweeps, strain, band = document.of(kind), kind == "strain", 100 * document.tolerance
     (factor, unit), scale = document.unit, 100.0 if strain else 1.0
 
-    def found(name: str) -> np.ndarray:
+    def column(name: str) -> np.ndarray:
         return np.array([getattr(sweep, name) for sweep in sweeps], dtype=float)
 
-    said = [one for one in shown(document, kind) if one.words]
-    means = [(one, spread_of([getattr(sweep, one.field) for sweep in sweeps])) for one in said]
-    answer = [one.words.format(digits.spread(mean, one.factor)) for one, mean in means if mean.mean is not None]
+    entries = [entry for entry in shown(document, kind) if entry.words]
+    means = [(entry, spread_of([getattr(sweep, entry.field) for sweep in sweeps])) for entry in entries]
+    answer = [entry.words.format(digits.spread(mean, entry.factor)) for entry, mean in means if mean.mean is not None]
     what = f"{kind} sweep" if len(sweeps) == 1 else f"{len(sweeps)} {kind} sweeps: mean ± std"
     drawing = headed(document.material, what, answer)
     labels = ("strain (%)", "G′ from plateau (%)") if strain else ("angular frequency ω (rad/s)", "G″/ω (Pa s)")
     upper, lower = two_panels(drawing, f"G′, G″ ({unit})", *labels)
     line: Any = {"ms": 4.0 if len(sweeps) == 1 else 3.0, "lw": 0.7}
-    for k, (sweep, level) in enumerate(zip(sweeps, found("plateau_storage_Pa"), strict=True)):
+    for k, (sweep, level) in enumerate(zip(sweeps, column("plateau_storage_Pa"), strict=True)):
         x, names = scale * sweep.x, [None, None] if k else ["G′", "G″"]
         upper.plot(x, factor * sweep.storage, "o-", color=BLUE, label=names[0], **line)
         upper.plot(x, factor * sweep.loss, "o-", color=VERMILLION, mfc="white", mew=0.9, label=names[1], **line)
         y, colour = (100 * (sweep.storage / level - 1), BLUE) if strain else (sweep.loss / sweep.x, VERMILLION)
         lower.plot(x, y, "o-", color=colour, **line | {"ms": 3.2})
-    upper.plot(scale * found("crossover"), factor * found("crossover_modulus_Pa"), "D", **_MARK)
+    upper.plot(scale * column("crossover"), factor * column("crossover_modulus_Pa"), "D", **_MARK)
     named_curves(upper, 2, columnspacing=1.2, borderaxespad=0.1)
-    first, last = scale * np.fmax.reduce(found("plateau_from")), scale * np.fmin.reduce(found("plateau_to"))
+    first, last = scale * np.fmax.reduce(column("plateau_from")), scale * np.fmin.reduce(column("plateau_to"))
     if first < last:
         for axes in (upper, lower):
             axes.axvspan(first, last, color="#00694d", alpha=0.09, lw=0, zorder=0)
@@ -248,7 +248,7 @@ def figure(document: Rheometry, kind: str) -> Figure:
         lower.set_ylim(-5 * band, 5 * band)
         write(lower, 1.0, 1.06, f"band: ± {band:g} %", size=8, color=INK, ha="right")
     else:
-        lower.plot(found("at_rad_per_s"), found("viscosity_Pa_s"), "o", **_MARK)
+        lower.plot(column("at_rad_per_s"), column("viscosity_Pa_s"), "o", **_MARK)
         lower.set_yscale("log")
         low, high = lower.get_ylim()
         widen = max(np.sqrt(_NARROWEST * low / high), 1.0)  # or noise would fill the panel
