@@ -84,5 +84,5 @@ def binned(
     scalars = [np.log(max_radius / 1.3e-4), np.log(frame / 0.04), exposure / frame]
     scalars += [0.7 * np.log(np.maximum(noise, 3e-4) / 0.01), 2.0 * discrepancy - 1.0, 0.5 * (end - 4.0)]
     scalars += [np.log(np.maximum(frames, 1) / 100.0), 1.0 * (noise < 1e-3), late]
-    flat = np.stack(channels, axis=1).reshape(m, CELLS * CHANNELS)
+    flat = np.stack(channels, axis=1).reshape(m, BINS * CHANNELS)
     return np.concatenate([flat, np.column_stack(scalars)], axis=1, dtype=np.float32, casting="same_kind")
