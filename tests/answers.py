@@ -1,4 +1,4 @@
-"""Curves and answers that are not computed, for tests of what is done with answers."""
+"""Curves of known truth, and answers that are not computed, for tests of what is done with answers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from conftest import messages
 
-from cavirheo import Posterior, RadiusCurve
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
 from cavirheo.posterior import Checks, Diagnostics
@@ -23,6 +23,7 @@ NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
 CENTRE = np.array([3.8, -1.4])  # log10 of 6.3 kPa and 0.04 Pa s
 FLAT = {NAMES[0]: (1.0, 7.0), NAMES[1]: (-4.0, 1.0)}
+GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,15 @@ class KnownAnalysis(Analysis):
     def answer(self, curve: RadiusCurve, begun: Posterior | None = None, **_: Any) -> Posterior:
         assert self.of
         return self.of(curve) if begun is None else self.of(curve, begun)
+
+
+def simulated(material=GEL, *, frames=80, frame=1e-6, noise=0.0, seed=3, within=None, **given) -> RadiusCurve:
+    """A bubble (`within`: the Bubble) recorded from its maximum on, with independent noise in units of R_max."""
+    about = {"max_radius": 250e-6, "stretch": 7.0, "time": frame * np.arange(frames), "bubble": within or Bubble()}
+    about |= {name: given.pop(name) for name in ("max_radius", "stretch", "time", "medium") if name in given}
+    run = simulate(material, **about)
+    scatter = noise * about["max_radius"] * np.random.default_rng(seed).standard_normal(len(run.time))
+    return RadiusCurve(run.time, run.radius + scatter, **{"meta": {"name": "shot"}, **given})
 
 
 def bubble(name="shot[1]", group="shots", source="data/shots.mat", top=2.6e-4, frames=160, **meta) -> RadiusCurve:

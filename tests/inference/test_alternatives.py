@@ -1,12 +1,17 @@
-"""What is said where other models, or other modes of the same model, answer otherwise."""
+"""Which model is chosen, and what is said where other models, or other modes of the same model, answer otherwise."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from answers import simulated
 from conftest import messages
 
-from cavirheo.inference.alternatives import compared, judged
+import cavirheo
+from cavirheo import Newtonian
+from cavirheo.inference.alternatives import compared, contenders, judged
+from cavirheo.inference.verify import verify_many
+from cavirheo.messages import Message
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
 
 FIELD, KINETIC = Bubble(), Bubble("kinetic")
@@ -34,14 +39,12 @@ def other(
     [
         ((), 0),
         ((other(),), 0),  # agrees, and its evidence is the same
-        ((other(log=-8.0),), 0),
         ((other(log=-6.0),), 1),  # preferred
         ((other(mu=0.01),), 1),  # beyond both intervals
         ((other(mu=0.01, log=-99.0),), 0),  # rejected
         ((other(mu=0.01, log=None),), 1),
         ((other(mu=0.01, width=6.0),), 0),  # its interval holds the answer's
         ((other(G=1000.0),), 1),
-        ((other(mu=0.01, log=-30.0, bubble=FIELD, material="qkv"),), 0),  # another law, rejected
         ((other(mu=0.01, log=-6.0, bubble=FIELD, material="qkv"),), 1),
         ((other(mu=0.01, log=-6.0), other(mu=0.01, log=-5.0, material="zener")), 1),  # the better one alone
         ((other(log=-10.0), other(mu=0.001, log=-15.0)), 0),  # a worse mode of the other model
@@ -49,7 +52,6 @@ def other(
         ((other(G=20e3, stretch=5.0, bubble=FIELD, log=-13.5),), 0),
         ((other(stretch=2.0, bubble=FIELD),), 0),  # another stretch, but G and mu that meet those of the answer
         ((replace(other(G=20e3, bubble=FIELD), intervals={}),), 1),  # a value without an interval, beyond the answer's
-        ((replace(other(bubble=FIELD), intervals={}),), 0),
         ((other(G=20e3, stretch=5.0, bubble=FIELD), other(mu=0.01)), 2),
     ],
 )  # fmt: skip
@@ -83,3 +85,33 @@ def test_an_answer_whose_model_the_evidence_rejects_is_not_ok(rival, verdict):
 def test_an_answer_without_draws_has_nothing_to_compare():
     failed = replace(posterior(evidence=None), theta=np.empty((0, 3)))
     assert compared(failed) == []
+
+
+@pytest.mark.parametrize(
+    ("evidence", "sizes", "within"),
+    [
+        ([(0.0, 0.1), (-2.9, 0.1)], [4, 3], [1, 0]),  # within a factor of 20: the simplest first
+        ([(0.0, 0.1), (-3.3, 0.1)], [4, 3], [0]),
+        ([(0.0, 0.1), (-3.3, 0.4)], [4, 3], [1, 0]),  # or within the error of the difference
+        ([(0.0, None), (-9.9, None)], [4, 3], [1, 0]),  # of Laplace's integrals, 5 each
+        ([(0.0, None), (-10.2, None)], [4, 3], [0]),
+        ([(-1.0, 0.1), None, (0.0, 0.1)], [3, 1, 3], [2, 0]),  # as many parameters: the larger evidence
+        ([None, (-np.inf, np.inf)], [3, 3], []),
+    ],
+)
+def test_one_rule_chooses_models(evidence, sizes, within):
+    assert contenders([one and Evidence(*one) for one in evidence], sizes) == within
+
+
+@pytest.mark.parametrize("warned", [0, 1])
+def test_warnings_are_those_of_the_law_that_is_chosen(warned):
+    liquid = simulated(Newtonian(0.03), stretch=8.0, noise=0.01, frames=100)
+    candidates = [
+        cavirheo.infer(liquid, material=law, bubble="field", verify="none", trust_input=True)
+        for law in ("nhkv", "newtonian")
+    ]
+    odd = replace(candidates[warned].checks, verdict="check_input", messages=(Message("check_input.no_rebound"),))
+    candidates[warned] = replace(candidates[warned], checks=odd)
+    (found,) = verify_many([liquid], [candidates], level="map")
+    assert found.material == "newtonian"
+    assert (found.checks.verdict == "check_input") == ("no rebound" in found.checks.message) == (warned == 1)

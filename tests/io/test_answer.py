@@ -11,6 +11,10 @@ from conftest import ROOT
 from cavirheo import load
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
+from cavirheo.reporting.laws import Laws
+from cavirheo.reporting.record import Result
+from cavirheo.training.dataset import generate
+from cavirheo.training.recipe import read_recipe
 
 CHECKS = Checks("ok", (), 0.0064, 0.005, 0.02, 4, 4.02, *np.zeros((4, 9000)))
 
@@ -26,13 +30,11 @@ def posterior() -> Posterior:
 
 
 def test_it_shows_its_answer_and_not_its_arrays(posterior):
-    text = repr(posterior)
-    assert len(text) < 400
-    first, modulus, _ = text.splitlines()
-    assert all(word in first for word in ("nhkv", "verified", "900 draws", "ok", "0.64 %"))
+    first, modulus, _ = repr(posterior).splitlines()
+    assert all(word in first for word in ("nhkv", "verified", "ok"))
     told = [posterior.median("shear_modulus"), *posterior.interval("shear_modulus")]
     assert [float(part.strip("[],")) for part in modulus.split()[1:4]] == pytest.approx(told, rel=0.02)
-    assert len(repr(CHECKS)) < 100
+    assert max(len(repr(posterior)), len(repr(CHECKS))) < 400
 
 
 def test_dataframe_has_the_draws_in_natural_units(posterior):
@@ -60,10 +62,9 @@ def test_arviz_gets_draws_units_and_weights(posterior):
 @pytest.mark.parametrize(("name", "method"), [("pandas", "to_dataframe"), ("arviz", "to_arviz")])
 def test_a_missing_library_is_named(posterior, monkeypatch, name, method):
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError, match=f"pip install {name}") as refused:
         getattr(posterior, method)()
     assert refused.value.code == "posterior.missing_library"
-    assert f"pip install {name}" in str(refused.value)
 
 
 def test_plot_has_marginals_and_pairs(posterior, tmp_path):
@@ -82,70 +83,46 @@ def test_a_point_has_nothing_to_plot(posterior):
     assert refused.value.code == "posterior.no_draws"
 
 
-# --- cavirheo.load ----------------------------------------------------------------------------------------------------
-
-
 HEAD = {"schema": 1, "version": "0", "command": "cavirheo"}
 EMPTY = {"mean": None, "std": None, "median": None}
 LAW = {"log_evidence": -3.0, "standard_error": None, "probability": 1.0}
 RANKED = {"name": "a", "shots": 1, "chosen": "nhkv", "contenders": ["nhkv"], "laws": {"nhkv": LAW}}
-DOCUMENTS = {
-    "Result": {"curves": [], "groups": []},
-    "Laws": {"curves": [RANKED], "groups": []},
-    "Rheometry": {
+DOCUMENTS = {  # by the kind that each names: its class and its fields
+    "result": ("Result", {"curves": [], "groups": []}),
+    "laws": ("Laws", {"curves": [RANKED], "groups": []}),
+    "rheometer": ("Rheometry", {
         "material": "", "tolerance": 0.1, "at_rad_per_s": 1.0, "shear_modulus_Pa": EMPTY, "shear_modulus_from": "",
         "viscosity_Pa_s": EMPTY, "sweeps": [],
-    },
-    "CollapseTimes": {"material": "nhkv", "medium": {}, "groups": []},
+    }),
+    "collapse-time": ("CollapseTimes", {"material": "nhkv", "medium": {}, "groups": []}),
 }  # fmt: skip
-
-
-KINDS = {"Result": "result", "Laws": "laws", "Comparison": "comparison", "Rheometry": "rheometer"}
-KINDS |= {"CollapseTimes": "collapse-time"}
+RESULT = HEAD | DOCUMENTS["result"][1]
 
 
 @pytest.mark.parametrize("old", [False, True])
 @pytest.mark.parametrize("kind", DOCUMENTS)
 def test_load_tells_documents_apart_by_what_they_say_and_old_ones_by_their_name(kind, old, tmp_path):
-
-    said = {} if old else {"kind": KINDS[kind]}
-    name = f"{KINDS[kind]}.json" if old else "any.json"
-    (tmp_path / name).write_text(json.dumps(said | HEAD | DOCUMENTS[kind]), encoding="utf-8")
-    found = load(tmp_path / name)
-    assert type(found).__name__ == kind
-    assert found.kind == KINDS[kind]
-    assert found.command == "cavirheo"
+    path = tmp_path / (f"{kind}.json" if old else "any.json")
+    path.write_text(json.dumps(({} if old else {"kind": kind}) | HEAD | DOCUMENTS[kind][1]), encoding="utf-8")
+    found = load(path)
+    assert (type(found).__name__, found.kind, found.command) == (DOCUMENTS[kind][0], kind, "cavirheo")
 
 
-def test_load_takes_the_one_document_of_a_folder(tmp_path):
-
-    (tmp_path / "result.json").write_text(json.dumps(HEAD | DOCUMENTS["Result"]), encoding="utf-8")
-    assert load(tmp_path) == load(tmp_path / "result.json")
+def test_load_takes_the_one_document_of_a_folder_and_refuses_another_kind_than_the_one_wanted(tmp_path):
+    (tmp_path / "result.json").write_text(json.dumps(RESULT), encoding="utf-8")
+    assert load(tmp_path, Result) == load(tmp_path) == load(tmp_path / "result.json")
+    for kind, code in ((Laws, "loading.kind"), ("Laws", "input.type")):
+        with pytest.raises(InputError) as refused:
+            load(tmp_path, kind)
+        assert refused.value.code == code
     (tmp_path / "laws.json").write_text("{}", encoding="utf-8")
     with pytest.raises(InputError) as refused:
         load(tmp_path)
     assert refused.value.code == "loading.folder"
-    assert "result.json, laws.json" in str(refused.value)
-
-
-def test_load_refuses_another_kind_than_the_one_wanted(tmp_path):
-    from cavirheo.reporting.laws import Laws
-    from cavirheo.reporting.record import Result
-
-    (tmp_path / "result.json").write_text(json.dumps(HEAD | DOCUMENTS["Result"]), encoding="utf-8")
-    assert load(tmp_path, Result) == load(tmp_path)
-    for kind, code, told in ((Laws, "loading.kind", "is a Result, not a Laws"), ("Laws", "input.type", "'Laws'")):
-        with pytest.raises(InputError, match=told) as refused:
-            load(tmp_path, kind)
-        assert refused.value.code == code
 
 
 def test_load_reads_a_training_set(tmp_path):
-    from cavirheo.training.dataset import generate
-    from cavirheo.training.recipe import read_recipe
-
-    recipe = read_recipe(ROOT / "recipes" / "laptop.toml")
-    generate(recipe.problem, 2, tmp_path, progress=False)
+    generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 2, tmp_path, progress=False)
     assert load(tmp_path).theta.shape[0] == 2
 
 
@@ -160,14 +137,13 @@ def test_load_reads_a_training_set(tmp_path):
         (HEAD | {"kind": "poem"}, "document.other"),
         (HEAD | {"kind": ["result"]}, "document.other"),
         (HEAD | {"kind": "result"}, "document.other"),  # without rows
-        (HEAD | DOCUMENTS["Result"], "document.kind"),  # of an older version, under another name
+        (RESULT, "document.kind"),  # of an older version, under another name
         (HEAD | {"curves": [{"name": 1}], "groups": []}, "document.kind"),
     ],
 )
 def test_load_refuses_what_we_did_not_write(content, code, tmp_path):
     if content is not None:
         (tmp_path / "x.json").write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError, match=r"x\.json") as refused:
         load(tmp_path / "x.json")
     assert refused.value.code == code
-    assert "x.json" in str(refused.value)

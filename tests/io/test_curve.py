@@ -41,6 +41,13 @@ def measured(start=-0.7, end=6.0, step=0.04, noise=0.0, seed=0, **material):
     return RadiusCurve(t * T_C, np.where(r > 0, r, np.nan) * R_MAX)
 
 
+def refusal(use):
+    """The code with which this is refused, and what it says."""
+    with pytest.raises(InputError) as error:
+        use()
+    return error.value.code.removeprefix("curve."), str(error.value)
+
+
 @pytest.mark.parametrize("step", [0.04, 0.1])
 @pytest.mark.parametrize("start", [-0.7, 0.0])
 @pytest.mark.parametrize("material", [{"reynolds": 1000.0, "cauchy": 1000.0}, {}, {"reynolds": 20.0, "stretch": 5.0}])
@@ -90,23 +97,21 @@ def test_the_last_of_the_growth_is_enough_to_find_the_maximum_in_noise():
 
 
 @pytest.mark.parametrize(
-    ("radius", "code", "says"),
+    ("radius", "code"),
     [
-        ([1.0, 0.9, 0.5], "few_frames", "3 of 3"),
-        ([np.nan] * 20, "few_frames", "0 of 20"),
-        (np.linspace(0.2, 1.0, 30), "grows", "1.00"),
-        (1.0 - 0.05 * np.linspace(-1.0, 1.0, 30) ** 2, "never_falls", "0.9"),
-        (np.ones(30), "never_falls", "1.00"),
-        ([], "few_frames", "0 of 0"),
+        ([1.0, 0.9, 0.5], "few_frames"),
+        ([np.nan] * 20, "few_frames"),
+        (np.linspace(0.2, 1.0, 30), "grows"),
+        (1.0 - 0.05 * np.linspace(-1.0, 1.0, 30) ** 2, "never_falls"),
+        (np.ones(30), "never_falls"),
+        ([], "few_frames"),
     ],
 )
-def test_a_maximum_that_cannot_be_determined_is_refused_with_the_reason(radius, code, says):
+def test_a_maximum_that_cannot_be_determined_is_refused_with_the_reason(radius, code):
     curve = RadiusCurve(np.arange(len(radius)) * 1e-6, np.array(radius) * R_MAX, meta={"name": "shot 7"})
     for use in (lambda: curve.max_radius, lambda: curve.resampled(1e-6), curve.collapse_times, curve.strain_rate):
-        with pytest.raises(InputError, match=f"shot 7.*{says}") as error:
-            use()
-        assert error.value.code == f"curve.{code}"
-    assert "shot 7" in repr(curve)
+        refused, text = refusal(use)
+        assert (refused, "shot 7" in text) == (code, True)
     assert "no R_max" in repr(curve)
 
 
@@ -152,9 +157,7 @@ def test_a_creeping_bubble_has_no_collapse_and_no_strain_rate_but_can_be_resampl
     assert len(curve.collapse_times()) == 0
     assert curve.resampled(1e-6, 100)[-1] < 0.5 * R_MAX
     for use in (curve.strain_rate, lambda: curve.window(collapses=1)):
-        with pytest.raises(InputError) as error:
-            use()
-        assert error.value.code == "curve.collapses"
+        assert refusal(use)[0] == "collapses"
 
 
 def test_strain_rate_is_the_mean_of_two_u_over_r():
@@ -179,9 +182,7 @@ def test_resampled_passes_through_the_frames_and_starts_at_the_maximum():
 def test_resampled_skips_missing_frames_and_refuses_to_extrapolate():
     curve = measured(end=3.0)
     last = curve.time[-1] - curve.time_of_max
-    with pytest.raises(InputError, match=rf"{last * 1e6:.4g} us .*99 us") as error:
-        curve.resampled(1e-6, 100)
-    assert error.value.code == "curve.short"
+    assert refusal(lambda: curve.resampled(1e-6, 100))[0] == "short"
     short = curve.resampled(1e-6, 100, allow_short=True)
     assert np.array_equal(np.isnan(short), np.arange(100) * 1e-6 > last)
     gap = curve.radius.copy()
@@ -200,26 +201,20 @@ def test_window_ends_at_the_rebound_after_the_collapses_and_keeps_the_maximum():
     assert len(one.collapse_times()) == 1
     assert curve.window(end=2.0 * T_C).time[-1] <= curve.time_of_max + 2.0 * T_C
     assert curve.window(2, end=1e-5).time[-1] <= curve.time_of_max + 1e-5
-    with pytest.raises(InputError, match=rf"9 .*{len(collapses)}") as error:
-        curve.window(9)
-    assert error.value.code == "curve.collapses"
+    assert refusal(lambda: curve.window(9))[0] == "collapses"
 
 
 def test_max_radius_given_by_the_user_scales_the_radii_and_says_so():
     curve = measured(noise=0.005)
     pixels = RadiusCurve(curve.time, curve.radius / 2.76, curve.radius / 276, unscaled="the radius is in pixels")
-    with pytest.raises(InputError, match=r"in pixels.*--rmax-um") as error:
-        _ = pixels.max_radius
-    assert error.value.code == "curve.unscaled"
+    assert refusal(lambda: pixels.max_radius)[0] == "unscaled"
     scaled = pixels.with_max_radius(R_MAX)
     assert scaled.max_radius == R_MAX
     assert np.allclose(scaled.radius, curve.radius * R_MAX / curve.max_radius, equal_nan=True)
     assert np.allclose(scaled.radius_std, scaled.radius / 100, equal_nan=True)
     assert scaled.time_of_max == pytest.approx(curve.time_of_max, abs=1e-12)
     assert "R_max set to 250 um" in scaled.notes[-1]
-    with pytest.raises(InputError, match=r"-1\.0") as error:
-        curve.with_max_radius(-1.0)
-    assert error.value.code == "curve.max_radius"
+    assert refusal(lambda: curve.with_max_radius(-1.0))[0] == "max_radius"
 
 
 def test_normalised_has_growth_before_zero_and_only_measured_frames():
@@ -255,19 +250,17 @@ def test_rayleigh_ratio_is_the_time_of_the_first_collapse_over_that_of_an_empty_
 
 
 @pytest.mark.parametrize(
-    ("time", "radius", "code", "says"),
+    ("time", "radius", "code"),
     [
-        ([0.0, 1.0, 1.0], [1.0, 1.0, 1.0], "time", "sample 2"),
-        ([0.0, np.nan, 1.0], [1.0, 1.0, 1.0], "time", "sample 1"),
-        ([0.0, 1.0], [1.0, 1.0, 1.0], "shape", r"\(2,\), \(3,\)"),
-        ([0.0, 1.0], [1.0, -1.0], "radius", "NaN"),
-        ([0.0, 1.0], [1.0, np.inf], "radius", "NaN"),
+        ([0.0, 1.0, 1.0], [1.0, 1.0, 1.0], "time"),
+        ([0.0, np.nan, 1.0], [1.0, 1.0, 1.0], "time"),
+        ([0.0, 1.0], [1.0, 1.0, 1.0], "shape"),
+        ([0.0, 1.0], [1.0, -1.0], "radius"),
+        ([0.0, 1.0], [1.0, np.inf], "radius"),
     ],
 )
-def test_arrays_that_make_no_curve_are_refused(time, radius, code, says):
-    with pytest.raises(InputError, match=says) as error:
-        RadiusCurve(np.array(time), np.array(radius))
-    assert error.value.code == f"curve.{code}"
+def test_arrays_that_make_no_curve_are_refused(time, radius, code):
+    assert refusal(lambda: RadiusCurve(np.array(time), np.array(radius)))[0] == code
 
 
 def test_a_curve_is_immutable_and_travels_between_processes():

@@ -23,10 +23,9 @@ def test_refused_with_the_reason(tmp_path, monkeypatch, make):
     monkeypatch.setattr(limits, "INFLATED", 20_000_000)
     monkeypatch.setattr(workbook, "MEMORY", 300_000_000)
     ending, code = FILES[make]
-    path = tmp_path / f"file.{ending}"
-    make(path)
+    make(tmp_path / f"file.{ending}")
     with pytest.raises(InputError) as error:
-        read_curves(path)
+        read_curves(tmp_path / f"file.{ending}")
     assert error.value.code == code, error.value
 
 

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -10,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from answers import COMMAND, NAMES, Page, answer, bubble, empty, printed, unanswered, with_verdict
+from answers import COMMAND, NAMES, Page, answer, bubble, empty, unanswered, with_verdict
 from scipy.stats import binom, theilslopes
 
 from cavirheo import InputError, Posterior, RadiusCurve, infer, infer_many, load, population
@@ -20,7 +19,7 @@ from cavirheo.inference.network_answer import Networked
 from cavirheo.io.option_tables import read_column
 from cavirheo.messages import Message, of_error
 from cavirheo.physics.bubble import REAL, Bubble
-from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, WindowAnswer
+from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer
 from cavirheo.reporting import figures, group, html, result, svg, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.curve_panels import answer_panels, preview_panels
@@ -64,45 +63,24 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-# --- result.json and result.csv --------------------------------------------------------------------------------------
-
-
-def test_json_keeps_the_contract_and_comes_back_equal(pairs, tmp_path):
+def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):
     made = result(pairs, COMMAND, date="2025-01-02", notes=["a note"])
     write_json(tmp_path / "result.json", made)
     assert load(tmp_path / "result.json") == made
     found = strictly(tmp_path / "result.json")
     assert (found["schema"], found["command"], bool(found["version"])) == (1, COMMAND, True)
     row, failed = found["curves"][0], found["curves"][2]
-    wanted = {
-        "name", "source", "max_radius_m", "stretch", "material", "bubble", "method", "shear_modulus_Pa",
-        "viscosity_Pa_s", "other_parameters", "rmse_over_rmax", "window", "verdict", "messages", "seconds",
-        "provenance", "diagnostics",
-    }  # fmt: skip
-    assert wanted <= row.keys()
-    assert row["name"] == "shot[1]"
-    assert row["max_radius_m"] == pytest.approx(2.6e-4, rel=0.02)
     no_interval = {"q05": None, "q95": None, "bound": None}
     assert row["shear_modulus_Pa"] == {"median": pytest.approx(6100.0), **no_interval}
-    assert row["viscosity_Pa_s"] == {"median": pytest.approx(0.021), **no_interval}
     assert row["stretch"] == {"median": 9.1, **no_interval}
     assert row["window"] == {"collapses": 2, "t_star_end": 2.6}
+    assert (row["name"], row["max_radius_m"]) == ("shot[1]", pytest.approx(2.6e-4, rel=0.02))
     assert (failed["verdict"], failed["messages"][0]["text"]) == ("failed", "cell 3 of 5 is empty")
     assert failed["max_radius_m"] is failed["rmse_over_rmax"] is failed["viscosity_Pa_s"]["median"] is None
     table.write_csv(tmp_path / "result.csv", made)
     first, _, last = rows_of(tmp_path / "result.csv")
     assert float(first["shear_modulus_Pa"]) == pytest.approx(6100.0)
     assert (first["shear_modulus_Pa_q05"], first["collapses"], last["shear_modulus_Pa"]) == ("", "2", "")
-
-
-@pytest.mark.parametrize("text", [None, "not json", "{}", '{"schema": 2, "command": "", "curves": [], "groups": []}'])
-def test_what_is_not_a_result_is_refused(text, tmp_path):
-    path = tmp_path / "r.json"
-    if text is not None:
-        path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as refused:
-        load(path)
-    assert str(path) in str(refused.value)
 
 
 def test_what_no_json_can_hold_becomes_null_or_plain(tmp_path):
@@ -130,20 +108,6 @@ def test_intervals_are_those_of_the_draws(tmp_path):
     assert row.other_parameters["time_origin"].median == pytest.approx(1e-7, rel=0.05)
 
 
-def test_what_an_answer_rests_on_is_read_from_its_fields_and_not_from_its_provenance(tmp_path):
-    about = Diagnostics(stretch_source="given", free={"time_origin": 1.5e-7}, frames=60, at_bound=("stretch",))
-    windows = {"1": WindowAnswer({"shear_modulus": 6440.0, "viscosity": 0.0295}, 1.0, 0.01, ("viscosity",))}
-    other = {"stretch": 99.0, "frames": 7, "windows": {"2": {"shear_modulus": 1.0}}, "free": {"time_origin": 9.0}}
-    made = replace(
-        answer(bubble()), diagnostics=about, windows=windows, provenance=other, evidence=Evidence(-12.5, 0.1)
-    )
-    write_report(tmp_path, [(bubble(), made)], COMMAND, ())
-    row = strictly(tmp_path / "result.json")["curves"][0]
-    assert (row["stretch"]["median"], row["evidence"]) == (9.1, {"log": -12.5, "error": 0.1})
-    assert row["windows"]["1"]["best"] == {"shear_modulus": 6440.0, "viscosity": 0.0295}
-    assert row["diagnostics"]["free"] == {"time_origin": 1.5e-7}
-
-
 @pytest.mark.parametrize("theta", [np.empty((0, 2)), np.array([[3.8, np.nan]]), np.array([[np.inf, -2.0]])])
 def test_an_answer_that_is_none_does_not_pass(theta):
     made = result([(bubble(), replace(answer(bubble()), theta=theta))], COMMAND)
@@ -154,9 +118,8 @@ def test_an_answer_that_is_none_does_not_pass(theta):
 def test_parameters_and_models_of_any_law_are_in_json_and_csv(tmp_path):
     """A liquid has no modulus; a law that thins has its viscosity at 1e5 1/s; what is given has no interval."""
     curve, rng = bubble(), np.random.default_rng(1)
-    scatter = 0.01 * rng.standard_normal((300, 2))
     names = ("log10_reference_viscosity", "log10_exponent")
-    theta = np.log10([98.0 * 1e5**-0.57, 0.43]) + scatter
+    theta = np.log10([98.0 * 1e5**-0.57, 0.43]) + 0.01 * rng.standard_normal((300, 2))
     thins = replace(answer(curve), names=names, units=("1", "1"), theta=theta, material="power-law")
     given = replace(answer(curve), bubble=Bubble("kinetic", 0.5), best={"accommodation": 0.5})
     write_report(tmp_path, [(curve, answer(curve, material="newtonian")), (curve, thins), (curve, given)], COMMAND, ())
@@ -165,10 +128,15 @@ def test_parameters_and_models_of_any_law_are_in_json_and_csv(tmp_path):
     assert liquid.viscosity_Pa_s.median == pytest.approx(0.021)
     assert power.viscosity.q05 < 98.0 * 1e5**-0.57 < power.viscosity.q95
     assert kinetic.other_parameters == {"accommodation": Quantity(median=0.5)}
-    assert (kinetic.bubble.contents, power.bubble.contents) == ("kinetic", "equilibrium")
     rows = rows_of(tmp_path / "result.csv")
     assert [row["bubble"] for row in rows] == ["field", "field", "kinetic"]
     assert float(rows[1]["exponent_q05"]) < 0.43 < float(rows[1]["exponent_q95"])
+
+
+def beside(best=None, *, log=-3.0, bubble=KINETIC, material="nhkv") -> OtherAnswer:
+    best = best or {"viscosity": 0.003}
+    intervals = {name: (0.8 * value, value, 1.2 * value) for name, value in best.items() if name == "viscosity"}
+    return OtherAnswer(material, bubble, best, intervals, Evidence(log), 0.004)
 
 
 def test_other_models_stand_beside_an_answer(tmp_path):
@@ -176,29 +144,20 @@ def test_other_models_stand_beside_an_answer(tmp_path):
     others = (
         beside(),
         beside(log=-30.0, material="qkv"),
-        beside(0.02, -16.0, Bubble(), G=20e3),
-        OtherAnswer("power-law", Bubble(), thins, {}, None, None),
+        replace(beside(thins, bubble=Bubble(), material="power-law"), evidence=None),
     )
     made = replace(answer(bubble(), draws=300), evidence=Evidence(-15.0), others=others)
     written = write_report(tmp_path, [(bubble(), made)], COMMAND, ())
     assert load(tmp_path / "result.json") == written
-    row = strictly(tmp_path / "result.json")["curves"][0]
-    kinetic = row["other_models"][0]
+    kinetic = strictly(tmp_path / "result.json")["curves"][0]["other_models"][0]
     assert (kinetic["material"], kinetic["bubble"]["contents"], kinetic["log_evidence"]) == ("nhkv", "kinetic", -3.0)
     expected = {"median": 0.003, "q05": 0.0024, "q95": 0.0036}
     assert {name: kinetic["viscosity_Pa_s"][name] for name in expected} == pytest.approx(expected)
-    cells = {tuple(one[:1]) + tuple(one[-1:]) for one in table.model_rows(written.curves[0], 1e-3)}
-    assert {("nhkv, field", "0"), ("nhkv, kinetic", "+12.0"), ("qkv, kinetic", "-15.0")} <= cells
-    assert table.model_rows(written.curves[0], 1e-3)[-1][2] == "0.138"  # at 1e5 1/s, of a law without one viscosity
-
-
-def beside(mu=0.003, log=-3.0, bubble=KINETIC, material="nhkv", G=5000.0) -> OtherAnswer:
-    best = {"shear_modulus": G, "viscosity": mu, "stretch": 8.0, "accommodation": 0.07}
-    intervals = {name: (0.8 * value, value, 1.2 * value) for name, value in best.items() if name != "accommodation"}
-    return OtherAnswer(material, bubble, best, intervals, Evidence(log), 0.004)
-
-
-# --- groups ----------------------------------------------------------------------------------------------------------
+    rows = table.model_rows(written.curves[0], 1e-3)
+    assert {("nhkv, field", "0"), ("nhkv, kinetic", "+12.0"), ("qkv, kinetic", "-15.0")} <= {
+        (one[0], one[-1]) for one in rows
+    }
+    assert rows[-1][2] == "0.138"  # at 1e5 1/s, of a law without one viscosity
 
 
 def test_group_takes_mean_and_sample_deviation(pairs):
@@ -222,23 +181,20 @@ def test_files_of_one_name_are_two_groups():
 @pytest.mark.parametrize(
     ("verdict", "count"), [("model_does_not_fit", 3), ("unverified", 3), ("other_model_preferred", 5)]
 )
-def test_only_what_is_trusted_counts_in_headline_means_and_pictures(verdict, count, tmp_path):
-    curves = [bubble(f"s{k}", top=(2.6 + 0.1 * k) * 1e-4) for k in range(5)]
-    answers = [answer(c, 6e3 + 100 * k, draws=400, verdict=verdict if k < 2 else "ok") for k, c in enumerate(curves)]
+def test_only_what_is_trusted_counts_in_means_and_pictures(verdict, count, tmp_path):
+    pairs = several(5, draws=400)
     other = OtherAnswer("nhkv", REAL, {"viscosity": 0.03}, {}, Evidence(20.0), 0.01)
-    answers = [replace(one, evidence=Evidence(0.0, 0.1), others=(other,)) for one in answers]
-    made = list(zip(curves, answers, strict=True))
-    written = write_report(tmp_path, made, COMMAND, (), draw=False)
+    for k, (curve, one) in enumerate(pairs):
+        one = replace(one, evidence=Evidence(0.0, 0.1), others=(other,))
+        pairs[k] = curve, with_verdict(one, verdict if k < 2 else "ok")
+    written = write_report(tmp_path, pairs, COMMAND, (), draw=False)
     (one,) = written.groups
     assert one.n_trusted == one.population.n == one.shear_modulus_Pa.n == count
-    assert one.shear_modulus_Pa.mean == pytest.approx(
-        np.mean([row.shear_modulus_Pa.median for row in written.curves[5 - count :]])
-    )
-    said = [one.headline, " ".join(printed(written, 120).split()), " ".join("".join(page_of(tmp_path).text).split())]
-    assert all(f"{count} of 5 shots count" in text for text in said)
+    counted = [row.shear_modulus_Pa.median for row in written.curves[5 - count :]]
+    assert one.shear_modulus_Pa.mean == pytest.approx(np.mean(counted))
     assert bool(one.preferred) == (verdict == "other_model_preferred")
-    assert len(panels_of_group(made, written).answers[0].layer("ring").x) == 5 - count
-    assert len(population(answers, only_trusted=False).shots) == 5
+    assert len(panels_of_group(pairs, written).answers[0].layer("ring").x) == 5 - count
+    assert len(population([made for _, made in pairs], only_trusted=False).shots) == 5
 
 
 def test_bounds_count_where_they_tell_something(tmp_path):
@@ -256,7 +212,6 @@ def test_bounds_count_where_they_tell_something(tmp_path):
     assert one.n_trusted == one.population.n == one.shear_modulus_Pa.n == 5
     assert one.viscosity_Pa_s.n == 3
     assert one.viscosity_Pa_s.mean == pytest.approx(np.mean([row.viscosity_Pa_s.median for row in rows[:3]]))
-    assert "below 0.00" in printed(found, 140)
     assert [row["viscosity_Pa_s_bound"] for row in rows_of(tmp_path / "result.csv")] == [""] * 3 + ["upper"] * 2
     stuck = replace(pairs[2][1], diagnostics=Diagnostics(at_bound=("viscosity",)), theta=pairs[2][1].theta[:1])
     (one,) = result([*pairs[:2], (pairs[2][0], with_verdict(stuck, "undetermined"))], COMMAND).groups
@@ -282,18 +237,16 @@ def test_another_law_is_proposed_where_it_may_help(verdicts, material, diagnosti
     assert ("--material auto" in next_step(made, Analysis(material=material), Path("out"))) == proposed
 
 
-# --- constants that change with the size -----------------------------------------------------------------------------
-
 RADII = np.linspace(1.2e-4, 3.2e-4, 7)
 
 
-def growing(power=0.0, *, count=7, verdict="ok", others=()):
+def growing(power, *, count=7, verdict="ok"):
     rng, pairs = np.random.default_rng(4), []
     for k, top in enumerate(np.linspace(1.2e-4, 3.2e-4, count)):
         curve = bubble(f"shot[{k}]", top=top)
         mu = 0.02 * (curve.max_radius / 2e-4) ** power * np.exp(0.05 * rng.standard_normal())
-        made = answer(curve, 5e3 * np.exp(0.05 * rng.standard_normal()), mu, draws=200, verdict=verdict)
-        pairs.append((curve, replace(made, others=tuple(others))))
+        G = 5e3 * np.exp(0.05 * rng.standard_normal())
+        pairs.append((curve, answer(curve, G, mu, draws=200, verdict=verdict)))
     return pairs
 
 
@@ -303,23 +256,18 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
     found = made.groups[0].slopes["viscosity"]
     assert (found.n, found.n_trusted, found.sign, made.groups[0].slopes["shear_modulus"].sign) == (7, 7, 1, 0)
     assert 1.8 < found.q05 < 2.4 < found.q95 < 3.0
-    assert f"µ rises as R_max^{found.words}" in " ".join(printed(made, 80).split())
     line = panels_of_group(pairs, made).answers[1].layer("centre")
     assert np.polyfit(np.log(line.x), np.log(line.y), 1)[0] == pytest.approx(found.median)
 
 
-@pytest.mark.parametrize(
-    ("pairs", "n", "trusted"),
-    [
-        (growing(2.4, verdict="model_does_not_fit"), 7, 0),  # for there it is looked for
-        (growing(2.4, verdict="check_input"), None, None),
-        (growing(2.4, count=4), None, None),
-    ],
-)
-def test_of_which_shots_a_slope_is(pairs, n, trusted):
-    (about,) = result(pairs, COMMAND).groups
-    slope = about.slopes.get("viscosity")
-    assert (slope and slope.n, slope and slope.n_trusted) == (n, trusted)
+def test_of_which_shots_a_slope_is():
+    """Also of answers whose model does not fit, for there it is looked for; of four shots it is none."""
+    tried = {"model_does_not_fit": 7, "check_input": 7, "ok": 4}
+    slopes = [
+        result(growing(2.4, count=count, verdict=verdict), COMMAND).groups[0].slopes.get("viscosity")
+        for verdict, count in tried.items()
+    ]
+    assert (slopes[0].n, slopes[0].n_trusted, *slopes[1:]) == (7, 0, None, None)
 
 
 def test_a_slope_is_that_of_theil_and_sen_with_ties_too():
@@ -353,25 +301,22 @@ def test_the_interval_of_a_slope_holds_what_it_says(count):
 
 
 def test_other_models_have_means_and_slopes_where_all_shots_have_them():
-    pairs = growing(2.4, others=(beside(), beside(0.5, -40.0), beside(material="qkv")))
-    pairs[0] = pairs[0][0], replace(pairs[0][1], others=pairs[0][1].others[:2])  # without the law qkv
+    others = (beside(), beside({"viscosity": 0.5}, log=-40.0), beside(material="qkv"))
+    pairs = [(curve, replace(one, others=others)) for curve, one in growing(2.4)]
+    pairs[0] = pairs[0][0], replace(pairs[0][1], others=others[:2])  # without the law qkv
     other, law = result(pairs, COMMAND).groups[0].other_models
     assert (other.material, other.bubble, other.n, law.material, law.n) == ("nhkv", "kinetic", 7, "qkv", 6)
     assert other.viscosity_Pa_s.mean == pytest.approx(0.003)  # of the mode with the larger evidence
     assert law.slopes == {}
 
 
-@pytest.mark.parametrize(("each", "preferred"), [(1.0, False), (6.0, True)])
-def test_evidence_that_no_shot_shows_alone_is_that_of_all_together(each, preferred):
+def test_evidence_that_no_shot_shows_alone_is_that_of_all_together():
     """Seven shots with e^6 each for another bubble: none is rejected by itself."""
-    pairs = [(c, replace(a, evidence=Evidence(0.0, 0.1), others=(beside(log=each),))) for c, a in growing(2.4)]
-    (about,) = result(pairs, COMMAND).groups
-    assert not about.preferred
-    assert bool(about.preferred_together) == preferred
-    assert about.badges[0][0] == ("other_model_preferred" if preferred else "ok")
-
-
-# --- numbers and the table -------------------------------------------------------------------------------------------
+    for each, preferred in ((1.0, False), (6.0, True)):
+        pairs = [(c, replace(a, evidence=Evidence(0.0, 0.1), others=(beside(log=each),))) for c, a in growing(2.4)]
+        (about,) = result(pairs, COMMAND).groups
+        assert not about.preferred
+        assert bool(about.preferred_together) == preferred
 
 
 @pytest.mark.parametrize(
@@ -394,25 +339,9 @@ def test_numbers_show_the_digits_that_their_error_leaves(text, shown):
     assert text == shown
 
 
-@pytest.mark.parametrize("width", [80, 140])
-def test_table_fits_its_terminal_and_cuts_nothing(width):
-    long = "Rt_nondim_exp_PAAm_Alginate_0p3perc_v2"
-    curves = [bubble(f"{long}[{k}]", long) for k in (1, 2)]
-    pairs = [(c, answer(c, draws=400, verdict=v)) for c, v in zip(curves, ("ok", "unverified"), strict=True)]
-    pairs += [(empty(f"[red]{long}[/red]", long), unanswered("too short: " + "words " * 30))]
-    lines = printed(result(pairs, COMMAND), width).splitlines()
-    assert max(map(len, lines)) <= width
-    whole = "".join("".join(lines).split())
-    assert all(f"{long}[{k}]" in whole or long in whole for k in (1, 2))
-    assert whole.count("words") == 30
-    assert "[red]" in whole  # markup is text
-
-
-def test_table_chooses_one_unit():
-    curve = bubble()
-    soft, mixed = ([(curve, answer(curve, G)) for G in values] for values in ((310.0, 95.0), (310.0, 5e3)))
-    assert result(soft, COMMAND).modulus_unit == (1.0, "Pa")
-    assert result(mixed, COMMAND).modulus_unit == (1e-3, "kPa")
+@pytest.mark.parametrize(("values", "unit"), [((310.0, 95.0), (1.0, "Pa")), ((310.0, 5e3), (1e-3, "kPa"))])
+def test_table_chooses_one_unit(values, unit):
+    assert result([(bubble(), answer(bubble(), G)) for G in values], COMMAND).modulus_unit == unit
 
 
 def test_no_cell_of_a_table_is_a_formula(tmp_path):
@@ -426,9 +355,6 @@ def test_no_cell_of_a_table_is_a_formula(tmp_path):
     assert list(read_column(tmp_path / "a.csv")[1]) == names
 
 
-# --- messages --------------------------------------------------------------------------------------------------------
-
-
 def test_messages_have_codes_and_sentences_and_an_input_warning_decides_the_verdict(tmp_path):
     misfit = Message("misfit.rms", {"rms": 0.04, "limit": 0.03})
     late = Message("check_input.late_start", {"frames": 3.2})
@@ -440,7 +366,6 @@ def test_messages_have_codes_and_sentences_and_an_input_warning_decides_the_verd
     row = strictly(tmp_path / "result.json")["curves"][0]
     assert row["messages"] == [{"code": one.code, "text": one.text} for one in (late, misfit)]
     assert [one.code for one in load(tmp_path / "result.json").curves[0].messages] == [late.code, misfit.code]
-    assert printed(load(tmp_path / "result.json"), 200).count(late.text) == 1  # said once of all
 
 
 def test_why_a_curve_has_no_answer_is_the_code_of_the_error_and_the_log_has_its_traceback(caplog):
@@ -468,9 +393,6 @@ def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
     assert "RuntimeError: the network could not be run" in answers[0].checks.message
     assert any(one.exc_info and one.exc_info[0] is RuntimeError for one in caplog.records)
-
-
-# --- pictures --------------------------------------------------------------------------------------------------------
 
 
 def panels_of(curve, posterior):
@@ -530,18 +452,25 @@ def test_every_curve_has_a_picture(curve, made):
 
 
 @pytest.mark.needs("matplotlib")
-def test_figures_show_what_the_picture_shows(pairs, tmp_path):
+def test_figures_show_what_the_picture_shows(pairs):
     panels = panels_of(*pairs[0])
     drawn = figures.curve_figure(panels, figures.PAPER, figures.heading(curve_record(*pairs[0]), KILOPASCAL))
     found = {line.get_label(): line.get_xydata() for line in drawn.axes[0].lines}
-    assert found["measured"] == pytest.approx(
-        np.column_stack([panels[0].layer("measured").x, panels[0].layer("measured").y])
-    )
+    measured = panels[0].layer("measured")
+    assert found["measured"] == pytest.approx(np.column_stack([measured.x, measured.y]))
     assert found["simulation: answer"][:, 1] == pytest.approx(panels[0].layer("simulated").y)
-    write_report(tmp_path, pairs, COMMAND, ("png", "svg", "pdf"))
-    stems = ("shot_1", "shot_2", "shot_3", "group-shots")
-    assert all((tmp_path / f"{stem}.{kind}").stat().st_size for stem in stems for kind in ("png", "svg", "pdf"))
-    assert ">shot[1]<" in (tmp_path / "shot_1.svg").read_text(encoding="utf-8")  # text stays text
+
+
+@pytest.mark.needs("matplotlib")
+def test_figures_of_a_paper_are_as_wide_as_a_column_or_a_page(pairs, tmp_path):
+    write_report(tmp_path, pairs, COMMAND, ("paper",))
+    widths = {"paper-shot_1": 84, "paper-shot_2": 84, "paper-group-shots": 174}  # mm
+    for stem, width in widths.items():
+        drawing = ET.parse(tmp_path / f"{stem}.svg").getroot()
+        assert float(drawing.get("width").removesuffix("pt")) == pytest.approx(width * 72 / 25.4, abs=0.1)
+        assert all((tmp_path / f"{stem}.{kind}").stat().st_size for kind in ("pdf", "png"))
+    write_report(tmp_path, pairs, COMMAND)  # the same folder, without them
+    assert not list(tmp_path.glob("paper-*"))
 
 
 @pytest.mark.needs("matplotlib")
@@ -555,9 +484,6 @@ def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path):
     assert load(tmp_path / "result.json") == written
 
 
-# --- report.html -----------------------------------------------------------------------------------------------------
-
-
 def test_report_is_one_sound_file_that_asks_for_nothing(pairs, tmp_path):
     write_report(tmp_path, pairs, COMMAND)
     page, text = page_of(tmp_path), (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -568,8 +494,7 @@ def test_report_is_one_sound_file_that_asks_for_nothing(pairs, tmp_path):
     assert {target[1:] for target in targets if target.startswith("#")} <= set(page.ids)
     assert "url(http" not in text
     assert "@import" not in text
-    shown = " ".join(" ".join(page.text).split())
-    assert all(part in shown for part in (COMMAND, "7.1 ± 1.4", "6.10", "0.0210", "cell 3 of 5 is empty"))
+    assert "cell 3 of 5 is empty" in "".join(page.text)
     html.write(tmp_path / "report.html", result([], COMMAND))
     page_of(tmp_path)  # a run without curves is a page, too
 
@@ -619,28 +544,8 @@ def test_without_matplotlib_the_report_is_complete_and_the_notes_say_what_is_lef
     assert {path.name for path in tmp_path.iterdir()} == {"result.json", "result.csv", "report.html", ".cavirheo"}
 
 
-WRITE = "from answers import answer, bubble; from cavirheo.reporting import write_report; c = bubble(); write_report("
-
-
-@pytest.mark.parametrize(
-    ("code", "heavy"),
-    [
-        ("import cavirheo.reporting", ("matplotlib", "rich", "scipy", "numba")),
-        ("import cavirheo.verbs", ("numpy", "pydantic")),
-        (f"{WRITE}'out', [(c, answer(c))], 'x')", ("matplotlib",)),
-    ],
-)
-def test_importing_and_writing_are_cheap(code, heavy, tmp_path):
-    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r}); {code}"
-    code += f"; print([name for name in {heavy} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
-    assert done.stdout.strip() == "[]"
-
-
 @pytest.mark.parametrize("pyarrow", [True, False])
-def test_of_very_many_curves_each_has_row_message_and_picture_and_a_parquet_table_is_written(
-    tmp_path, monkeypatch, pyarrow
-):
+def test_very_many_curves_have_row_message_picture_and_parquet_table(tmp_path, monkeypatch, pyarrow):
     monkeypatch.setattr("cavirheo.reporting.MANY", 3)
     monkeypatch.setattr(html, "DETAILED", 3)
     if not pyarrow:

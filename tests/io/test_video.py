@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from recordings import FRAMES, film, history
@@ -28,6 +26,11 @@ SCENES = {
     "bright_centre_long_exposure": {"bright_centre": 0.6, "exposure": 0.6},
 }  # fmt: skip
 MORE = ("noisy_10_bits", "bright", "bright_centre_long_exposure")
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return film()
 
 
 def track(made: Film, exposure: float | None = None, **how: object) -> Track:
@@ -84,16 +87,11 @@ def test_centre_and_shape():
 
 
 def test_nothing_is_invented_without_a_bubble():
-    empty = render([0, 1], [0.01, 0.01], frames=FRAMES, scene=Scene(width=96, height=80, flicker=0.02))
-    with pytest.raises(InputError) as raised:
-        track(empty)
-    assert raised.value.code == "video.no_bubble"
-
-
-def test_a_bubble_outside_the_frame_all_the_time():
-    with pytest.raises(InputError) as raised:
-        track(film(centre=(-80.0, -80.0)))
-    assert raised.value.code == "video.no_bubble"
+    without = render([0, 1], [0.01, 0.01], frames=FRAMES, scene=Scene(width=96, height=80, flicker=0.02))
+    for made in (without, film(centre=(-80.0, -80.0))):
+        with pytest.raises(InputError) as raised:
+            track(made)
+        assert raised.value.code == "video.no_bubble"
 
 
 def test_a_bubble_that_covers_the_frame_has_no_radius_then():
@@ -107,42 +105,29 @@ def test_a_mirror_image_is_named():
     assert found.twins > 5
 
 
-def test_polarity_and_reference_frame_are_obeyed():
-    made = film()
-    with pytest.raises(InputError):
-        track(made, polarity="bright")
-    with pytest.raises(InputError):
-        track(made, polarity="grey")
-    free = track(made)
-    told = track(made, reference_frame=1)
+def test_polarity_and_reference_frame_are_obeyed(clean):
+    for polarity in ("bright", "grey"):
+        with pytest.raises(InputError):
+            track(clean, polarity=polarity)
+    free, told = track(clean), track(clean, reference_frame=1)
     both = (free.flags == "ok") & (told.flags == "ok")
     assert np.abs(free.radius - told.radius)[both].max() < 0.2
 
 
-def test_a_damaged_frame_is_lost():
-    made = film()
-    damaged = np.zeros(FRAMES, bool)
-    damaged[12] = True
-    footage = Footage(made.frames, damaged=damaged)
-    found = follow(set_stage(footage))
-    assert found.flags[12] == "lost"
-    assert np.isnan(found.radius[12])
-
-
-def test_a_frame_with_something_else_is_not_measured():
-    made = film()
-    frames = made.frames.copy()
+def test_a_frame_that_is_damaged_or_shows_something_else_is_not_measured(clean):
+    frames, damaged = clean.frames.copy(), np.arange(FRAMES) == 12
     frames[20] = frames[0]
     frames[20, 5:15, 5:15] = 5
-    found = track(replace(made, frames=frames))
-    assert found.flags[20] == "elsewhere"
+    found = follow(set_stage(Footage(frames, damaged=damaged)))
+    assert (found.flags[12], found.flags[20]) == ("lost", "elsewhere")
+    assert np.isnan(found.radius[[12, 20]]).all()
 
 
 def test_rendering_refuses_what_it_cannot():
     time, radius = history()
-    for wrong in ({"time": time[::-1], "frames": 9}, {"time": time, "frames": 2}):
+    for times, frames in ((time[::-1], 9), (time, 2)):
         with pytest.raises(InputError):
-            render(wrong["time"], radius, frames=wrong["frames"])
+            render(times, radius, frames=frames)
 
 
 def test_the_same_seed_gives_the_same_film():
@@ -150,8 +135,8 @@ def test_the_same_seed_gives_the_same_film():
     assert not np.array_equal(film(seed=5, frames=8).frames, film(seed=6, frames=8).frames)
 
 
-def test_flags_say_what_is_used():
-    found = track(film())
+def test_flags_say_what_is_used(clean):
+    found = track(clean)
     used = np.isin(found.flags, USED)
     assert np.array_equal(np.isfinite(found.radius), used)
     assert np.all(found.sigma[used] > 0)

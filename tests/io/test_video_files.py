@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,6 @@ from cavirheo import InputError
 from cavirheo.io.files import expand
 from cavirheo.io.videos import examine, measure
 from cavirheo.video.frames import is_video, read
-from cavirheo.video.picture import contact_sheet
 
 HOW = {"frame_rate": RATE, "um_per_px": SCALE}
 
@@ -38,32 +38,35 @@ def deep():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, shot, deep):
     place = tmp_path_factory.mktemp("recordings")
-    shot.save(place / "shot.mp4")
-    shot.save(place / "shot.mkv")
-    shot.save(place / "shot.tif")
+    for name in ("shot.mp4", "shot.mkv", "shot.tif"):
+        shot.save(place / name)
     deep.save(place / "deep.mkv")
     tifffile.imwrite(place / "packed.tif", deep.frames, compression="lzw", photometric="minisblack")
-    (place / "images").mkdir()
+    for name in ("images", "pages"):
+        (place / name).mkdir()
     for k, frame in enumerate(deep.frames):
         Image.fromarray(frame).save(place / "images" / f"frame{k}.png")  # frame10 before frame2 by the alphabet
-    (place / "pages").mkdir()
-    for k, frame in enumerate(deep.frames):
         tifffile.imwrite(place / "pages" / f"{k}.tif", frame)
     write_mraw(place / "camera.mraw", deep.frames, 12)
     write_cine(place / "camera.cine", deep.frames, np.arange(FRAMES) / RATE, int(RATE))
     return place
 
 
-@pytest.mark.parametrize("name", ["shot.mkv", "shot.tif"])
-def test_eight_bits_are_read_as_they_are(folder, shot, name):
-    assert np.array_equal(read(folder / name).frames, shot.frames)
+def refusal(use):
+    """The code with which this is refused."""
+    with pytest.raises(InputError) as raised:
+        use()
+    return raised.value.code
 
 
-@pytest.mark.parametrize("name", ["deep.mkv", "packed.tif", "images", "pages", "camera.mraw", "camera.cine"])
-def test_more_bits_are_read_as_they_are(folder, deep, name):
-    frames = read(folder / name).frames
-    assert frames.dtype == np.uint16
-    assert np.array_equal(frames, deep.frames)
+DEEP = ("deep.mkv", "packed.tif", "images", "pages", "camera.mraw", "camera.cine")
+
+
+@pytest.mark.parametrize("name", ["shot.mkv", "shot.tif", *DEEP])
+def test_frames_are_read_as_they_are(folder, shot, deep, name):
+    frames, expected = read(folder / name).frames, (deep if name in DEEP else shot).frames
+    assert frames.dtype == expected.dtype
+    assert np.array_equal(frames, expected)
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])
@@ -90,11 +93,9 @@ def test_the_stamps_of_a_cine_count_before_its_header(tmp_path, deep):
     assert any("50000" in one.text for one in curve.warnings)
 
 
-def test_a_container_never_says_the_rate(folder):
-    for name in ("shot.mp4", "shot.mkv", "shot.tif", "images"):
-        with pytest.raises(InputError) as raised:
-            measure(folder / name, um_per_px=SCALE)
-        assert raised.value.code == "video.frame_rate"
+@pytest.mark.parametrize("name", ["shot.mp4", "shot.mkv", "shot.tif", "images"])
+def test_a_container_never_says_the_rate(folder, name):
+    assert refusal(lambda: measure(folder / name, um_per_px=SCALE)) == "video.frame_rate"
 
 
 def test_the_users_rate_counts_before_the_cameras_and_a_difference_is_doubtful(folder):
@@ -107,9 +108,7 @@ def test_the_users_rate_counts_before_the_cameras_and_a_difference_is_doubtful(f
 def test_without_a_scale_radii_are_pixels_that_inference_refuses(folder, shot):
     curve = measure(folder / "shot.tif", frame_rate=RATE)
     assert np.nanmax(curve.radius) == pytest.approx(np.nanmax(shot.radius) * 1e-6, rel=1e-3)
-    with pytest.raises(InputError) as raised:
-        _ = curve.max_radius
-    assert raised.value.code == "curve.unscaled"
+    assert refusal(lambda: curve.max_radius) == "curve.unscaled"
     assert curve.with_max_radius(128e-6).max_radius == 128e-6
 
 
@@ -142,15 +141,13 @@ def test_frames_can_be_excluded_by_hand(folder, listed):
     assert "excluded by hand: frames 6, 12-14" in curve.notes
     assert found.options["exclude"] == "6, 12-14"
     assert found.without([13, 20]).options["exclude"] == "6, 12-14, 20"
-    assert contact_sheet(found).size == contact_sheet(whole).size
 
 
 def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):
-    content = (folder / "shot.mkv").read_bytes()
-    (tmp_path / "cut.mkv").write_bytes(content[: int(0.8 * len(content))])
-    raw = (folder / "camera.mraw").read_bytes()
-    (tmp_path / "cut.mraw").write_bytes(raw[: int(0.8 * len(raw))])
-    (tmp_path / "cut.cihx").write_bytes((folder / "camera.cihx").read_bytes())
+    for name, cut in (("shot.mkv", "cut.mkv"), ("camera.mraw", "cut.mraw")):
+        content = (folder / name).read_bytes()
+        (tmp_path / cut).write_bytes(content[: int(0.8 * len(content))])
+    shutil.copy(folder / "camera.cihx", tmp_path / "cut.cihx")
     assert [one.code for one in read(tmp_path / "cut.mraw").warnings] == ["check_input.file_cut_short"]
     cut = read(tmp_path / "cut.mkv")
     assert 20 < len(cut.frames) < FRAMES
@@ -176,10 +173,9 @@ def several(place, shot):
 )
 def test_what_is_no_recording_is_refused(tmp_path, shot, make, code):
     make(tmp_path / "a.tif", shot)
-    with pytest.raises(InputError) as raised:
+    with pytest.raises(InputError, match=r"a\.tif") as raised:
         measure(tmp_path / "a.tif", **HOW)
     assert raised.value.code == code
-    assert "a.tif" in str(raised.value)
 
 
 @pytest.mark.parametrize(
@@ -202,9 +198,7 @@ def test_what_is_no_recording_is_refused(tmp_path, shot, make, code):
     ],
 )
 def test_options_out_of_their_range_are_refused(folder, wrong, code):
-    with pytest.raises(InputError) as raised:
-        measure(folder / "shot.tif", **{**HOW, **wrong})
-    assert raised.value.code == code
+    assert refusal(lambda: measure(folder / "shot.tif", **{**HOW, **wrong})) == code
 
 
 @pytest.mark.parametrize("count", [6, pytest.param(60, marks=pytest.mark.slow)])
@@ -233,24 +227,19 @@ def test_folders_of_images_are_recordings_and_folders_of_recordings_are_not(fold
     assert len(expand([folder])) == 7  # the header of the .mraw is no recording of its own
 
 
-def test_a_film_of_two_files_is_read_once(run, folder, tmp_path):
+def test_a_film_of_two_files_is_read_once(folder, tmp_path):
     for name in ("camera.mraw", "camera.cihx", "shot.tif"):
-        (tmp_path / name).write_bytes((folder / name).read_bytes())
-    (tmp_path / "alone.cihx").write_bytes((folder / "camera.cihx").read_bytes())
+        shutil.copy(folder / name, tmp_path)
+    shutil.copy(folder / "camera.cihx", tmp_path / "alone.cihx")
     taken = ["alone.cihx", "camera.mraw", "shot.tif"]  # a header alone, for its reader to say what is missing
-    said: list[str] = []
-    assert expand([tmp_path], said.append) == [tmp_path / name for name in taken]
-    assert said == [f"{tmp_path}: 3 files"]
+    assert expand([tmp_path]) == [tmp_path / name for name in taken]
     assert expand(sorted(tmp_path.iterdir())) == expand([tmp_path / "*.*"]) == expand([tmp_path])
     assert expand([tmp_path / "camera.cihx"]) == [tmp_path / "camera.cihx"]
 
 
 def test_the_command_writes_what_can_be_read_again(run, folder):
-    status, out, err = run(
-        "measure", folder / "shot.tif", "--fps", RATE, "--um-per-px", SCALE, "-o", "out", "--overlay"
-    )
+    status, _, err = run("measure", folder / "shot.tif", "--fps", RATE, "--um-per-px", SCALE, "-o", "out", "--overlay")
     assert status == 0, err
-    assert "R_max" in out
     with open("out/measured.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     curve = measure(folder / "shot.tif", **HOW)
@@ -263,24 +252,9 @@ def test_the_command_writes_what_can_be_read_again(run, folder):
     assert about["max_radius_m"] == pytest.approx(curve.max_radius)
     assert sum(about["flags"].values()) == FRAMES
     assert Image.open("out/contact.png").size[0] > 400
-    assert len(read_video("out/overlay.mp4")) == FRAMES
+    assert len(read(Path("out/overlay.mp4")).frames) == FRAMES
     assert cavirheo.load("out").max_radius_px > 23
     assert run("show", "out")[0] == 0
-
-
-@pytest.mark.parametrize("verb", ["infer", "fit", "which-law", "measure"])
-def test_an_odd_frame_rate_is_told_as_such_by_every_verb(folder, run, verb):
-    status, _, err = run(verb, folder / "shot.tif", "--fps", 270, "--um-per-px", SCALE)
-    assert (status, err.count("\n")) == (2, 1)
-    assert "frame rate" in err
-    assert "270 kHz" in err
-
-
-def read_video(path):
-    import av
-
-    with av.open(path) as film:
-        return list(film.decode(video=0))
 
 
 def test_a_real_recording_agrees_with_its_published_radii(real_data):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import cavirheo
@@ -52,6 +53,7 @@ MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}
 FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room
 
 
+@cache
 def trees() -> dict[str, ast.Module]:
     """Every module by its path below the package."""
     paths = sorted(SOURCE.rglob("*.py"))

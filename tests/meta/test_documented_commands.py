@@ -220,8 +220,10 @@ def test_the_commands_of_a_page_run(page, shell):
 def test_a_command_that_fails_is_found(wrong, shell):
     with pytest.raises(AssertionError):
         shell.run(wrong)
-    assert printed("G  kPa\n─────\n9.91 ok\n", "more\nG kPa\n───\n 9.8  ok\n")
-    assert not printed("G  kPa\n─────\n9.91 ok\n", "G kPa\n───\n 5.8 ok\n")
+    shown = "G  kPa\n─────\n9.91 ok\n"
+    assert printed(shown, "more\nG kPa\n───\n 9.8  ok\n")
+    assert not printed(shown, "G kPa\n───\n 5.8 ok\n")
+    assert not printed(shown, "G kPa\n───\n 9.8 undetermined\n")
 
 
 def test_what_is_not_run_is_still_there():

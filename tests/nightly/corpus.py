@@ -14,10 +14,12 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from bombs import FILES as BOMBS
+from bombs import element
 from files import save_v73, write_ods, write_xlsx
 from scipy.io import savemat
 from valid import BINARIES, METRES, RADIUS, SECONDS, TEXTS, TIME, cells, documents, grid, rows
@@ -42,8 +44,6 @@ def add(**files: tuple[str | bytes, Make | str | bytes]) -> None:
         FILES[key] = name, make if callable(make) else holding(make)
 
 
-# ------------------------------------------------------------------------------------------------- names
-
 add(
     name_of_255_bytes=("n" * 251 + ".csv", CURVE),
     name_without_ending=("curve", CURVE),
@@ -66,8 +66,6 @@ add(
     name_con=("con.csv", CURVE),
     name_combining=("e" + "\u0301" * 60 + ".csv", CURVE),
 )
-
-# ------------------------------------------------------------------------------------------------- no regular files
 
 
 def bound(path: Path) -> None:
@@ -142,7 +140,30 @@ for _end in ("csv", "mat", "json", "toml", "onnx"):
         f"sparse_{_end}": (f"sparse.{_end}", terabyte(MAT_HEAD if _end == "mat" else b"")),
     })  # fmt: skip
 
-# ------------------------------------------------------------------------------------------------- numbers, in all formats
+
+def saved(**variables: object) -> Make:
+    return lambda path: savemat(path, variables)
+
+
+def saved73(**variables: object) -> Make:
+    return lambda path: save_v73(path, {key: np.asarray(value) for key, value in variables.items()})
+
+
+def h5(build: Callable[[h5py.File], object]) -> Make:
+    def make(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            build(file)
+
+    return make
+
+
+def both(file: h5py.File, **data: object) -> None:
+    file["time_us"], file["radius_um"] = data.get("t", TIME), data.get("r", RADIUS)
+
+
+def book(**sheets: Any) -> Make:
+    return lambda path: write_xlsx(path, sheets) and None
+
 
 N = np.nan
 ODD_CURVES: dict[str, tuple[np.ndarray, np.ndarray]] = {  # us, um
@@ -166,39 +187,16 @@ ODD_CURVES: dict[str, tuple[np.ndarray, np.ndarray]] = {  # us, um
 }
 
 
-def odd_mat(t: np.ndarray, r: np.ndarray) -> Make:
-    return lambda path: savemat(path, {"Rnew": r * 1e-6, "t": t * 1e-6})
-
-
-def odd_mat73(t: np.ndarray, r: np.ndarray) -> Make:
-    return lambda path: save_v73(path, {"Rnew": r * 1e-6, "t": t * 1e-6})
-
-
-def odd_h5(t: np.ndarray, r: np.ndarray) -> Make:
-    def make(path: Path) -> None:
-        with h5py.File(path, "w") as file:
-            file["time_us"], file["radius_um"] = t, r
-
-    return make
-
-
-def odd_xlsx(t: np.ndarray, r: np.ndarray) -> Make:
-    return lambda path: write_xlsx(path, {"a": [["time_us", "radius_um"], *np.stack([t, r], axis=1).tolist()]}) and None
-
-
 for _name, (_t, _r) in ODD_CURVES.items():
-    add(
-        **{
-            f"csv_{_name}": ("odd.csv", HEAD + rows(",", _t, _r)),
-            f"mat_{_name}": ("odd.mat", odd_mat(_t, _r)),
-            f"mat73_{_name}": ("odd.mat", odd_mat73(_t, _r)),
-            f"h5_{_name}": ("odd.h5", odd_h5(_t, _r)),
-        }
-    )
+    add(**{
+        f"csv_{_name}": ("odd.csv", HEAD + rows(",", _t, _r)),
+        f"mat_{_name}": ("odd.mat", saved(Rnew=_r * 1e-6, t=_t * 1e-6)),
+        f"mat73_{_name}": ("odd.mat", saved73(Rnew=_r * 1e-6, t=_t * 1e-6)),
+        f"h5_{_name}": ("odd.h5", h5(lambda file, t=_t, r=_r: both(file, t=t, r=r))),
+    })  # fmt: skip
 for _name in ("all_nan", "huge", "no_rows", "one_row", "same_times", "negative"):
-    add(**{f"xlsx_{_name}": ("odd.xlsx", odd_xlsx(*ODD_CURVES[_name]))})
-
-# ------------------------------------------------------------------------------------------------- text
+    _rows = np.stack(ODD_CURVES[_name], axis=1).tolist()
+    add(**{f"xlsx_{_name}": ("odd.xlsx", book(a=[["time_us", "radius_um"], *_rows]))})
 
 LINES = CURVE.splitlines()
 add(
@@ -245,12 +243,6 @@ add(
     references_huge=("a.csv", "set,method,quantity,mean,std\nx,IMR,G_kPa,1e308,1e308\nx,a,G_kPa,5e-324,0\n"),
 )  # fmt: skip
 
-# ------------------------------------------------------------------------------------------------- MATLAB, HDF5, workbooks
-
-
-def element(kind: int, data: bytes) -> bytes:
-    return struct.pack("<II", kind, len(data)) + data + b"\0" * (-len(data) % 8)
-
 
 def mat(*parts: bytes) -> bytes:
     return MAT_HEAD + b"".join(parts)
@@ -266,26 +258,6 @@ def nested(depth: int) -> bytes:
     for _ in range(depth):
         inside = array("", 1, inside)
     return array("R_nondim_All", 1, inside)
-
-
-def saved(**variables: object) -> Make:
-    return lambda path: savemat(path, variables)
-
-
-def saved73(**variables: object) -> Make:
-    return lambda path: save_v73(path, {key: np.asarray(value) for key, value in variables.items()})
-
-
-def h5(build: Callable[[h5py.File], object]) -> Make:
-    def make(path: Path) -> None:
-        with h5py.File(path, "w") as file:
-            build(file)
-
-    return make
-
-
-def both(file: h5py.File, **data: object) -> None:
-    file["time_us"], file["radius_um"] = data.get("t", TIME), data.get("r", RADIUS)
 
 
 def deep(file: h5py.File) -> None:
@@ -362,10 +334,10 @@ add(
     h5_named_types=("a.h5", h5(lambda file: (file.__setitem__("time", np.dtype("f8")), file.__setitem__("radius", np.dtype("f8"))))),
     h5_references=("a.h5", h5(lambda file: (file.create_dataset("time", (5,), h5py.ref_dtype), file.create_dataset("radius", (5,), h5py.ref_dtype)))),
     h5_unknown_filter=("a.h5", unknown_filter),
-    xlsx_no_sheet=("a.xlsx", lambda path: write_xlsx(path, {}) and None),
-    xlsx_not_xml=("a.xlsx", lambda path: write_xlsx(path, {"a": b"\xff\xfe\x00garbage"}) and None),
-    xlsx_sheet_names=("a.xlsx", lambda path: write_xlsx(path, {"\x0b[/]<x>" + "n" * 300: grid(CURVE)}) and None),
-    xlsx_300_sheets=("a.xlsx", lambda path: write_xlsx(path, {f"s{k}": [["a"]] for k in range(300)}) and None),
+    xlsx_no_sheet=("a.xlsx", book()),
+    xlsx_not_xml=("a.xlsx", book(a=b"\xff\xfe\x00garbage")),
+    xlsx_sheet_names=("a.xlsx", book(**{"\x0b[/]<x>" + "n" * 300: grid(CURVE)})),
+    xlsx_300_sheets=("a.xlsx", book(**{f"s{k}": [["a"]] for k in range(300)})),
     xlsx_hidden=("a.xlsx", lambda path: write_xlsx(path, {"a": grid(CURVE)}, hidden=["a"]) and None),
     xlsx_escape_labels=("a.xlsx", lambda path: write_xlsx(path, {"a": [["shot", "time_us", "radius_um"], *(["<b>[/]\u009b31m", *map(float, line.split(","))] for line in LINES[1:])]}) and None),
     xlsx_dates=("a.xlsx", lambda path: write_xlsx(path, {"a": '<worksheet><sheetData><row><c t="d"><v>2024-01-01</v></c><c t="e"><v>#DIV/0!</v></c></row></sheetData></worksheet>'}) and None),
@@ -381,21 +353,9 @@ add(
 )  # fmt: skip
 add(**{make.__name__: (f"bomb.{ending}", make) for make, (ending, _) in BOMBS.items()})
 
-# ------------------------------------------------------------------------------------------------- cut and swapped files
-
 CUTS = {"empty_header": 0.02, "early": 0.3, "middle": 0.6, "late": 0.9, "end": 0.995}
-CUT = [
-    "bdt.mat",
-    "imr-packed.mat",
-    "bdt-73.mat",
-    "groups.h5",
-    "packed.h5",
-    "curve.xlsx",
-    "curve.ods",
-    "old.xls",
-    "shard-00000.h5",
-    "network.onnx",
-]
+CUT = ["bdt.mat", "imr-packed.mat", "bdt-73.mat", "groups.h5", "packed.h5", "curve.xlsx", "curve.ods", "old.xls"]
+CUT += ["shard-00000.h5", "network.onnx"]
 
 
 def cut(name: str, share: float) -> Make:
@@ -408,17 +368,9 @@ def cut(name: str, share: float) -> Make:
 
 for _name in CUT:
     add(**{f"cut_{_name}_{where}": (_name, cut(_name, share)) for where, share in CUTS.items()})
-for _name, _ending in {
-    "bdt.mat": "csv",
-    "groups.h5": "mat",
-    "curve.xlsx": "mat",
-    "imr-73.mat": "xlsx",
-    "curve.ods": "h5",
-    "network.onnx": "csv",
-}.items():
+SWAPPED = {"bdt.mat": "csv", "groups.h5": "mat", "curve.xlsx": "mat", "imr-73.mat": "xlsx", "curve.ods": "h5"}
+for _name, _ending in (SWAPPED | {"network.onnx": "csv"}).items():
     add(**{f"{_name}_called_{_ending}": (f"swapped.{_ending}", BINARIES[_name])})
-
-# ------------------------------------------------------------------------------------------------- JSON, TOML, ONNX
 
 
 def document(kind: str, **changed: object) -> str:

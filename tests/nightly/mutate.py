@@ -147,45 +147,35 @@ def hdf5(content: bytes, chance: random.Random) -> bytes:
         names: list[str] = ["/"]
         file.visit(names.append)
         name = chance.choice(names)
-        item = file[name]
         if chance.random() < 0.25:
-            item.attrs[chance.choice([*item.attrs, "stretch", "MATLAB_empty", "frame_rate_hz"])] = chance.choice(ODD)
-            return memory.getvalue()
-        values: Any = np.arange(100.0)
-        if isinstance(item, h5py.Dataset):
-            values = np.asarray(item[()]).ravel()
+            told = file[name].attrs
+            told[chance.choice([*told, "stretch", "MATLAB_empty", "frame_rate_hz"])] = chance.choice(ODD)
         else:
-            name = f"{name}/{chance.choice(('time', 'radius_um', 'theta', 'status', 'Rnew', 't'))}"
-        with suppress(KeyError):
-            del file[name]
-        remake(file, name, values, chance)
+            remake(file, name, chance)
     return memory.getvalue()
 
 
-def remake(file: h5py.File, name: str, values: Any, chance: random.Random) -> None:
-    """Another dataset or link at the place of one."""
-    match chance.randrange(8):
-        case 0:
-            file[name] = h5py.SoftLink(chance.choice(("/nowhere", "/", name, "/time", "/gel")))
-        case 1:
-            file[name] = file["/"] if chance.random() < 0.5 else h5py.ExternalLink("other.h5", "/x")
-        case 2:
-            shape = (chance.choice((0, 100, 10**12)),)
-            file.create_dataset(name, shape, chance.choice(("f8", "i8", "S9")), chunks=(10,), maxshape=(None,))
-        case 3:
-            file.create_dataset(name, chance.choice(((), (0,), (3,), (1, 3))), chance.choice(KINDS))
-        case 4:
-            file.create_group(name)
-        case 5:
-            file[name] = chance.choice(ODD)
-        case 6:
-            file[name] = chance.choice([values[:2], values[::-1], np.stack([values] * 2), values[:, None]])
-        case 7:
-            spoilt = np.nan_to_num(values.astype(float)) * chance.choice((0.0, 1.0, 1e6))
-            spoilt[chance.randrange(len(spoilt)) :: chance.choice((1, 7))] = chance.choice(
-                (np.nan, np.inf, -1, 0, 1e308)
-            )
-            file[name] = spoilt.astype(chance.choice((">f4", "f8", "f2", complex, "S6", bool)))
+def remake(file: h5py.File, name: str, chance: random.Random) -> None:
+    """Another dataset or link at the place of one, or within a group."""
+    numbers: Any = np.arange(100.0)
+    if not isinstance(file[name], h5py.Dataset):
+        name = f"{name}/{chance.choice(('time', 'radius_um', 'theta', 'status', 'Rnew', 't'))}"
+    elif file[name].dtype.kind in "fiu":
+        numbers = np.asarray(file[name][()]).ravel()
+    with suppress(KeyError):
+        del file[name]
+    if chance.random() < 0.3:  # declared, and not written
+        shape = chance.choice(((), (0,), (3,), (1, 3), (100,), (10**12,)))
+        chunked = {"chunks": (10,), "maxshape": (None,)} if len(shape) == 1 else {}
+        file.create_dataset(name, shape, chance.choice(KINDS), **chunked)
+        return
+    spoilt = np.nan_to_num(numbers.astype(float)) * chance.choice((0.0, 1.0, 1e6))
+    spoilt[chance.randrange(len(spoilt)) :: chance.choice((1, 7))] = chance.choice((np.nan, np.inf, -1, 0, 1e308))
+    links = [h5py.SoftLink(target) for target in ("/nowhere", "/", name, "/time", "/gel")]
+    links += [h5py.ExternalLink("other.h5", "/x"), file["/"]]
+    shapes = [numbers[:2], numbers[::-1], np.stack([numbers] * 2), numbers[:, None]]
+    kinds = [spoilt.astype(kind) for kind in (">f4", "f8", "f2", complex, "S6", bool)]
+    file[name] = chance.choice(chance.choice((links, shapes, kinds, ODD)))
 
 
 def archive(content: bytes, chance: random.Random) -> bytes:
@@ -194,15 +184,9 @@ def archive(content: bytes, chance: random.Random) -> bytes:
         members = [(name, old.read(name)) for name in old.namelist()]
     k = chance.randrange(len(members)) if chance.random() < 0.4 else len(members) - 1
     name, data = members[k]
-    match chance.randrange(8):
-        case 0:
-            del members[k]
-        case 1:
-            members[k] = (word(chance)[:40].replace("\0", "0") or "x", data)
-        case 2:
-            members.append((name, flat(data, chance)))
-        case _:
-            members[k] = (name, markup(data.decode(errors="replace"), chance).encode(errors="replace"))
+    another = (word(chance)[:40].replace("\0", "0") or "x", data)
+    changed = (name, markup(data.decode(errors="replace"), chance).encode(errors="replace"))
+    members[k : k + 1] = chance.choice(([], [another], [(name, data), (name, flat(data, chance))], *[[changed]] * 5))
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", chance.choice((zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2))) as new:
         for name, data in members:
@@ -222,19 +206,16 @@ CELLS = [
 def markup(said: str, chance: random.Random) -> str:
     """Tags, attributes and texts of XML."""
     start, end = chance.choice([match.span() for match in re.finditer(r"<[^>]*>", said)])
-    match chance.randrange(5):
-        case 0:
-            return said[:start] + said[start:end] * chance.choice((0, 2)) + said[end:]
-        case 1:
-            return said[:end] + chance.choice(CELLS) + said[end:]
-        case 2:
-            return said[:end] + word(chance).translate({0: None}) + said[end:]
-        case 3:
-            places = [match.span(1) for match in re.finditer(r'="([^"]*)"', said)] or [(start, end)]
-            start, end = chance.choice(places)
-            return said[:start] + word(chance).replace('"', "").translate({0: None}) + said[end:]
-        case _:
-            return said[: chance.randrange(len(said))]
+    odd = word(chance).replace("\0", "")
+    within = chance.choice([match.span(1) for match in re.finditer(r'="([^"]*)"', said)] or [(start, end)])
+    ways = [
+        said[:start] + said[start:end] * chance.choice((0, 2)) + said[end:],
+        said[:end] + chance.choice(CELLS) + said[end:],
+        said[:end] + odd + said[end:],
+        said[: within[0]] + odd.replace('"', "") + said[within[1] :],
+        said[: chance.randrange(len(said))],
+    ]
+    return chance.choice(ways)
 
 
 def values(content: bytes, chance: random.Random) -> bytes:
@@ -271,16 +252,13 @@ def settings(content: bytes, chance: random.Random) -> bytes:
         """-1 0 1e308 nan inf 10000000000000 true "" "x" [] {} [1,2,3] [3.0,3.0] [6.0,3.0] [nan,1.0]
     [-400.0,400.0] ["a","b"] 1979-05-27 {density="x"} {density=-1} "\\u001b[31m" "../../x" "zener" "newtonian\"""",
     )
-    match chance.randrange(8):
-        case 0:
-            del lines[k]
-        case 1:
-            lines[k] = f"{word(chance)} ={given}"
-        case 2:
-            lines.insert(k, chance.choice((lines[k], "[problem]", "[[prior]]", "x = 1", "[a.b]", word(chance))))
-        case _:
-            lines[k] = f"{key} = {chance.choice(odd)}" if given else f"[{word(chance)}]"
+    another = chance.choice((lines[k], "[problem]", "[[prior]]", "x = 1", "[a.b]", word(chance)))
+    changed = f"{key} = {chance.choice(odd)}" if given else f"[{word(chance)}]"
+    lines[k : k + 1] = chance.choice(([], [f"{word(chance)} ={given}"], [another, lines[k]], *[[changed]] * 5))
     return "\n".join(lines).encode(errors="replace")
+
+
+OPERATORS = ["Loop", "If", "Scan", "ConstantOfShape", "Expand", "Resize", "Tile", "Exp", "Log", "Range", "x"]
 
 
 def graph(content: bytes, chance: random.Random) -> bytes:
@@ -291,30 +269,29 @@ def graph(content: bytes, chance: random.Random) -> bytes:
     model = onnx.ModelProto.FromString(content)
     node = chance.choice(model.graph.node)
     weight = model.graph.initializer[0] if model.graph.initializer else TensorProto()
-    end = chance.choice((model.graph.input, model.graph.output))[0]
+    end = chance.choice((model.graph.input, model.graph.output))[0].type.tensor_type
+    odd = chance.choice((np.nan, np.inf, 1e38, 0))
+    changes = [
+        (node, "op_type", OPERATORS),
+        (model.opset_import[0], "version", (0, 1, 9, 17, 99)),
+        (weight, "data_type", range(24)),
+        (weight, "raw_data", (np.full(100, odd, np.float32).tobytes(),)),
+        (weight, "data_location", (TensorProto.EXTERNAL,)),
+        (end, "elem_type", (1, 7, 8, 11, 16)),
+    ]
     match chance.randrange(9):
         case 0:
-            node.op_type = chance.choice(
-                ["Loop", "If", "Scan", "ConstantOfShape", "Expand", "Resize", "Tile", "Exp", "Log", "Range", "x"]
-            )
-        case 1:
             node.input[0] = chance.choice((node.output[0], "w", "radius", "nothing", ""))
-        case 2:
+        case 1:
             node.output[0] = chance.choice(("theta", "radius", "b", ""))
-        case 3:
+        case 2:
             weight.dims[:] = chance.choice(([100], [1, 100], [-1], [2**40, 2**40], [], [100, 1, 1]))
-        case 4:
-            weight.data_type = chance.randrange(24)
-        case 5:
-            weight.raw_data = np.full(100, chance.choice((np.nan, np.inf, 1e38, 0)), np.float32).tobytes()
-        case 6:
-            weight.data_location = TensorProto.EXTERNAL
-            weight.external_data.add(key="location", value=chance.choice(("/etc/passwd", "other", "../x")))
-        case 7:
-            end.type.tensor_type.elem_type = chance.choice((1, 7, 8, 11, 16))
-            del end.type.tensor_type.shape.dim[chance.randrange(2) :]
-        case 8:
-            model.opset_import[0].version = chance.choice((0, 1, 9, 17, 99))
+            del end.shape.dim[chance.randrange(3) :]
+        case _:
+            owner, field, others = chance.choice(changes)
+            setattr(owner, field, chance.choice(others))
+    if weight.data_location == TensorProto.EXTERNAL:
+        weight.external_data.add(key="location", value=chance.choice(("/etc/passwd", "other", "../x")))
     return model.SerializeToString()
 
 

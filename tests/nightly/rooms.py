@@ -14,13 +14,25 @@ import sys
 import tempfile
 import traceback
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from apart import Ended, each_apart
-from valid import ROOT, TEXTS, shard
+from valid import TEXTS, shard
+
+import cavirheo
+from cavirheo import verbs
+from cavirheo.companions import collapse_times, published_values
+from cavirheo.companions.rheometer import document, read
+from cavirheo.errors import InputError, SolverError
+from cavirheo.io import write_csv
+from cavirheo.io.option_tables import read_trace
+from cavirheo.physics.driving import Trace
+from cavirheo.physics.media import WATER
+from cavirheo.training.recipe import read_recipe
 
 SECONDS = float(os.environ.get("CAVIRHEO_HOSTILE_SECONDS", 240))  # for one call, on a machine that others use too
 LINE = 1200  # characters of a refusal, but for the file's name
@@ -38,14 +50,11 @@ class Said:
 
 
 def call(words: Sequence[str]) -> Said:
-    """What a command says, also what the libraries below write to the two streams themselves."""
-    from cavirheo import verbs
-
-    status, error, before = 0, "", (sys.argv, os.dup(1), os.dup(2))
+    """What a command says in this process, also what the libraries below write to the two streams themselves."""
+    status, error, sys.argv = 0, "", ["cavirheo", *words]
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         for file, number in ((out, 1), (err, 2)):
             os.dup2(file.fileno(), number)
-        sys.argv = ["cavirheo", *words]
         streams = [os.fdopen(os.dup(n), "w", encoding="utf-8", errors="surrogateescape") for n in (1, 2)]
         try:
             with contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]):
@@ -54,15 +63,9 @@ def call(words: Sequence[str]) -> Said:
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         except BaseException:
             error = traceback.format_exc()
-        finally:
-            for stream in streams:
-                stream.close()
-            sys.argv = before[0]
-            for number, saved in ((1, before[1]), (2, before[2])):
-                os.dup2(saved, number)
-                os.close(saved)
         texts = []
-        for file in (out, err):
+        for stream, file in zip(streams, (out, err), strict=True):
+            stream.close()
             file.seek(0)
             texts.append(file.read().decode("utf-8", "surrogateescape"))
     return Said(status, *texts, error)
@@ -84,9 +87,6 @@ def trouble(said: Said, refusals: int) -> str:
     if len(lines) - len(others) > refusals or len(others) > 3:
         return "more than one line"
     return "long line" if max(map(len, lines), default=0) > LINE + 400 else ""
-
-
-# ------------------------------------------------------------------------------------------------- the rooms
 
 
 @dataclass(frozen=True)
@@ -119,58 +119,102 @@ SINGLES = {
     "train DATA": "train {recipe} {file} -o {out}",
     "show": "show {file}",
 }
-PYTHON: dict[str, Callable[[str], Any]] = {}
 
 
-def python(function: Callable[[str], Any]) -> Callable[[str], Any]:
-    PYTHON[f"Python {function.__name__}"] = function
-    return function
+class WrongCurveError(Exception):
+    """What is wrong although nothing was raised."""
 
 
-@python
-def read_curves(path: str) -> Any:
-    import cavirheo
+def read_curves(path: str) -> None:
+    for curve in cavirheo.read_curves(path)[:20]:
+        known = curve.radius[np.isfinite(curve.radius)]
+        fine = np.isfinite(curve.time).all() and (np.diff(curve.time) > 0).all() and (known > 0).all()
+        if not fine or not all(isinstance(note, str) and "\n" not in note for note in curve.notes):
+            raise WrongCurveError(f"a curve that no curve may be: {curve!r}, {curve.notes}")
+        for use in (
+            lambda c=curve: (c.max_radius, c.collapse_times(), c.noise, c.strain_rate(), c.normalised(WATER)),
+            lambda c=curve: c.resampled(1e-6, 100, allow_short=True),
+            lambda c=curve: write_csv(Path(path).with_name("written.out"), c),
+        ):
+            with contextlib.suppress(InputError):
+                use()
 
-    return [repr(curve) for curve in cavirheo.read_curves(path)]
+
+def times(path: str) -> None:
+    groups, problems, *_ = collapse_times.read_groups([Path(path)], WATER)
+    for group in groups:
+        group.model_dump_json()
+    for problem in problems:
+        raise InputError(problem)
 
 
-@python
-def load(path: str) -> Any:
-    import cavirheo
-
-    return cavirheo.load(path)
+def sweeps(path: str) -> None:
+    document.rheometry(read.read_sweeps(Path(path)), "x", command="x", date="", notes=[]).model_dump_json()
 
 
-@python
-def load_folder(path: str) -> Any:
+def pressure(path: str) -> None:
+    trace = read_trace(Path(path))
+    with contextlib.suppress(InputError):
+        Trace(*trace[:2])
+
+
+def references(path: str) -> None:
+    published_values.read_references(Path(path))
+
+
+def recipe(path: str) -> None:
+    found = read_recipe(Path(path))
+    found.settings()
+    _ = found.problem.id, found.problem.prior.sample(2, 0)
+
+
+def load(path: str) -> None:
+    cavirheo.load(path)
+
+
+def load_folder(path: str) -> None:
     """The file as the only shard of a training set."""
-    import cavirheo
+    with tempfile.TemporaryDirectory(dir=Path(path).parent) as folder:
+        Path(folder, "shard-00000.h5").symlink_to(path)
+        data = cavirheo.load(folder)
+        _ = data.sha256, data.failures, data.split(0)
 
-    folder = Path(tempfile.mkdtemp(dir=Path(path).parent))
-    (folder / "shard-00000.h5").symlink_to(path)
+
+READERS = (read_curves, times, sweeps, pressure, references, recipe, load, load_folder)
+PYTHON: dict[str, Callable[[str], None]] = {f"Python {reader.__name__}": reader for reader in READERS}
+OURS = (AttributeError, TypeError, IndexError, KeyError, NameError, AssertionError, ZeroDivisionError, MemoryError)
+OURS += (RecursionError, OverflowError, FloatingPointError, NotImplementedError)
+
+
+def program(room: str, path: str) -> tuple[str, str]:
+    """(outcome, text) of one file that a program reads, which is told the file's name as it is."""
     try:
-        return cavirheo.load(folder)
-    finally:
-        (folder / "shard-00000.h5").unlink()
-        folder.rmdir()
+        PYTHON[room](path)
+    except (InputError, SolverError) as error:
+        line, key = str(error), Path(path).parent.name
+        cause = error.__cause__ or error.__context__
+        while isinstance(cause, InputError):
+            cause = cause.__cause__ or cause.__context__
+        if getattr(error, "code", "") == "reading.damaged" and isinstance(cause, OURS) and made_here(cause):
+            return "a mistake of ours is hidden", "".join(traceback.format_exception(cause))
+        clean = not re.search(r"[\x00-\x1f\x7f-\x9f]", line.replace(path, f"/{key}/"))
+        return "refused" if clean and f"/{key}/" in line else "not one line that names it", line
+    except WrongCurveError as error:
+        return "wrong", str(error)
+    except Exception:
+        return "traceback", traceback.format_exc()
+    return "answered", ""
+
+
+def made_here(error: BaseException) -> bool:
+    """Whether our own line raised it, not a library that says so that the file is damaged."""
+    return "/cavirheo/" in traceback.extract_tb(error.__traceback__)[-1].filename
 
 
 def single(room: str, path: str, given: dict[str, str]) -> tuple[str, str]:
     """(outcome, text) of one file in a room that takes one."""
     if room in PYTHON:
-        from cavirheo.errors import InputError
-
-        try:
-            PYTHON[room](path)
-            return "answered", ""
-        except InputError as error:
-            line, key = str(error), Path(path).parent.name
-            clean = not re.search(
-                r"[\x00-\x1f\x7f-\x9f]", line.replace(path, key)
-            )  # a program is told the name as it is
-            return "refused" if clean and key in line else "not one line that names it", line
-        except Exception:
-            return "traceback", traceback.format_exc()
+        return program(room, path)
     with tempfile.TemporaryDirectory() as out:
         words = SINGLES[room].split()
         said = call([word.format(file=path, out=f"{out}/out", **given) for word in words])
@@ -219,9 +263,6 @@ def _sources(value: Any) -> set[str]:
     return set().union(*map(_sources, value)) if isinstance(value, list) else set()
 
 
-# ------------------------------------------------------------------------------------------------- all files, all rooms
-
-
 def prepared(folder: Path) -> dict[str, str]:
     """The good files that the calls need beside the hostile one."""
     here = folder / "good"
@@ -238,12 +279,7 @@ def prepared(folder: Path) -> dict[str, str]:
     return {key: str(path) for key, path in names.items()}
 
 
-def rooms() -> list[str]:
-    """The rooms that there are."""
-    verbs = {path.stem for path in (ROOT / "src/cavirheo/verbs").glob("*.py")}
-    return [room for room in (*BATCHES, *SINGLES, *PYTHON) if room != "show" or "show" in verbs]
-
-
+ROOMS = (*BATCHES, *SINGLES, *PYTHON)
 Outcomes = dict[tuple[str, str], tuple[str, str]]  # (room, key of the file): outcome, text
 
 
@@ -253,17 +289,12 @@ def through(files: dict[str, Path], given: dict[str, str], only: Sequence[str], 
     parts = [keys[k : k + size] for k in range(0, len(keys), size)]
     jobs = [(room, part) for room in only if room in BATCHES for part in parts]
     jobs += [(room, [key]) for key in keys for room in only if room not in BATCHES]
-    found: Outcomes = {}
-    for room, part, outcomes in _judged(jobs, files, given):
-        for key in part:
-            found[room, key] = outcomes[key]
+    found = dict(_judged(jobs, files, given))
     again = [(room, [key]) for (room, key), (outcome, _) in found.items() if room in BATCHES and outcome not in FINE]
-    for room, part, outcomes in _judged(again, files, given):
-        found[room, part[0]] = outcomes[part[0]]
-    return found
+    return found | dict(_judged(again, files, given))
 
 
-def _judged(jobs: list[tuple[str, list[str]]], files: dict[str, Path], given: dict[str, str]) -> Any:
+def _judged(jobs: list[tuple[str, list[str]]], files: dict[str, Path], given: dict[str, str]) -> Iterator[tuple]:
     def work(job: int) -> dict[str, tuple[str, str]]:
         room, part = jobs[job]
         if room in BATCHES:
@@ -272,7 +303,8 @@ def _judged(jobs: list[tuple[str, list[str]]], files: dict[str, Path], given: di
 
     for job, answer in each_apart(work, range(len(jobs)), SECONDS):
         room, part = jobs[job]
-        yield room, part, dict.fromkeys(part, (answer.outcome, answer.why)) if isinstance(answer, Ended) else answer
+        for key in part:
+            yield (room, key), (answer.outcome, answer.why) if isinstance(answer, Ended) else answer[key]
 
 
 def table(found: Outcomes) -> str:

@@ -11,25 +11,20 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
-from test_limits import DRY, GEL, HOT, IDEAL, dense, draws, exact_wave, largest, response, stored, tap, within
+from test_limits import COLLAPSE, DRY, GEL, IDEAL, KINETIC, TIME, dense, draws, largest, within
 
-from cavirheo.errors import InputError
 from cavirheo.physics import simulate as forward
 from cavirheo.physics.accuracy import DEFAULT, PRECISE, Accuracy
-from cavirheo.physics.bubble import ACCOMMODATION, CONTENTS, DAMAGES, FIELD, Bubble, Damage
+from cavirheo.physics.bubble import ACCOMMODATION, CONTENTS, FIELD, Bubble, Damage
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.elastic import NeoHookean
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Zener
 from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import simulate, simulate_many
+from cavirheo.physics.simulate import simulate
 from cavirheo.physics.viscous import Newtonian
 from validation.field_standard import neo_hookean, newtonian
 from validation.field_standard import solve as solve_by_field_standard
-
-TIME = np.linspace(0, 100e-6, 101)
-COLLAPSE = dict(stretch=5.0, max_radius=150e-6)
-KINETIC = Bubble("kinetic", ACCOMMODATION)
 
 
 def test_infinitely_fast_condensation_is_equilibrium(monkeypatch):
@@ -53,54 +48,18 @@ def test_infinitely_fast_condensation_is_equilibrium(monkeypatch):
     within(0.05, order_less_1=abs(np.log10(gaps[0] / gaps[1]) - 1))
 
 
-@pytest.mark.parametrize("bubble", [KINETIC, Bubble("kinetic", 0.01, confinement_inertia=0.3)], ids=str)
+@pytest.mark.parametrize("bubble", [FIELD, KINETIC, Bubble("kinetic", 0.01, confinement_inertia=0.3)], ids=str)
 def test_second_implementation(bubble):
     """Mass fractions on finite differences, D(T, p) with its gradient, and the root of the balance at the wall."""
     numbers = dimensionless(GEL, WATER, 150e-6, 5.0, bubble=bubble)
     t_star = np.linspace(0, 1.1, 40)  # through the collapse to 0.08-0.12 R_max
-    y = np.tanh(4.0 * np.linspace(0, 1, 80)) / np.tanh(4.0)
+    y = np.tanh(4.0 * np.linspace(0, 1, 100 if bubble == FIELD else 80)) / np.tanh(4.0)
     t_c = WATER.time_scale(150e-6)
     iCa, iRe = GEL.shear_modulus / WATER.pressure, GEL.viscosity / (WATER.pressure * t_c)
-    further = dict(rate=numbers.rate, inertia=numbers.inertia, method="Radau")
+    further = {} if bubble == FIELD else dict(rate=numbers.rate, inertia=numbers.inertia, method="Radau")
     theirs = solve_by_field_standard(numbers, y, t_star, 1e-6, neo_hookean(iCa), newtonian(iRe), **further)
     ours = simulate(GEL, time=t_star * t_c, bubble=bubble, **COLLAPSE).radius / 150e-6
     within(3e-4, gap=largest(ours - theirs))
-
-
-@pytest.mark.parametrize("medium", [WATER, HOT], ids=lambda medium: medium.name)
-@pytest.mark.parametrize("accommodation", [3e-3, 0.07, 1.0])
-def test_small_oscillations(medium, accommodation):
-    """The response to a tap in closed form: the wall's layer of vapour has the conductance of the rate in series."""
-    radius, width, bubble = 20e-6, 2.0, Bubble("kinetic", accommodation)
-    n = dimensionless(Newtonian(4e-3), medium, radius, 1.0, bubble=bubble)
-    p, t_c = 1 + 1 / n.We, medium.time_scale(radius)
-    x, resistance, drag = n.pv / p, n.Fo / (n.rate * p), 4e-3 / (medium.pressure * t_c)
-
-    def layer(square):
-        q = np.sqrt(square + 0j)
-        return (q / np.tanh(q) - 1) / square
-
-    def H(s):
-        heat, vapour = (n.kappa - 1) * n.chi / (n.kappa * p), n.Fo / p
-        wet = layer(s / vapour)
-        wet = wet / (1 + resistance / (1 - x) * s / vapour * wet)
-        K = 3 * n.kappa * p / (1 + 3 * (n.kappa - 1) * layer(s / heat) + 3 * n.kappa * x / (1 - x) * wet) - 1 / n.We
-        return -(1 + s / n.C) / (s * s + (1 + s / n.C) * (K + 4 * drag * s))
-
-    driving = tap(medium, radius, width)
-    t, exact = exact_wave(H, lambda t: driving.pressure(t * t_c) / medium.pressure, 40.0)
-    t, exact = t[:8192:16], exact[:8192:16]
-    found = response(Newtonian(4e-3), medium, radius, t, driving, bubble=bubble, accuracy=Accuracy(256, 1e-9))
-    within(4e-5, error=largest(found - exact) / largest(exact))
-
-
-@pytest.mark.parametrize("accommodation", [1e-3, 0.07, 10.0])
-def test_gas_is_conserved_to_round_off(accommodation):
-    materials, where = draws(20, 1)
-    way = dict(time=np.linspace(0, 150e-6, 151), bubble=Bubble("kinetic", accommodation), **where)
-    runs = simulate_many(materials, **way)
-    assert all(run.ok for run in runs), [run.status for run in runs if not run.ok]
-    within(1e-11, drift=max(abs(run.stats["gas_drift"]) for run in runs))
 
 
 def test_vapour_and_energy_balance():
@@ -125,43 +84,6 @@ def test_vapour_and_energy_balance():
     assert moles.min() < 0.2 * moles[0]
     within(2e-4, vapour=largest(moles + escaped - moles[0]) / moles[0])
     within(2e-4, energy=largest(kept + spent - kept[0]) / kept.max())
-
-
-@pytest.mark.parametrize("gel", [GEL, Zener(1e4, 0.1, 3e-6)], ids=["gel", "zener"])
-def test_order_of_convergence_in_time(gel):
-    way = dict(time=TIME, bubble=KINETIC, **COLLAPSE)
-    fine = simulate(gel, accuracy=Accuracy(relative_error=1e-9), **way)
-    runs = [simulate(gel, accuracy=Accuracy(relative_error=r), **way) for r in (1e-4, 1e-5, 1e-6, 1e-7)]
-    errors = [largest(r.radius - fine.radius) / 150e-6 for r in runs]
-    steps = [r.stats["steps"] for r in runs]
-    order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
-    print(f"order {order:.2f}, errors", *(f"{e:.1e}" for e in errors), "steps", *steps)
-    assert order > 4.2, (order, errors, steps)
-
-
-@pytest.mark.parametrize("accommodation", [1e-3, 0.07, 10.0])
-def test_equilibrium_stays_put(accommodation):
-    bubble = Bubble("kinetic", accommodation, confinement_inertia=0.2)
-    run = simulate(GEL, max_radius=10e-6, stretch=1.0, time=TIME, fields=True, bubble=bubble)
-    vapour = run.contents.vapour
-    within(2e-10, motion=largest(run.radius / 10e-6 - 1), vapour=largest(vapour / vapour[0, 0] - 1))
-
-
-# --- walls, and vapour above saturation
-
-
-@pytest.mark.parametrize("inertia", [0.3, -0.2])
-def test_energy_with_walls(inertia):
-    """The liquid's kinetic energy is 2 pi rho R^3 U^2 (1 + beta R/R_max); balance to 1e-7 through three collapses."""
-    gel = NeoHookeanKelvinVoigt(2e4, 0.05)
-    bubble, exact = Bubble(confinement_inertia=inertia, exponent=1.4), Accuracy(relative_error=1e-10)
-    run = dense(gel, WATER, 200e-6, 4.0, 100e-6, 20_001, bubble=bubble, accuracy=exact)
-    r, u = run.radius / 200e-6, run.velocity / WATER.velocity_scale
-    loss = cumulative_simpson(4 * 0.05 * run.radius * run.velocity**2, x=run.time, initial=0)
-    energy = r**3 * u**2 / 2 * (1 + inertia * r) + stored(run.radius, gel, WATER, 4.0, 1.4)
-    balance = energy + loss / (WATER.pressure * 200e-6**3)
-    assert np.sum((u[1:] > 0) & (u[:-1] <= 0)) >= 3
-    within(1e-7, drift=largest(balance / energy[0] - 1))
 
 
 def test_walls_delay_the_collapse():
@@ -203,16 +125,6 @@ def test_sound_along_a_tube_takes_its_work():
     damped = Bubble(confinement_damping=0.5)
     coarse, fine = (simulate(GEL, time=TIME, bubble=damped, accuracy=a, **COLLAPSE) for a in (DEFAULT, PRECISE))
     within(1e-3, error=largest(coarse.radius - fine.radius) / 150e-6)
-
-
-# --- damage
-
-
-@pytest.mark.parametrize("by", DAMAGES[1:])
-def test_damage_that_changes_nothing(by):
-    way = dict(time=TIME, accuracy=Accuracy(relative_error=1e-8), **COLLAPSE)
-    plain, same = (simulate(GEL, bubble=Bubble(damage=d), **way) for d in ("none", Damage(1.0, 1.0, by)))
-    within(1e-7, gap=largest(plain.radius - same.radius) / 150e-6)
 
 
 @pytest.mark.parametrize("contents", CONTENTS)
@@ -276,43 +188,6 @@ def test_damage_by_strain_changes_the_energy_once():
 
 
 def test_memory_does_not_feel_damage_before_the_bubble_is_largest():
-    gel = Zener(3e4, 0.05, 3e-6)
     torn = Bubble(damage=Damage(0.3, 2.0, "strain"))
-    plain, hurt = (simulate(gel, bubble=bubble, time=[0.0], **COLLAPSE) for bubble in (FIELD, torn))
+    plain, hurt = (simulate(Zener(3e4, 0.05, 3e-6), bubble=b, time=[0.0], **COLLAPSE) for b in (FIELD, torn))
     assert plain.stress[0] == hurt.stress[0]
-
-
-# --- what cannot be
-
-
-@pytest.mark.parametrize(
-    ("values", "code"),
-    [
-        (dict(contents="frozen"), "physics.contents"),
-        (dict(contents="kinetic", accommodation=0.0), "physics.accommodation"),
-        (dict(contents="kinetic", accommodation=11.0), "physics.accommodation"),
-        (dict(contents="kinetic", accommodation=np.nan), "physics.accommodation"),
-        (dict(contents="kinetic", accommodation=0.07, exponent=1.4), "physics.contents_twice"),
-        (dict(confinement_inertia=-1.0), "physics.confinement_inertia"),
-        (dict(wall_distance=100e-6), "physics.wall_too_near"),
-        (dict(wall_distance=1e-3, confinement_inertia=0.1), "physics.two_walls"),
-        (dict(vapour_excess=-1.0), "physics.vapour_excess"),
-        (dict(confinement_damping=-0.1), "physics.confinement_damping"),
-        (dict(contents="kinetic"), "physics.free_bubble"),
-        (dict(confinement_damping="free"), "physics.free_bubble"),
-        (dict(damage="strain"), "physics.free_bubble"),
-    ],
-    ids=str,
-)
-def test_bad_input(values, code):
-    with pytest.raises(InputError) as raised:
-        simulate(GEL, time=TIME, bubble=Bubble(**values), **COLLAPSE)
-    assert raised.value.code == code
-
-
-@pytest.mark.parametrize(
-    "numbers", [(-0.1,), (1.1,), (0.5, 0.9), (0.5, np.nan), (0.5, 2.0, "age"), (0.0, 2.0, "strain")]
-)
-def test_impossible_damage(numbers):
-    with pytest.raises(InputError):
-        Damage(*numbers)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from test_limits import textbook
 
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.bubble import Bubble
@@ -22,7 +22,7 @@ from cavirheo.physics.elastic import NeoHookean, Quadratic
 from cavirheo.physics.law import Elastic
 from cavirheo.physics.materials import OldroydB, TotalRelaxation, Viscoelastic
 from cavirheo.physics.media import Medium
-from cavirheo.physics.scales import TAIT
+from cavirheo.physics.scales import TAIT, dimensionless
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import scaled
 from cavirheo.physics.viscous import Newtonian
@@ -101,11 +101,7 @@ def differences(found: np.ndarray, reference: np.ndarray) -> tuple[float, float]
     return float(np.median(away)), float(away.max())
 
 
-def test_every_case_is_compared():
-    assert CASES.keys() - {"time_s"} == ALIKE.keys() | {"radial4"}
-
-
-@pytest.mark.parametrize("case", ALIKE)
+@pytest.mark.parametrize("case", sorted(CASES.keys() - {"time_s", "radial4"}))
 def test_laws_and_driving(case):
     """Measured: 3e-8 to 1.7e-6 in the median, 9e-6 to 4e-5 at most."""
     material, way = ALIKE[case]
@@ -134,34 +130,17 @@ def test_a_grid_of_moduli_and_viscosities():
         assert largest < 1e-3, name
 
 
-def gilmore(liquid: Medium, whole: bool) -> np.ndarray:
-    """R/R_max by scipy of the gel in Tait's liquid; `whole`: with the factor 1 - U/C of dH/dt (Gilmore 1952)."""
-    p, n = liquid.pressure, TAIT
-    B = liquid.density * liquid.sound_speed**2 / (n * p) - 1
-    tension, dashpot = 2 * liquid.surface_tension / (p * R_MAX), 4 * MU / (p * T_C)
-    gas = (1 + STRETCH * tension) / STRETCH ** (3 * INDEX)
-
-    def rate(t, y):
-        R, U = y
-        q = 1 / (STRETCH * R)
-        inside = gas * R ** (-3 * INDEX)
-        b = inside - tension / R - G / p * (5 - 4 * q - q**4) / 2 - dashpot * U / R
-        b_dot = -3 * INDEX * inside * U / R + tension * U / R**2 - 2 * G / p * (q + q**4) * U / R
-        b_dot += dashpot * (U / R) ** 2
-        x = (b + B) / (1 + B)
-        h, h_b, c = n / (n - 1) * (1 + B) * (x ** ((n - 1) / n) - 1), x ** (-1 / n), np.sqrt(n * (b + B) / x ** (1 / n))
-        w = 1 - U / c if whole else 1.0
-        force = (1 + U / c) * h + w * R / c * h_b * b_dot - 1.5 * (1 - U / (3 * c)) * U * U
-        return [U, force / ((1 - U / c) * R + w * h_b * dashpot / c)]
-
-    t = CASES["time_s"] / T_C
-    return solve_ivp(rate, (0, t[-1]), [1.0, 0.0], t_eval=t, method="LSODA", rtol=1e-11, atol=1e-13).y[0]
-
-
 def test_gilmore_differs_by_the_factor_that_is_left_out_there():
     """Measured: 1.3e-2 at most between the two; each of them is met to 1e-5 or better by an independent solution."""
     liquid = replace(DRY, sound_speed=float(np.sqrt(TAIT * (DRY.pressure + 304.913e6) / DRY.density)))
     ours = radius(NHKV, CASES["time_s"], medium=liquid, motion="gilmore")
-    assert differences(gilmore(liquid, whole=False), CASES["radial4"])[1] < 2e-5
-    assert differences(gilmore(liquid, whole=True), ours)[1] < 1e-7
+    bubble = Bubble(motion="gilmore", exponent=INDEX)
+    numbers = dimensionless(NHKV, liquid, R_MAX, stretch_of(liquid), bubble=bubble)
+    p, t = liquid.pressure, CASES["time_s"] / T_C
+    theirs, printed = (
+        textbook(t, numbers, G / p, MU / (p * T_C), "gilmore", lambda t: (0.0, 0.0), stretch=STRETCH, whole=whole)
+        for whole in (False, True)
+    )
+    assert differences(theirs, CASES["radial4"])[1] < 2e-5
+    assert differences(printed, ours)[1] < 1e-7
     assert 1e-2 < differences(ours, CASES["radial4"])[1] < 1.5e-2

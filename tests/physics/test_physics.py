@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from cavirheo.errors import InputError, SolverError
+from cavirheo.errors import SolverError
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver
 from cavirheo.physics.accuracy import DEFAULT, NO_SHELLS, PRECISE, Accuracy, wall_clustered
@@ -22,29 +20,14 @@ from cavirheo.physics.materials import (
     UpperConvectedMaxwell,
     Viscoelastic,
 )
-from cavirheo.physics.media import WATER, Medium, medium
+from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import CarreauYasuda, HerschelBulkley, Newtonian
-from validation.field_standard import neo_hookean, newtonian
-from validation.field_standard import solve as solve_by_field_standard
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
 TIME = np.linspace(0, 100e-6, 101)
-
-
-def test_second_implementation():
-    """Mole fractions on finite volumes give what mass fractions on finite differences give."""
-    numbers = dimensionless(GEL, WATER, 150e-6, 5.0)
-    t_star = np.linspace(0, 1.1, 40)  # through the collapse to 0.11 R_max
-    s = np.linspace(0, 1, 100)
-    y = np.tanh(4.0 * s) / np.tanh(4.0)
-    t_c = WATER.time_scale(150e-6)
-    iCa, iRe = GEL.shear_modulus / WATER.pressure, GEL.viscosity / (WATER.pressure * t_c)
-    theirs = solve_by_field_standard(numbers, y, t_star, 1e-6, neo_hookean(iCa), newtonian(iRe))
-    ours = simulate(GEL, max_radius=150e-6, stretch=5.0, time=t_star * t_c).radius / 150e-6
-    assert np.max(np.abs(ours - theirs)) < 3e-4
 
 
 ARMS = Viscoelastic(NeoHookean(4e4), Newtonian(0.1), [UpperConvectedMaxwell(0.3, 2e-6), Maxwell(0.1, 4e-5)])
@@ -153,48 +136,8 @@ def test_what_a_simulation_carries():
 def test_precise_is_more_accurate():
     settings = dict(max_radius=200e-6, stretch=8.0, time=TIME)
     truth, *radii = (simulate(GEL, accuracy=a, **settings).radius for a in (Accuracy(1024, 1e-8), DEFAULT, PRECISE))
-    default, precise = (np.abs(radius - truth).max() for radius in radii)
-    assert precise < 0.35 * default
-    assert precise / 200e-6 < 1e-4
-
-
-@pytest.mark.parametrize(
-    ("change", "code"),
-    [
-        (dict(max_radius=-1e-4), "max_radius"),
-        (dict(stretch=0.5), "stretch"),
-        (dict(time=[0, 2e-6, 1e-6]), "times_descend"),
-        (dict(time=[]), "times"),
-        (dict(time=[0, np.nan]), "times"),
-        (dict(bubble=Bubble(exponent=1.4), fields=True), "no_fields"),
-        (dict(bubble=Bubble(motion="gilmore"), medium=Medium(sound_speed=np.inf)), "sound_speed"),
-    ],
-)
-def test_bad_parameters(change, code):
-    with pytest.raises(InputError) as error:
-        simulate(GEL, **{"max_radius": 1e-4, "stretch": 5.0, "time": TIME, **change})
-    assert error.value.code == f"physics.{code}"
-
-
-@pytest.mark.parametrize(
-    ("make", "code"),
-    [
-        (lambda: Accuracy(relative_error=0.5), "relative_error"),
-        (lambda: Accuracy(4), "cells"),
-        (lambda: Bubble(exponent=0.0), "exponent"),
-        (lambda: Bubble(motion="rayleigh"), "motion"),
-        (lambda: Newtonian(-0.1), "viscosity"),
-        (lambda: replace(WATER, temperature=400.0), "boiling"),
-        (lambda: replace(WATER, density=0.0), "density"),
-        (lambda: replace(WATER, surface_tension=-0.1), "surface_tension"),
-        (lambda: medium("honey"), "unknown_medium"),
-        (lambda: simulate_many([GEL, GEL], max_radius=[1e-4] * 3, stretch=5.0, time=TIME), "shapes"),
-    ],
-)
-def test_bad_materials_and_media(make, code):
-    with pytest.raises(InputError) as error:
-        make()
-    assert error.value.code == f"physics.{code}"
+    default, precise = (np.abs(radius - truth).max() / 200e-6 for radius in radii)
+    assert precise < min(1e-4, 0.35 * default)
 
 
 def test_tableau_is_of_order_five():

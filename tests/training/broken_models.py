@@ -1,4 +1,5 @@
-"""Models of strangers, each wrong in one way, with a card whose sha256 fits: `BROKEN[name](folder)` is their path.
+"""Models of strangers, each wrong in one way, with a card whose sha256 fits: `BROKEN[name]` is the code by which it is
+refused, and what writes it into a folder.
 
 Where it is the file that is wrong, it is made of `graph`; where it is the card, of `card`.
 """
@@ -22,7 +23,7 @@ from cavirheo.problem import FrameGrid, TrainingProblem
 FRAMES = 20
 PRIOR = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
 OUTPUTS = list(PRIOR)[:2]
-BROKEN: dict[str, Callable[[Path], Path]] = {}
+BROKEN: dict[str, tuple[str, Callable[[Path], Path]]] = {}
 FLOAT, INT, TEXT = TensorProto.FLOAT, TensorProto.INT64, TensorProto.STRING
 
 
@@ -34,27 +35,15 @@ def node(kind: str, inputs: str, outputs: str, **attributes: Any) -> onnx.NodePr
     return helper.make_node(kind, inputs.split(), outputs.split(), **attributes)
 
 
-def graph(
-    nodes: Any = (),
-    tensors: Any = (),
-    *,
-    inputs: Any = None,
-    outputs: Any = None,
-    before: Any = (),
-    last: str = "linear",
-    opset: int = 18,
-    **settings: Any,
-) -> onnx.ModelProto:
+def graph(nodes: Any = (), tensors: Any = (), *, last="linear", opset=18, **given: Any) -> onnx.ModelProto:
     """theta = radius @ weight + bias, which is `linear`; then `nodes`, the result of which is named by `last`."""
-    weight = numbers("weight", 0.1 * np.ones((FRAMES, 2)))
+    weight, bias = numbers("weight", 0.1 * np.ones((FRAMES, 2))), numbers("bias", [3.5, -2.5])
     linear = [node("MatMul", "radius weight", "product"), node("Add", "product bias", "linear")]
-    end = [] if last == "theta" else [node("Identity", last, "theta")]
-    inputs = inputs or [helper.make_tensor_value_info("radius", FLOAT, ["batch", FRAMES])]
-    outputs = outputs or [helper.make_tensor_value_info("theta", FLOAT, ["batch", 2])]
-    bias = numbers("bias", [3.5, -2.5])
-    made = helper.make_graph([*before, *linear, *nodes, *end], "g", inputs, outputs, [weight, bias, *tensors])
-    settings = {"opset_imports": [helper.make_opsetid("", opset)], "ir_version": 10} | settings
-    return helper.make_model(made, **settings)
+    inputs = given.pop("inputs", [helper.make_tensor_value_info("radius", FLOAT, ["batch", FRAMES])])
+    outputs = given.pop("outputs", [helper.make_tensor_value_info("theta", FLOAT, ["batch", 2])])
+    ordered = [*linear, *nodes, node("Identity", last, "theta")]
+    made = helper.make_graph(ordered, "g", inputs, outputs, [weight, bias, *tensors])
+    return helper.make_model(made, **{"opset_imports": [helper.make_opsetid("", opset)], "ir_version": 10, **given})
 
 
 def card(content: bytes, **changed: Any) -> dict[str, Any]:
@@ -93,22 +82,28 @@ def sound(folder: Path) -> Path:
     return put(folder, graph())
 
 
-def models(**made: Callable[[], onnx.ModelProto | bytes]) -> None:
+def models(code: str, **made: Callable[[], onnx.ModelProto | bytes]) -> None:
     for name, make in made.items():
-        BROKEN[name] = lambda folder, make=make: put(folder, make())
+        BROKEN[name] = code, lambda folder, make=make: put(folder, make())
 
 
-def cards(**made: Callable[[dict[str, Any]], Any]) -> None:
+def cards(code: str, **made: Callable[[dict[str, Any]], Any]) -> None:
     """A right file, and what becomes of its card."""
+    content = graph().SerializeToString()
+    for name, change in made.items():
+        BROKEN[name] = code, lambda folder, change=change: put(folder, content, change(card(content)))
+
+
+def files(code: str, **made: Callable[[Path], object]) -> None:
+    """A right file with its card, and what becomes of the path."""
     for name, change in made.items():
 
-        def write(folder: Path, change: Callable[[dict[str, Any]], Any] = change) -> Path:
-            content = graph().SerializeToString()
-            about = card(content)
-            changed = change(about)
-            return put(folder, content, about if changed is None else changed)
+        def write(folder: Path, change: Callable[[Path], object] = change) -> Path:
+            path = sound(folder)
+            change(path)
+            return path
 
-        BROKEN[name] = write
+        BROKEN[name] = code, write
 
 
 def changed(**new: Any) -> Callable[[dict[str, Any]], Any]:
@@ -131,44 +126,13 @@ def varint(value: int) -> bytes:
     return out + bytes([value])
 
 
-# the file is no model
-
-
-def truncated() -> bytes:
-    return graph().SerializeToString()[:-40]
-
-
-def with_a_length_beyond_the_end() -> bytes:
-    return graph().SerializeToString() + varint(7 << 3 | 2) + varint(1 << 62)
-
-
-models(
-    empty=lambda: b"",
-    truncated=truncated,
-    with_a_length_beyond_the_end=with_a_length_beyond_the_end,
-)
-
-# its operators
-
-
-def with_a_loop() -> onnx.ModelProto:
-    """A counter to 2^62."""
-    kinds = [helper.make_tensor_value_info(name, kind, shape) for name, kind, shape in
-             (("i", INT, []), ("go", TensorProto.BOOL, []), ("x", FLOAT, ["batch", 2]))]  # fmt: skip
-    ends = [helper.make_tensor_value_info("go2", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("x2", FLOAT, ["batch", 2])]  # fmt: skip
-    body = helper.make_graph([node("Identity", "go", "go2"), node("Identity", "x", "x2")], "body", kinds, ends)
-    tensors = [numbers("most", 1 << 62, np.int64), numbers("yes", True, bool)]
-    return graph([node("Loop", "most yes linear", "out", body=body)], tensors, last="out")
-
-
-def nested(depth: int) -> onnx.ModelProto:
-    """An If within an If within ..."""
+def nested(depth: int) -> bytes:
+    """A model of an If within an If within ..."""
     inner = b""
     for _ in range(depth):
         attribute = field(1, 2, b"then_branch") + field(20, 0, varint(5)) + field(6, 2, inner)
         inner = field(1, 2, field(4, 2, b"If") + field(5, 2, attribute))
-    return onnx.load_from_string(graph().SerializeToString()) if not depth else inner  # type: ignore[return-value]
+    return field(7, 2, inner)
 
 
 def with_a_function() -> onnx.ModelProto:
@@ -177,52 +141,54 @@ def with_a_function() -> onnx.ModelProto:
     return graph([node("Twice", "linear", "out", domain="own")], last="out", opset_imports=opsets, functions=[own])
 
 
-def with_external_data() -> onnx.ModelProto:
-    model = graph()
-    tensor = model.graph.initializer[0]
+def elsewhere(tensor: onnx.TensorProto, location: str) -> onnx.TensorProto:
+    """Its numbers lie in another file."""
     tensor.ClearField("raw_data")
     tensor.data_location = TensorProto.EXTERNAL
-    tensor.external_data.add(key="location", value="../../../../etc/passwd")
+    tensor.external_data.add(key="location", value=location)
+    return tensor
+
+
+def with_external_data() -> onnx.ModelProto:
+    model = graph()
+    elsewhere(model.graph.initializer[0], "../../../../etc/passwd")
     return model
 
 
 def with_external_data_in_a_constant() -> onnx.ModelProto:
-    tensor = numbers("value", np.zeros(2))
-    tensor.ClearField("raw_data")
-    tensor.data_location = TensorProto.EXTERNAL
-    tensor.external_data.add(key="location", value="/dev/zero")
-    made = node("Constant", "", "zero", value=tensor)
+    made = node("Constant", "", "zero", value=elsewhere(numbers("value", np.zeros(2)), "/dev/zero"))
     made.ClearField("input")
     return graph([made, node("Add", "linear zero", "out")], last="out")
 
 
-def of_operator(kind: str, inputs: str = "linear", tensors: Any = (), **settings: Any) -> Callable[[], Any]:
-    return lambda: graph([node(kind, inputs, "out", **settings)], tensors, last="out")
+def of_operator(kind: str, **settings: Any) -> Callable[[], Any]:
+    return lambda: graph([node(kind, "linear", "out", **settings)], last="out")
 
 
+models("graph.damaged", empty=lambda: b"")
+models("graph.damaged", with_a_length_beyond_the_end=lambda: graph().SerializeToString() + varint(58) + varint(1 << 62))
 models(
-    with_a_loop=with_a_loop,
-    nested_deeply=lambda: field(7, 2, nested(3000)),  # type: ignore[arg-type]
-    with_a_function=with_a_function,
-    with_external_data=with_external_data,
-    with_external_data_in_a_constant=with_external_data_in_a_constant,
+    "graph.operator",
+    nested_deeply=lambda: nested(3000),
     with_an_operator_of_its_own=of_operator("Pwn", domain="com.evil"),
     with_an_operator_of_microsoft=of_operator("Gelu", domain="com.microsoft"),
     with_random_numbers=of_operator("RandomNormalLike"),
-    with_a_ring=lambda: graph([node("Add", "linear b", "a"), node("Identity", "a", "b")], last="b"),
-    of_opset_999=lambda: graph(opset=999),
-)  # fmt: skip
+)
+models("graph.functions", with_a_function=with_a_function)
+models(
+    "graph.elsewhere",
+    with_external_data=with_external_data,
+    with_external_data_in_a_constant=with_external_data_in_a_constant,
+)
 
-# its sizes
 
-
-def expanded(kind: str, *inputs: str) -> Callable[[], onnx.ModelProto]:
-    """Grows to a terabyte, or to one for each step, and comes back as the sum."""
-    huge = numbers("huge", [40_000_000, 10_000], np.int64)
-    grown = node(kind, " ".join(inputs), "grown")
-    total = node("ReduceSum", "grown", "total", keepdims=1)
-    both = [numbers("ones", [1, 1], np.int64), numbers("start", 0.0), numbers("end", 1e12), numbers("step", 1.0)]
-    return lambda: graph([grown, total, node("Add", "linear total", "out")], [huge, *both], last="out")
+def expanded_to_a_terabyte() -> onnx.ModelProto:
+    nodes = [
+        node("Expand", "bias huge", "grown"),
+        node("ReduceMax", "grown", "top", keepdims=0),
+        node("Add", "linear top", "out"),
+    ]
+    return graph(nodes, [numbers("huge", [1 << 37, 2], np.int64)], last="out")
 
 
 def shaped_by_values() -> onnx.ModelProto:
@@ -236,81 +202,75 @@ def shaped_by_values() -> onnx.ModelProto:
     return graph(nodes, [numbers("scale", 10.0), numbers("zero", [0], np.int64)], last="out")
 
 
-def with_a_huge_tensor(kind: int = FLOAT, dims: Any = (1 << 40,), raw: bytes = b"") -> onnx.ModelProto:
-    tensor = onnx.TensorProto(name="huge", data_type=kind, dims=dims, raw_data=raw)
-    return graph([node("Add", "linear huge", "out")], [tensor], last="out")
+def with_a_tensor(dims: tuple[int, ...], raw: bytes) -> Callable[[], onnx.ModelProto]:
+    tensor = onnx.TensorProto(name="odd", data_type=FLOAT, dims=dims, raw_data=raw)
+    return lambda: graph([node("Add", "linear odd", "out")], [tensor], last="out")
 
 
 def slow() -> onnx.ModelProto:
-    """Ten thousand products of 1000 x 1000."""
-    tensors = [numbers("shape", [1000, 1000], np.int64), numbers("one", [[1.0]])]
-    nodes = [node("Expand", "one shape", "a"), node("Mul", "a scalar", "a0")]
-    nodes += [node("MatMul", f"a{k} a", f"a{k + 1}") for k in range(10_000)]
-    tensors.append(numbers("scalar", 0.0))
+    """Ten thousand products of 1000 x 1000, nothing of which is known before it runs."""
+    nodes = [node("ReduceSum", "radius", "begin", keepdims=0), node("Expand", "one shape", "a")]
+    nodes += [node("Mul", "a begin", "a0")] + [node("MatMul", f"a{k} a", f"a{k + 1}") for k in range(10_000)]
     nodes += [node("ReduceSum", "a10000", "total", keepdims=0), node("Add", "linear total", "out")]
-    first = node("ReduceSum", "radius", "begin", keepdims=0)  # nothing of it is known before it runs
-    nodes[1] = node("Mul", "a begin", "a0")
-    return graph([first, *nodes], tensors, last="out")
-
-
-models(
-    ranged=expanded("Range", "start", "end", "step"),
-    expanded_to_a_terabyte=lambda: graph(
-        [node("Expand", "bias huge", "grown"), node("ReduceMax", "grown", "top", keepdims=0),
-         node("Add", "linear top", "out")],
-        [numbers("huge", [1 << 37, 2], np.int64)], last="out",
-    ),
-    shaped_by_values=shaped_by_values,
-    with_sizes_that_overflow=lambda: with_a_huge_tensor(dims=(1 << 32, 1 << 32), raw=b""),
-    with_a_tensor_cut_short=lambda: with_a_huge_tensor(dims=(2,), raw=bytes(4)),
-    slow=slow,
-)  # fmt: skip
-
-# its inputs and outputs
+    return graph(nodes, [numbers("shape", [1000, 1000], np.int64), numbers("one", [[1.0]])], last="out")
 
 
 def shown(name: str, kind: int, shape: Any) -> onnx.ValueInfoProto:
     return helper.make_tensor_value_info(name, kind, shape)
 
 
-def of_weights(value: float) -> Callable[[], onnx.ModelProto]:
-    return lambda: graph([node("Mul", "linear bad", "out")], [numbers("bad", [value, 1.0])], last="out")
+def with_two_inputs() -> onnx.ModelProto:
+    both = [shown("radius", FLOAT, ["batch", FRAMES]), shown("more", FLOAT, ["batch", 2])]
+    return graph([node("Add", "linear more", "out")], last="out", inputs=both)
 
 
-def of_wrong_outputs(count: int) -> onnx.ModelProto:
-    ends = [shown("theta", FLOAT, ["batch", count])]
-    return graph([node("Concat", " ".join(["linear"] * 2), "out", axis=1)], last="out", outputs=ends)
+def of_four_outputs_that_claims_two() -> onnx.ModelProto:
+    return graph([node("Concat", "linear linear", "out", axis=1)], last="out")
 
 
+def of_text_answers() -> onnx.ModelProto:
+    ends = [shown("theta", TEXT, ["batch", 2])]
+    return graph([node("Cast", "linear", "out", to=TEXT)], last="out", outputs=ends)
+
+
+def of_nan_for_some_curves() -> onnx.ModelProto:
+    nodes = [
+        node("ReduceMin", "radius", "least", keepdims=0), node("Sub", "least most", "gap"),
+        node("Log", "gap", "bad"), node("Add", "linear bad", "out"),
+    ]  # fmt: skip
+    return graph(nodes, [numbers("most", 0.95)], last="out")
+
+
+models("graph.shape", shaped_by_values=shaped_by_values)
+models("model.memory", expanded_to_a_terabyte=expanded_to_a_terabyte)
+models("model.time", slow=slow)
 models(
-    with_two_inputs=lambda: graph(
-        [node("Add", "linear more", "out")], last="out",
-        inputs=[shown("radius", FLOAT, ["batch", FRAMES]), shown("more", FLOAT, ["batch", 2])],
-    ),
-    of_other_frames=lambda: graph(
-        before=[], inputs=[shown("radius", FLOAT, ["batch", FRAMES + 1])]),
-    of_four_outputs_that_claims_two=lambda: of_wrong_outputs(2),
-    of_text_answers=lambda: graph(
-        [node("Cast", "linear", "out", to=TEXT)], last="out", outputs=[shown("theta", TEXT, ["batch", 2])]),
-    of_nan_weights=of_weights(np.nan),
-    of_nan_for_some_curves=lambda: graph(
-        [node("ReduceMin", "radius", "least", keepdims=0), node("Sub", "least most", "gap"),
-         node("Log", "gap", "bad"), node("Add", "linear bad", "out")],
-        [numbers("most", 0.95)], last="out"),
-)  # fmt: skip
-
-# its card
+    "graph.order",
+    with_two_inputs=with_two_inputs,
+    with_a_ring=lambda: graph([node("Add", "linear b", "a"), node("Identity", "a", "b")], last="b"),
+)
+models(
+    "model.fails",
+    of_opset_999=lambda: graph(opset=999),
+    with_sizes_that_overflow=with_a_tensor((1 << 32, 1 << 32), b""),
+    with_a_tensor_cut_short=with_a_tensor((2,), bytes(4)),
+    of_other_frames=lambda: graph(inputs=[shown("radius", FLOAT, ["batch", FRAMES + 1])]),
+    of_four_outputs_that_claims_two=of_four_outputs_that_claims_two,
+    of_text_answers=of_text_answers,
+    of_nan_for_some_curves=of_nan_for_some_curves,
+)
 
 
 def of_output(**new: Any) -> Callable[[dict[str, Any]], Any]:
     return lambda about: about | {"outputs": [about["outputs"][0] | new, about["outputs"][1]]}
 
 
+cards("files.json", card_nested_deeply=lambda _: b"[" * 200_000)
+cards("files.size", card_of_20_mb=lambda about: json.dumps(about) + " " * 20_000_000)
+cards("model.changed", card_of_another_file=changed(onnx={"sha256": 64 * "0", "opset": 18}))
+cards("model.fails", card_of_one_output=lambda about: about | {"outputs": about["outputs"][1:]})
 cards(
-    card_nested_deeply=lambda _: b"[" * 200_000,
-    card_of_20_mb=lambda about: json.dumps(about) + " " * 20_000_000,
-    card_of_another_file=changed(onnx={"sha256": 64 * "0", "opset": 18}),
-    card_of_one_output=changed(outputs=[{"name": "log10_viscosity", "unit": "Pa s", "scale": "log10"}]),
+    "model.card",
     card_of_an_output_twice=of_output(name="log10_viscosity", unit="Pa s"),
     card_of_a_later_schema=changed(schema=2),
     card_of_the_problem_a_list=changed(problem=[]),
@@ -321,26 +281,18 @@ cards(
     card_of_a_name_that_rings=changed(name="\x1b[31mred\x07"),
 )
 
-# its files
-
-
-def with_file(name: str, change: Callable[[Path], object]) -> None:
-    def write(folder: Path) -> Path:
-        path = sound(folder)
-        change(path)
-        return path
-
-    BROKEN[name] = write
-
 
 def instead(make: Callable[[Path], object]) -> Callable[[Path], object]:
     """Something else in the place of the file."""
     return lambda path: (path.unlink(), make(path))
 
 
-with_file("without_a_card", lambda path: path.with_suffix(".json").unlink())
-with_file("a_folder", instead(Path.mkdir))
-with_file("a_pipe", instead(os.mkfifo))
-with_file("a_link_to_zeros", instead(lambda path: path.symlink_to("/dev/zero")))
-with_file("of_6_gb", lambda path: os.truncate(path, 6 << 30))
-BROKEN["with_a_name_of_300_letters"] = lambda folder: folder / ("x" * 300 + ".onnx")
+files(
+    "model.missing",
+    without_a_card=lambda path: path.with_suffix(".json").unlink(),
+    a_folder=instead(Path.mkdir),
+    a_pipe=instead(os.mkfifo),
+    a_link_to_zeros=instead(lambda path: path.symlink_to("/dev/zero")),
+)
+files("files.size", of_6_gb=lambda path: os.truncate(path, 6 << 30))
+BROKEN["with_a_name_of_300_letters"] = "model.missing", lambda folder: folder / ("x" * 300 + ".onnx")

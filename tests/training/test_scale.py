@@ -1,11 +1,10 @@
-"""What a million curves and thousands of recordings need: rates, rows on the disk, answers read when they are needed,
-checksums, and nothing that is unpickled."""
+"""Thousands of recordings and large training sets: rows and answers stay on the disk, and nothing is unpickled."""
 
 from __future__ import annotations
 
-import ast
 import os
 import pickle
+import re
 from functools import partial
 from pathlib import Path
 
@@ -30,12 +29,6 @@ from cavirheo.workflow.store import keep, read_kept
 PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
 
 
-# --- how fast, and how long it will take ------------------------------------------------------------------------------
-
-
-# --- training sets ----------------------------------------------------------------------------------------------------
-
-
 def test_rows_on_the_disk_are_those_of_an_array(tmp_path, monkeypatch):
     monkeypatch.setattr("cavirheo.training.shards.BLOCK", 4)
     whole = np.random.default_rng(0).normal(size=(11, 3)).astype(np.float32)
@@ -44,10 +37,8 @@ def test_rows_on_the_disk_are_those_of_an_array(tmp_path, monkeypatch):
         rows.append(whole[start : start + 5])
     assert len(rows) == 11
     for index in (np.array([10, 0, 3, 3]), slice(2, 9), np.flatnonzero(whole[:, 0] > 0)):
-        found = rows[index]
-        assert type(found) is np.ndarray
-        assert found.flags.writeable
-        np.testing.assert_array_equal(found, whole[index])
+        assert rows[index].flags.writeable
+        np.testing.assert_array_equal(rows[index], whole[index])
     np.testing.assert_array_equal(np.concatenate(list(blocks(rows))), whole)
     assert not list(tmp_path.iterdir())  # it has no name, so nothing is left of a process that is killed
 
@@ -75,9 +66,6 @@ def test_a_single_bit_that_changed_is_noticed(tmp_path):
         assert caught.value.code == "dataset.unreadable"
 
 
-# --- answers ----------------------------------------------------------------------------------------------------------
-
-
 def known(curve, begun=None, failing=()):
     verdict = "failed" if curve.name in failing else "ok"
     theta = np.full((3 if verdict == "ok" else 0, 1), curve.max_radius) + (begun.theta if begun else 0.0)
@@ -96,18 +84,18 @@ def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypat
     assert [i for i in many.indices if many[i] is many[i]] == [2]  # the failed one, which has no file
     for mine, theirs in zip(many, few, strict=True):
         np.testing.assert_array_equal(mine.theta, theirs.theta)
-    two = Unfinished(tmp_path / "two", shown=False, executor=executor)
-    begun = two.answers(curves, KnownAnalysis(of=known))
-    both = two.answers(curves, KnownAnalysis(of=known, seed=1), begun)
-    for curve, answer in zip(curves, both, strict=True):
-        np.testing.assert_array_equal(answer.theta, np.full((3, 1), 2.0 * curve.max_radius))
     kept.remove()
-    with pytest.raises(InputError, match="finds it anew") as caught:
+    with pytest.raises(InputError) as caught:
         many[0]
     assert caught.value.code == "unfinished.gone"
 
 
-# --- nothing is unpickled ---------------------------------------------------------------------------------------------
+def test_answers_begin_with_those_that_are_kept(tmp_path):
+    curves = read_curves(ROOT / "examples" / "soft_gel.csv")
+    two = Unfinished(tmp_path, shown=False)
+    begun = two.answers(curves, KnownAnalysis(of=known))
+    for curve, answer in zip(curves, two.answers(curves, KnownAnalysis(of=known, seed=1), begun), strict=True):
+        np.testing.assert_array_equal(answer.theta, np.full((3, 1), 2.0 * curve.max_radius))
 
 
 class Trap:
@@ -146,15 +134,7 @@ def test_nothing_is_unpickled_from_a_kept_answer_or_a_training_set(tmp_path):
 
 @pytest.mark.repository
 def test_only_what_this_machine_compiled_itself_is_unpickled():
-    """By our code; dask does so between driver and workers, which trust each other."""
-    unpickle = {"pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
-    found = set()
-    for path in (ROOT / "src").rglob("*.py"):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        names = {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
-        names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-        words = [word for word in ast.walk(tree) if isinstance(word, ast.keyword) and word.arg == "allow_pickle"]
-        allowed = any(ast.unparse(word.value) != "False" for word in words)
-        found |= {path.name} if unpickle & {str(name).split(".")[0] for name in names} or allowed else set()
-        assert "torch.load" not in path.read_text(encoding="utf-8")
-    assert found == {"cache.py"}
+    """dask does so between driver and workers, which trust each other."""
+    words = r"\b(import|from) (pickle|cloudpickle|dill|joblib|shelve|marshal)\b|allow_pickle=True|torch\.load"
+    sources = (ROOT / "src").rglob("*.py")
+    assert [path.name for path in sources if re.search(words, path.read_text("utf-8"))] == ["cache.py"]

@@ -1,15 +1,16 @@
 """Training: it learns, it resumes exactly, and what is exported is what was trained."""
 
 import json
-import re
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import date
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from broken_recipes import RIGHT
 from conftest import ROOT
 
 import cavirheo
@@ -18,7 +19,7 @@ from cavirheo.inference.model import card as read_card
 from cavirheo.inference.model import load as load_network
 from cavirheo.inference.model import path_of, predict
 from cavirheo.prior import Prior
-from cavirheo.problem import FrameGrid, TrainingProblem
+from cavirheo.problem import TrainingProblem
 from cavirheo.training import evaluate as judge
 from cavirheo.training import figures, robustness
 from cavirheo.training.dataset import generate, load
@@ -27,32 +28,9 @@ from cavirheo.training.recipe import Recipe, read_recipe
 from cavirheo.writing.document import Outputs
 
 CPU = {"device": "cpu", "threads": 1}
-RECIPES = sorted((ROOT / "recipes").glob("*.toml"))
-RECIPES = [path for path in RECIPES if path.stem != "posterior"]  # one of another kind
-TINY = """
-[problem]
-material = "nhkv"
-frames = 20
-[prior]
-log10_shear_modulus = [3.0, 6.0]
-log10_viscosity = [-3.0, 0.0]
-stretch = [3.0, 11.0]
-[data]
-n = 100
-[network]
-width = 16
-position = 8
-heads = 2
-feed_forward = 16
-layers = 1
-dropout = 0.1
-[training]
-epochs = 4
-lr = 0.01
-seed = 5
-[export]
-name = "tiny"
-"""
+RECIPES = {name: ROOT / "recipes" / f"{name}.toml" for name in ("bdt-viscoelastic", "bdt-viscous", "laptop")}
+SMALL = "width = 16\nposition = 8\nheads = 2\nfeed_forward = 16\nlayers = 1\ndropout = 0.1"
+TINY = RIGHT.replace("width = 16", SMALL).replace("lr = 0.01", "lr = 0.01\nseed = 5")
 
 
 @pytest.fixture
@@ -73,10 +51,8 @@ def data(recipe, monkeypatch, tmp_path) -> Path:
         status = ["ok"] * len(theta)
         if theta[0, 0] == self.prior.sample(1, 0)[0, 0]:
             status[3] = status[7] = "failed"
-        return [
-            SimpleNamespace(radius=self.reference_max_radius * s, status=ok)
-            for s, ok in zip(shape, status, strict=True)
-        ]
+        curves = zip(self.reference_max_radius * shape, status, strict=True)
+        return [SimpleNamespace(radius=radius, status=ok) for radius, ok in curves]
 
     monkeypatch.setattr(TrainingProblem, "simulate_many", simulate_many)
     generate(recipe.problem, 100, tmp_path / "data", progress=False)
@@ -98,45 +74,20 @@ def refused(code: str, call, *given, **settings) -> str:
 # recipes
 
 
-@pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
-def test_shipped_recipes(path):
-    recipe = read_recipe(path)
-    assert recipe.export.name == path.stem
-    assert recipe.problem.reference_max_radius == 245e-6
-    assert (recipe.training.batch, recipe.training.lr) == (32, 1e-3)
-    assert recipe.training.dropout_epochs < recipe.training.epochs  # else the answers are off scale by some per cent
-
-
 def test_the_paper_protocol():
-    by_name = {path.stem: read_recipe(path) for path in RECIPES}
-    full, viscous = by_name["bdt-viscoelastic"], by_name["bdt-viscous"]
+    recipes = {name: read_recipe(path) for name, path in RECIPES.items()}
+    for name, recipe in recipes.items():
+        assert recipe.export.name == name
+        assert recipe.problem.reference_max_radius == 245e-6
+        assert (recipe.training.batch, recipe.training.lr) == (32, 1e-3)
+        assert recipe.training.dropout_epochs < recipe.training.epochs
+    full, viscous, laptop = recipes.values()
     steps = [0.8 * one.data.n / one.training.batch * one.training.epochs for one in (full, viscous)]
     assert steps == [25_000, 39_000]
     assert full.outputs == ("log10_shear_modulus", "log10_viscosity")
     assert viscous.outputs == ("log10_viscosity",)
-    assert viscous.prior == {"log10_viscosity": (-4.0, 0.0), "stretch": (3.0, 11.0)}
-    assert by_name["laptop"].problem.id == full.problem.id
-    assert by_name["laptop"].data.n >= 3000
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "code", "named"),
-    [
-        ("epochs = 4", "epoch = 4", "recipe.value", "training.epoch:"),
-        ("epochs = 4", "epochs = 0", "recipe.value", "training.epochs: .* got 0"),
-        ("n = 100", "", "recipe.value", "data.n:"),
-        ("lr = 0.01", 'schedule = "linear"', "recipe.value", "training.schedule: .*'constant' or 'cosine'.*'linear'"),
-        ('"nhkv"', '"honey"', "problem.material", "'honey'"),
-        ("frames = 20", "medium = {densty = 1000.0}", "recipe.medium", "densty"),
-        ("[network]", '[network]\noutputs = ["log10_density"]', "recipe.outputs", "log10_density"),
-        ("[3.0, 6.0]", "[6.0, 3.0]", "prior.range", "log10_shear_modulus"),
-        ("[data]", "[data", "recipe.syntax", "bad.toml"),
-    ],
-)
-def test_recipe_refuses_with_the_place_and_the_reason(tmp_path, old, new, code, named):
-    path = tmp_path / "bad.toml"
-    path.write_text(TINY.replace(old, new))
-    assert re.search(named, refused(code, read_recipe, path))
+    assert laptop.problem.id == full.problem.id
+    assert laptop.data.n >= 3000
 
 
 def test_recipe_names_its_medium(tmp_path):
@@ -144,9 +95,6 @@ def test_recipe_names_its_medium(tmp_path):
     for given, density in (('"bu2026"', 1000.0), ("{density = 1010.0}", 1010.0), ('{name = "bu2026"}', 1000.0)):
         path.write_text(TINY.replace("frames = 20", f"frames = 20\nmedium = {given}"))
         assert read_recipe(path).problem.medium.density == density
-    path.write_text(TINY.replace("frames = 20", 'medium = "mercury"'))
-    with pytest.raises(InputError, match="'mercury'"):
-        read_recipe(path)
 
 
 # metrics
@@ -198,32 +146,30 @@ def filmed() -> tuple[TrainingProblem, np.ndarray]:
 
 def test_recordings_are_what_they_say(filmed):
     problem, theta = filmed
-    everything = np.arange(len(theta))
-    R_max = problem.reference_max_radius
-    by_name = {}
+    everything, R_max = np.arange(len(theta)), problem.reference_max_radius
+    found = []
     for recording in robustness.DEGRADATIONS:
         true = robustness.film(problem, theta, everything, recording)
-        curves = [robustness.degrade(*true[i], R_max, recording, i) for i in everything]
         ((time, radius),) = robustness.film(problem, theta, everything[2:3], recording)
         np.testing.assert_array_equal(time, true[2][0])  # what a curve suffers does not depend on the others
         np.testing.assert_allclose(radius, true[2][1], rtol=1e-9)
-        by_name[recording.name] = true, curves
-    plain, noisy, noisier, half, double, late, gaps = by_name.values()
+        found.append((true, [robustness.degrade(*true[i], R_max, recording, i) for i in everything]))
+    (_, plain), noisy, noisier, (_, half), (_, double), (_, late), (_, gaps) = found
     exact = problem.simulate_many(theta[:1])[0].radius
-    np.testing.assert_allclose(plain[1][0].radius[:100], exact, rtol=2e-3)
-    assert plain[1][0].max_radius == pytest.approx(R_max, rel=2e-3)
+    np.testing.assert_allclose(plain[0].radius[:100], exact, rtol=2e-3)
+    assert plain[0].max_radius == pytest.approx(R_max, rel=2e-3)
     for (true, curves), sigma in ((noisy, 0.01), (noisier, 0.02)):
         residual = np.concatenate([c.radius - r for c, (_, r) in zip(curves, true, strict=True)]) / R_max
         assert np.nanstd(residual) == pytest.approx(sigma, rel=0.15)
-    for (_, curves), step in ((half, 2e-6), (double, 0.5e-6), (late, 1e-6)):
+    for curves, step in ((half, 2e-6), (double, 0.5e-6), (late, 1e-6)):
         assert np.diff(curves[0].time) == pytest.approx(step)
         assert curves[0].time[-1] > problem.grid.time[-1]
-    offsets = np.array([curve.time[0] for curve in late[1]])
+    offsets = np.array([curve.time[0] for curve in late])
     assert np.ptp(offsets) > 0
     assert np.abs(offsets).max() <= 0.5e-6
-    time = late[1][0].time[1:9]
-    np.testing.assert_allclose(late[1][0].radius[1:9], np.interp(time, problem.grid.time, exact), rtol=2e-3)
-    assert {int(np.isnan(curve.radius).sum()) for curve in gaps[1]} == {round(0.1 * len(gaps[1][0].time))}
+    at_the_time = np.interp(late[0].time[1:9], problem.grid.time, exact)
+    np.testing.assert_allclose(late[0].radius[1:9], at_the_time, rtol=2e-3)
+    assert {int(np.isnan(curve.radius).sum()) for curve in gaps} == {round(0.1 * len(gaps[0].time))}
 
 
 @pytest.mark.slow
@@ -233,7 +179,6 @@ def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
     ways = (robustness.DEGRADATIONS[0], robustness.Degradation("blind", missing=1.0))
     monkeypatch.setattr(robustness, "DEGRADATIONS", ways)
     monkeypatch.setattr(robustness, "ANSWERS", 3)
-    monkeypatch.setattr(figures, "draw", lambda *_: [])  # in other tests
     found = judge.evaluate(path_of("bdt-viscoelastic"), tmp_path / "data", tmp_path / "out", robust=True)
     seen, blind = found["robustness"]["rows"]
     assert seen["recording"] == asdict(ways[0])
@@ -241,14 +186,10 @@ def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
     for name, score in seen["network"]["metrics"].items():  # the same curves, through the fit of R_max
         assert score["rmse"] == pytest.approx(found["metrics"][name]["rmse"], abs=0.05)
     assert seen["answer"]["metrics"]["log10_shear_modulus"]["rmse"] < 0.1
-    assert sum(seen["answer"]["verdicts"].values()) == 3
     assert seen["answer_ok"]["curves"] == seen["answer"]["verdicts"].get("ok", 0)
-    assert blind["answer_ok"] == {"curves": 0, "failed": 0, "metrics": None}
     assert blind["network"] == {"curves": 4, "failed": 4, "metrics": None}
     assert blind["answer"] == {"curves": 3, "failed": 3, "metrics": None, "verdicts": {"failed": 3}}
-    text = (tmp_path / "out" / "evaluation.md").read_text(encoding="utf-8")
-    assert text == judge.markdown(json.loads((tmp_path / "out" / "metrics.json").read_text()))
-    assert "| blind " in text
+    assert json.loads((tmp_path / "out" / "metrics.json").read_text()) == found
 
 
 def test_figures(tmp_path, monkeypatch):
@@ -281,12 +222,14 @@ class TestTorch:
     def _torch(self):
         self.torch = pytest.importorskip("torch")
         pytest.importorskip("safetensors")
+        names = ("export", "loop", "network", "point_training", "train")
+        self.export, self.loop, self.network, self.point, self.training = (
+            import_module(f"cavirheo.training.{name}") for name in names
+        )
+        self.train = self.training.train
 
     def test_the_network_of_the_paper(self):
-        from cavirheo.training.network import BubbleTransformer
-
-        size = read_recipe(next(path for path in RECIPES if path.stem == "bdt-viscoelastic")).network
-        network = BubbleTransformer(size, tokens=100, outputs=2)
+        network = self.network.BubbleTransformer(read_recipe(RECIPES["bdt-viscoelastic"]).network, 100, 2)
         layer = 4 * (64 * 64 + 64) + (64 * 128 + 128) + (128 * 64 + 64) + 2 * 128
         branch = 2 * layer + (64 * 64 + 64) + (64 + 1)
         shared = 100 * 64 + (65 * 64 + 64) + 128
@@ -296,10 +239,8 @@ class TestTorch:
         assert network(self.torch.rand(3, 100)).shape == (3, 2)
 
     def test_branches_and_places_matter(self, recipe):
-        from cavirheo.training.network import BubbleTransformer
-
         self.torch.manual_seed(0)
-        network = BubbleTransformer(recipe.network, tokens=20, outputs=2).eval()
+        network = self.network.BubbleTransformer(recipe.network, tokens=20, outputs=2).eval()
         radius = self.torch.rand(1, 20)
         before = network(radius)
         assert not self.torch.allclose(before, network(radius.flip(1)), atol=1e-4)
@@ -309,9 +250,12 @@ class TestTorch:
         assert difference == pytest.approx([0.0, 1.0], abs=1e-6)
 
     def test_learns(self, recipe, data, tmp_path):
-        from cavirheo.training.train import train
-
-        result = train(changed(recipe, epochs=20), data, tmp_path / "run", **CPU)
+        """And leaves the random numbers of the caller alone."""
+        self.torch.manual_seed(1)
+        expected = self.torch.rand(3)
+        self.torch.manual_seed(1)
+        result = self.train(changed(recipe, epochs=20), data, tmp_path / "run", **CPU)
+        assert self.torch.equal(self.torch.rand(3), expected)
         lines = [json.loads(line) for line in (tmp_path / "run" / "history.jsonl").read_text().splitlines()]
         assert [line["epoch"] for line in lines] == list(range(1, 21))
         assert lines[-1]["train"] < 0.2 * lines[0]["train"]
@@ -319,52 +263,44 @@ class TestTorch:
         assert result["data"]["failures"] == {"failed": 2}
         assert sum(result["data"][part] for part in ("train", "validation", "test")) == 98
         test = np.load(tmp_path / "run" / "test.npz")
-        again = metrics(recipe.outputs, test["truth"], test["predicted"])
-        assert again == result["metrics"]
+        assert metrics(recipe.outputs, test["truth"], test["predicted"]) == result["metrics"]
         assert result["metrics"]["log10_shear_modulus"]["r2"] > 0.5
         split = load(data).split(recipe.training.seed)
         np.testing.assert_allclose(test["truth"], load(data).theta[split["test"]][:, :2], atol=1e-5)
 
     @pytest.mark.parametrize("schedule", ["constant", "cosine"])
     def test_resumes_to_the_same_weights(self, recipe, data, tmp_path, monkeypatch, schedule):
-        from cavirheo.training.loop import read_tensors
-        from cavirheo.training.point_training import PointTraining
-        from cavirheo.training.train import train
-
         recipe = changed(recipe, schedule=schedule, warmup_steps=3)
-        whole = train(recipe, data, tmp_path / "whole", **CPU)
-        steps, loss_of = [], PointTraining.loss
+        whole = self.train(recipe, data, tmp_path / "whole", **CPU)
+        kind = self.point.PointTraining
+        steps, loss_of = [], kind.loss
 
         def cut(training, step):
             if step == 2 * training.every + 1:
                 raise KeyboardInterrupt
             return loss_of(training, step)
 
-        monkeypatch.setattr(PointTraining, "loss", cut)
+        monkeypatch.setattr(kind, "loss", cut)
         with pytest.raises(KeyboardInterrupt):
-            train(recipe, data, tmp_path / "cut", **CPU)
+            self.train(recipe, data, tmp_path / "cut", **CPU)
         assert not (tmp_path / "cut" / "result.json").exists()
         self.torch.manual_seed(99)  # whatever happened in between must not matter
-        monkeypatch.setattr(PointTraining, "loss", lambda run, step: steps.append(step) or loss_of(run, step))
-        resumed = train(recipe, data, tmp_path / "cut", **CPU)
-        resumed_steps = list(range(max(steps) // 2 + 1, max(steps) + 1))  # of the last two of four epochs
-        assert steps == resumed_steps
+        monkeypatch.setattr(kind, "loss", lambda run, step: steps.append(step) or loss_of(run, step))
+        resumed = self.train(recipe, data, tmp_path / "cut", **CPU)
+        assert steps == list(range(max(steps) // 2 + 1, max(steps) + 1))  # of the last two of four epochs
         assert resumed["metrics"] == whole["metrics"]
         for name in ("last.safetensors", "best.safetensors"):
-            ours, theirs = (read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
+            ours, theirs = (self.loop.read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
             assert ours.keys() == theirs.keys()
             assert all(self.torch.equal(ours[key], theirs[key]) for key in ours)
-        before = (tmp_path / "cut" / "result.json").read_bytes()
-        train(recipe, data, tmp_path / "cut", **CPU)
-        assert steps == resumed_steps  # a finished run is not trained, nor its test part looked at, again
+        before, done = (tmp_path / "cut" / "result.json").read_bytes(), len(steps)
+        self.train(recipe, data, tmp_path / "cut", **CPU)
+        assert len(steps) == done  # a finished run is not trained, nor its test part looked at, again
         assert (tmp_path / "cut" / "result.json").read_bytes() == before
 
     def test_dropout_ends_where_the_recipe_says(self, recipe, data, tmp_path, monkeypatch):
-        from cavirheo.training.point_training import PointTraining
-        from cavirheo.training.train import train
-
         dropped, now = {}, []
-        forward, loss_of = self.torch.nn.Dropout.forward, PointTraining.loss
+        forward, loss_of = self.torch.nn.Dropout.forward, self.point.PointTraining.loss
 
         def loss(training, step):
             now.append(step // training.every)
@@ -376,33 +312,12 @@ class TestTorch:
             return forward(layer, x)
 
         monkeypatch.setattr(self.torch.nn.Dropout, "forward", seen)
-        monkeypatch.setattr(PointTraining, "loss", loss)
-        train(changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **CPU)
+        monkeypatch.setattr(self.point.PointTraining, "loss", loss)
+        self.train(changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **CPU)
         assert dropped == {0: {True}, 1: {True}, 2: {False}}
 
-    def test_leaves_the_random_numbers_of_the_caller_alone(self, recipe, data, tmp_path):
-        from cavirheo.training.train import train
-
-        self.torch.manual_seed(1)
-        expected = self.torch.rand(3)
-        self.torch.manual_seed(1)
-        train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
-        assert self.torch.equal(self.torch.rand(3), expected)
-
-    def test_refuses_another_run_and_other_data(self, recipe, data, tmp_path):
-        from cavirheo.training.train import train
-
-        train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
-        another = changed(recipe, epochs=1, lr=0.02)
-        said = refused("training.another_run", train, another, data, tmp_path / "run", **CPU)
-        assert re.search(r"training\.lr = 0\.01, .* 0\.02", said)
-        other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
-        other.__dict__.pop("problem", None)
-        refused("training.another_problem", train, other, data, tmp_path / "other", **CPU)
-
     def test_learning_rate(self, recipe):
-        from cavirheo.training.point_training import learning_rate
-
+        learning_rate = self.point.learning_rate
         assert learning_rate(recipe.training, 1000, 10) == 0.01
         cosine = changed(recipe, schedule="cosine", warmup_steps=10, epochs=4).training
         rates = [learning_rate(cosine, step, 10) for step in range(40)]
@@ -411,79 +326,71 @@ class TestTorch:
         assert rates[20] == pytest.approx(0.005)
         assert rates[-1] < 1e-4
 
-    def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path, monkeypatch):
+    def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path):
         pytest.importorskip("onnxscript")
-        from cavirheo.training.export import export, load_model
-        from cavirheo.training.train import train
-
-        refused("export.unfinished", export, recipe, tmp_path / "run", tmp_path / "models")
-        result = train(recipe, data, tmp_path / "run", **CPU)
-        path = export(recipe, tmp_path / "run", tmp_path / "models", on=date(2026, 1, 2))
-        assert sorted(p.name for p in path.parent.iterdir()) == ["tiny.json", "tiny.onnx"]
+        run, models = tmp_path / "run", tmp_path / "models"
+        refused("export.unfinished", self.export.export, recipe, run, models)
+        result = self.train(recipe, data, run, **CPU)
+        another = changed(recipe, lr=0.02)
+        assert "training.lr" in refused("training.another_run", self.train, another, data, run, **CPU)
+        assert "training.lr" in refused("export.another_recipe", self.export.export, another, run, models)
+        path = self.export.export(recipe, run, models, on=date(2026, 1, 2))
         radius = np.random.default_rng(0).random((600, 20), dtype=np.float32)
-        model = load_model(tmp_path / "run" / "best.safetensors")
+        model = self.export.load_model(run / "best.safetensors")
         with self.torch.inference_mode():
             expected = model(self.torch.from_numpy(radius)).numpy()
         np.testing.assert_allclose(predict(path, radius), expected, atol=1e-4)  # 512 and 88 at a time
         np.testing.assert_allclose(predict(path, radius[:1]), expected[:1], atol=1e-4)
-
         assert str(Path(judge.__file__).parent).encode() not in path.read_bytes()
-        another = changed(recipe, lr=0.02)
-        said = refused("export.another_recipe", export, another, tmp_path / "run", tmp_path / "models")
-        assert "training.lr" in said
         card = read_card(path)
         assert TrainingProblem.from_dict(card["problem"]).id == card["problem_id"] == recipe.problem.id
-        assert [o["name"] for o in card["outputs"]] == list(recipe.outputs)
-        assert card["outputs"][1]["unit"] == "Pa s"
+        assert [(one["name"], one["unit"]) for one in card["outputs"]] == list(
+            zip(recipe.outputs, ("Pa", "Pa s"), strict=True)
+        )
         assert card["metrics"] == result["metrics"]
         assert card["data"]["failures"] == {"failed": 2}
         assert card["date"] == "2026-01-02"
+        assert card["history"]["train"] == pytest.approx(result["history"]["train"], rel=1e-4)
+        trained = cavirheo.load(run)
+        assert (trained.kind, trained.metrics, trained.outputs) == ("training", result["metrics"], list(recipe.outputs))
 
-        drawn = []
-        monkeypatch.setattr(figures, "draw", lambda *given: drawn.append(given) or ["loss.png"])  # in test_figures
-        found = judge.evaluate(path, data, tmp_path / "figures")
-        assert (drawn[0][0].folder, drawn[0][1]) == (tmp_path / "figures", card)
+    def test_a_model_is_judged_on_what_it_was_not_trained_on(self, recipe, data, tmp_path, monkeypatch):
+        pytest.importorskip("onnxscript")
+        result = self.train(recipe, data, tmp_path / "run", **CPU)
+        path = self.export.export(recipe, tmp_path / "run", tmp_path / "models")
+        found = judge.evaluate(path, data)
         assert (found["part"], found["curves"]) == ("test", result["data"]["test"])
         for name, values in result["metrics"].items():
             assert found["metrics"][name] == pytest.approx(values, abs=1e-4)
-        assert json.loads((tmp_path / "figures" / "metrics.json").read_text()) == found
-        assert cavirheo.load(tmp_path / "figures").metrics == found["metrics"]
-        trained = cavirheo.load(tmp_path / "run")
-        assert (trained.kind, trained.metrics, trained.outputs) == ("training", result["metrics"], list(recipe.outputs))
-        assert card["history"]["train"] == pytest.approx(result["history"]["train"], rel=1e-4)
-        assert max(len(str(loss)) for loss in card["history"]["train"]) <= 8
+        simulate_many = TrainingProblem.simulate_many
 
-        generate(recipe.problem, 50, tmp_path / "fresh", seed=9, progress=False)
-        fresh = judge.evaluate(path, tmp_path / "fresh")
-        assert (fresh["part"], fresh["curves"], fresh["figures"]) == ("all", 50, [])
+        def of_a_later_solver(*given, **settings):
+            """Other bytes, the same bubbles."""
+            runs = simulate_many(*given, **settings)
+            return [SimpleNamespace(radius=run.radius * 1.001, status=run.status) for run in runs]
 
-        simulate_many = TrainingProblem.simulate_many  # a later solver: other bytes, the same bubbles
-        monkeypatch.setattr(
-            TrainingProblem,
-            "simulate_many",
-            lambda *a, **k: [SimpleNamespace(radius=s.radius * 1.001, status=s.status) for s in simulate_many(*a, **k)],
-        )
-        generate(recipe.problem, 100, tmp_path / "again", progress=False)
-        assert judge.evaluate(path, tmp_path / "again")["part"] == "test"
+        monkeypatch.setattr(TrainingProblem, "simulate_many", of_a_later_solver)
+        for name, n, seed, part in (("fresh", 50, 9, "all"), ("again", 100, 0, "test")):
+            generate(recipe.problem, n, tmp_path / name, seed=seed, progress=False)
+            assert judge.evaluate(path, tmp_path / name)["part"] == part
         generate(recipe.problem, 60, tmp_path / "fewer", progress=False)
         refused("evaluate.trained_on", judge.evaluate, path, tmp_path / "fewer")
-        problem = recipe.problem
-        generate(replace(problem, grid=FrameGrid(frames=21)), 10, tmp_path / "longer", progress=False)
-        refused("evaluate.problem", judge.evaluate, path, tmp_path / "longer")
+
+    def test_other_data_are_refused(self, recipe, data, tmp_path):
+        other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
+        other.__dict__.pop("problem", None)
+        refused("training.another_problem", self.train, other, data, tmp_path / "other", **CPU)
 
     def test_export_refuses_a_model_that_differs(self, recipe, data, tmp_path, monkeypatch):
         pytest.importorskip("onnx")
-        from cavirheo.training import export as module
-        from cavirheo.training.train import train
-
-        train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
-        model = module.load_model(tmp_path / "run" / "best.safetensors")
-        monkeypatch.setattr(module, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
+        self.train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
+        model = self.export.load_model(tmp_path / "run" / "best.safetensors")
+        monkeypatch.setattr(self.export, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
 
         def off(path, radius):
             return model(self.torch.from_numpy(radius)).detach().numpy() + 2e-3
 
-        monkeypatch.setattr(module, "predict", off)
+        monkeypatch.setattr(self.export, "predict", off)
         with pytest.raises(RuntimeError, match=r"0\.002"):
-            module.export(changed(recipe, epochs=1), tmp_path / "run", tmp_path / "models")
+            self.export.export(changed(recipe, epochs=1), tmp_path / "run", tmp_path / "models")
         assert list((tmp_path / "models").iterdir()) == []
