@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from cavirheo.physics.bubble import FIELD, Bubble
-from cavirheo.reporting.answer import StoredMedium, described
+from cavirheo.reporting.answer import StoredMedium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
 from cavirheo.writing.style import INK, new_axes, new_figure, plain_ticks, shades, write
@@ -122,7 +122,7 @@ class Design(Document):
         """The next setting, how many shots, and what answers of recordings there say."""
         setting, best = self.settings[self.next], self.settings[self.best]
         goal = f"± {self.wanted_percent:g} % (90 %)"
-        law = " and ".join(described(name)[0] for name in best.half_width_percent)
+        law = " and ".join(digits.described(name)[0] for name in best.half_width_percent)
         if self.fewest is None:
             lines = [
                 f"next: {setting.words}, where one shot tells most about {law} ({setting.gain})",
@@ -151,7 +151,7 @@ class Design(Document):
             return text + "none has an interval"
         text += f"{checked.answers} with an interval, " * (checked.answers < checked.recordings)
         text += ", ".join(
-            f"{described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
+            f"{digits.described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
             for name, got in checked.reached_percent.items()
         )
         count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
@@ -168,7 +168,7 @@ def print_table(document: Design) -> None:
     from rich.text import Text
 
     console, names = terminal.console(), list(document.settings[0].half_width_percent)
-    heads = ["frames/s", *(f"{described(name)[0]}\n± %" for name in names), "readable\n%", "shots", "gain\nnats"]
+    heads = ["frames/s", *(f"{digits.described(name)[0]}\n± %" for name in names), "readable\n%", "shots", "gain\nnats"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
     table = terminal.table("R_max\nµm", heads, title=title)
     for k, setting in enumerate(document.settings):
@@ -189,7 +189,7 @@ def picture(document: Design) -> Figure:
     word = "already reached" if any(setting.shots == 0 for setting in settings) else "reached by no setting"
     panels: list[tuple[str, list[Any], list[Any], str]] = [  # title, values, their ends, the word without any
         (
-            f"{described(name)[0]}: ± % of one shot",
+            f"{digits.described(name)[0]}: ± % of one shot",
             [setting.half_width_percent[name] for setting in settings],
             [setting.half_width_ends_percent.get(name, (None, None)) for setting in settings],
             "none",

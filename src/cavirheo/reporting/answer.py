@@ -30,12 +30,13 @@ from cavirheo.posterior import (
     WindowAnswer,
     intervals,
 )
+from cavirheo.reporting.material import KEYS
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
 
 _DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
 _AS_MEASURED = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}
-_KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s", "stretch": "stretch"}  # by parameter
+_KEYS = KEYS | {"stretch": "stretch"}
 
 
 Unit = tuple[float, str]  # of G: factor from Pa, name
@@ -299,23 +300,19 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
 
     values = {name: quantity(name) for name in ("shear_modulus", "viscosity", "stretch", *posterior.parameters)}
     if answered:
-        values |= {name: Quantity(median=value) for name, value in _given(posterior).items()} | _at_rate(posterior)
-    G, mu, stretch = (values.pop(name) for name in _KEYS)
-    if answered and stretch.median is None:  # not the network's own, but fitted after it or given
-        stretch = Quantity(median=finite(posterior.stretch))
+        assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in posterior.parameters}
+        values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _at_rate(posterior)
+        if values["stretch"].median is None:  # not the network's own, but fitted after it or given
+            values["stretch"] = Quantity(median=finite(posterior.stretch))
+    law: dict[str, Any] = {key: values.pop(name) for name, key in _KEYS.items()}
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
         **{name: getattr(checks, name) for name in _DIFFERENCES},
+        **{name: getattr(posterior, name) for name in ("material", "method", "bubble", "medium", "evidence")},
         max_radius_m=_measured(curve, "max_radius"),
         time_of_max_s=_measured(curve, "time_of_max"),
         strain_rate_per_s=_measured(curve, "strain_rate"),
-        material=posterior.material,
-        method=posterior.method,
-        bubble=posterior.bubble,
-        medium=posterior.medium,
-        stretch=stretch,
-        shear_modulus_Pa=G,
-        viscosity_Pa_s=mu,
+        **law,
         other_parameters=values,
         best=_simulated(posterior),
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
@@ -325,7 +322,6 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         column=dict(curve.column),
         stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
         seconds=finite(posterior.seconds) or 0.0,
-        evidence=posterior.evidence,
         other_models=[_other(answer) for answer in posterior.others],
         windows={key: _known(window) for key, window in posterior.windows.items()},
         diagnostics=_known(posterior.diagnostics),
@@ -343,15 +339,9 @@ def _word(name: str, value: float) -> str:
     """'G = 5.412 kPa'; nothing of a clock, a scale or an R_max that is as measured."""
     if value == _AS_MEASURED.get(name):
         return ""
-    symbol, unit = described(name)
+    symbol, unit = digits.described(name)
     factor, unit = (1e6, "µs") if unit == "s" and name in CAMERA else digits.unit_for(unit, value)
     return f"{symbol} = {digits.significant(factor * value, 4)}{' ' * bool(unit)}{unit}"
-
-
-def _given(posterior: Posterior) -> dict[str, float]:
-    """What is assumed of the bubble and was not inferred, where it is anything."""
-    best = {name: posterior.best.get(name) for name in BUBBLE if name not in posterior.parameters}
-    return {name: value for name, value in best.items() if value}
 
 
 def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
@@ -396,23 +386,14 @@ def _other(answer: OtherAnswer) -> OtherModel:
     )
 
 
-def described(name: str) -> tuple[str, str]:
-    """Symbol and unit of a parameter; no unit for a plain number and for what is not known."""
-    try:
-        symbol, unit, *_ = about(name)
-    except KeyError:
-        return name, ""
-    return symbol, "" if unit == "1" else unit
-
-
 def meaning_of(name: str) -> str:
     """'no unit; confinement damping: ...' of what a bubble has besides its law; "" of a parameter of the law."""
-    return f"{described(name)[1] or 'no unit'}; {about(name).meaning}" if name in BUBBLE else ""
+    return f"{digits.described(name)[1] or 'no unit'}; {about(name).meaning}" if name in BUBBLE else ""
 
 
 def parameter_key(names: Iterable[str]) -> list[str]:
     """Lines below a table with these: what those are that a bubble has besides its law, and whose they are."""
-    meanings = {described(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
+    meanings = {digits.described(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
     symbols = [symbol for symbol, (name, _) in meanings.items() if not name.startswith("damage")]
     end = [f"{' and '.join(symbols)}: of bubble and vessel, no property of the material"] if symbols else []
     return [f"{symbol} ({meaning})" for symbol, (_, meaning) in meanings.items()] + end
@@ -420,7 +401,7 @@ def parameter_key(names: Iterable[str]) -> list[str]:
 
 def in_unit(name: str, unit: Unit) -> tuple[str, float, str]:
     """Symbol of a parameter, factor from SI and the unit in which it is written; `unit`: that of moduli."""
-    symbol, written = described(name)
+    symbol, written = digits.described(name)
     return symbol, *(unit if written == "Pa" else (1.0, written))
 
 

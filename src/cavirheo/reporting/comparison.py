@@ -17,6 +17,7 @@ import numpy as np
 from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import OURS, GroupRecord, error_of
+from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Spread, spread_of, write_rows
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 TRUSTED, ALL = f"{OURS}, trusted", f"{OURS}, all"  # how our two means are called where they differ
 G, MU = "shear_modulus", "viscosity"
 _VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
-_COLUMNS = {G: "shear_modulus_Pa", MU: "viscosity_Pa_s"}  # as result.csv names them
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ComparedParameter:
     @property
     def answers(self) -> list[str]:
         """What our means are called: one name where all answered shots are trusted, nothing without a recording."""
-        if not self.shots or self.name not in (*_COLUMNS, ""):
+        if not self.shots or self.name not in (*KEYS, ""):
             return []
         return [OURS] if self.values[ALL].n == self.values[TRUSTED].n else [TRUSTED, ALL]
 
@@ -172,7 +172,7 @@ def write_csv(path: Path, result: Result) -> None:
     head += ["rmse_over_rmax_median", "rmse_over_rmax_smallest", "rmse_over_rmax_largest", "models", "message"]
     lines = []
     for row in comparison.rows:
-        cells: dict[str, Any] = {"set": row.group.name, "quantity": _COLUMNS.get(row.name, row.name)}
+        cells: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
         cells |= {"n_shots": len(row.shots), "n_answered": row.group.n, "models": ", ".join(row.group.models)}
         cells |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
         cells |= dict(zip(head[-5:-2], _misfits(row.shots), strict=True))

@@ -21,7 +21,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import svg
-from cavirheo.reporting.answer import CurveRecord, described, meaning_of, parameter_key
+from cavirheo.reporting.answer import CurveRecord, meaning_of, parameter_key
 from cavirheo.reporting.curve_panels import answer_panels
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
@@ -184,7 +184,7 @@ def live_page(
 
 def _named(name: str) -> tuple[str, float, str]:
     """A parameter's name in words, and factor and name of its unit."""
-    _, unit = described(name)
+    _, unit = digits.described(name)
     return name.replace("_", " "), *((1e6, "µs") if unit == "s" else (1.0, unit))
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import Population
     from cavirheo.reporting.answer import CurveRecord
 
-_KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # of the centre, by parameter
+KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # in documents, by parameter
 FLAT = 1.0  # power of R_max: an interval within +- this is flatter than proportional; a wider one tells nothing
 _MOST = 6  # groups that are compared, each with each
 
@@ -104,7 +104,7 @@ class PopulationRecord(Record):
         are determined, to +- `half_width` of the value; None: more than 10,000, or neither is."""
         from cavirheo.inference.design import shared, shots_wanted, variance
 
-        names = [name for name in _KEYS if self.centre(name).determined is not None]
+        names = [name for name in KEYS if self.centre(name).determined is not None]
         logs = [row.logs(names) for row in shots if row.trusted]
         if not (names and (logs := [intervals for intervals in logs if np.all(np.isfinite(intervals))])):
             return None
@@ -159,15 +159,13 @@ class GroupDifference(Record):
     @property
     def words(self) -> str:
         """'gel B over gel A: G 1.32 [1.05, 1.65], larger with probability 0.98; ...'."""
-        from cavirheo.reporting.answer import described
-
         clauses = []
         for name, difference in self.parameters.items():
             higher = difference.probability_higher
             way, sure = ("larger", higher) if higher >= 0.5 else ("smaller", 1.0 - higher)
             probable = "> 0.99" if sure > 0.99 else f"{sure:.2f}"
             clauses.append(
-                f"{described(name)[0]} {digits.quantity(difference.ratio)}, {way} with probability {probable}"
+                f"{digits.described(name)[0]} {digits.quantity(difference.ratio)}, {way} with probability {probable}"
             )
         return f"{self.first} over {self.second}: {'; '.join(clauses)}"
 
@@ -202,7 +200,7 @@ def population_record(population: Population | None, column: str = "") -> Popula
     if not len(population.centre):
         return PopulationRecord(**fields)
     values = {name: population.quantity(name) for name in population.names}
-    law: dict[str, Any] = {key: values.pop(name) for name, key in _KEYS.items() if name in values}
+    law: dict[str, Any] = {key: values.pop(name) for name, key in KEYS.items() if name in values}
     low, middle, high = np.quantile(np.sqrt(np.mean(population.spread**2, axis=1)), [0.05, 0.5, 0.95]).tolist()
     evidence, scattered = population.evidence, population.scattered
     if population.slope is not None:
@@ -226,7 +224,6 @@ def population_record(population: Population | None, column: str = "") -> Popula
 def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]:
     """'with concentration G rises by 0.20 [0.15, 0.25] decades per unit (a factor of 1.6); ...'."""
     from cavirheo.io.option_tables import LOG_SIZE
-    from cavirheo.reporting.answer import described
 
     if column == LOG_SIZE:
         return [_over_size(at, slopes)]
@@ -237,15 +234,13 @@ def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]
         way = "rises" if low > 0 else "falls" if high < 0 else "may or may not change"
         factor = digits.significant(10.0 ** min(abs(middle), 99.0), 2)
         times = f", a factor of {factor}" * sure
-        clauses.append(f"{described(name)[0]} {way}: {digits.quantity(slope)} decades per unit{times}")
+        clauses.append(f"{digits.described(name)[0]} {way}: {digits.quantity(slope)} decades per unit{times}")
     return [f"with {column}: {'; '.join(clauses)}; the material is that at {column} = {digits.significant(at)}"]
 
 
 def _over_size(at: float, slopes: Mapping[str, Quantity]) -> str:
     """'the material over R_max: G rises as R_max^0.30 [0.10, 0.50]; ...'."""
-    from cavirheo.reporting.answer import described
-
-    clauses = [over_size(described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
+    clauses = [over_size(digits.described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
     size = digits.micrometres(1e-6 * 10.0**at)
     return f"the material over R_max: {'; '.join(clauses)}; its values are those at R_max = {size} µm"
 

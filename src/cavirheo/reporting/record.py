@@ -20,13 +20,7 @@ from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import REFERENCES, GroupRecord, Published, group_of
-from cavirheo.reporting.material import (
-    GroupDifference,
-    differences,
-    kept_material_of,
-    material_of,
-    population_record,
-)
+from cavirheo.reporting.material import GroupDifference, differences, kept_material_of, material_of, population_record
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Document
 from cavirheo.writing.export import dataframe
@@ -132,12 +126,7 @@ Group = tuple[list[CurveRecord], "Population | None"]  # rows and material
 
 
 def result(
-    pairs: Pairs,
-    command: str,
-    *,
-    date: str | None = None,
-    notes: Sequence[str] = (),
-    workers: int = 1,
+    pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = (), workers: int = 1
 ) -> Result:
     """The record of all curves and of their groups (the files they came from), in the order given. So many processes
     make that of thousands of curves."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
-from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameter_key, parameters_of
+from cavirheo.reporting.answer import CurveRecord, Unit, evidence, in_unit, parameter_key, parameters_of
 from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.input_remarks import causes, next_step
@@ -199,7 +199,7 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(names of the columns, a row for each curve)."""
     quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]
     plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
-    units = {name: described(name)[1].replace(" ", "_") for name in result.parameters}
+    units = {name: digits.described(name)[1].replace(" ", "_") for name in result.parameters}
     columns = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
     head = ["name", "group", "source", "material", "method"]
@@ -224,7 +224,7 @@ def parameters_table(result: Result) -> Table | None:
     ]
     if not names:
         return None
-    table = terminal.table("curve", ["\n".join(filter(None, described(name))) for name in names])
+    table = terminal.table("curve", ["\n".join(filter(None, digits.described(name))) for name in names])
     having = [record for record in result.curves if any(name in record.other_parameters for name in names)]
     terminal.add_rows(
         table, [(record.name, [digits.quantity(record.quantity(name)) for name in names], "") for record in having]

@@ -9,6 +9,7 @@ from math import ceil, floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
 from cavirheo import errors
+from cavirheo.parameters import about
 
 if TYPE_CHECKING:
     from cavirheo.writing.document import Quantity, Spread
@@ -119,6 +120,15 @@ def significant(value: float, count: int = 3) -> str:
         return f"{value:.{count - 1}e}"
     rounded = float(f"{value:.{count - 1}e}")  # 9.996 is 10.0, not 10.00
     return f"{rounded:.{max(count - 1 - floor(log10(abs(rounded))), 0)}f}"
+
+
+def described(name: str) -> tuple[str, str]:
+    """Symbol and unit of a parameter; no unit for a plain number and for what is not known."""
+    try:
+        symbol, unit, *_ = about(name)
+    except KeyError:
+        return name, ""
+    return symbol, "" if unit == "1" else unit
 
 
 def counted(count: int, what: str) -> str:
