@@ -146,7 +146,7 @@ def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(session,
     for session.film in names:
         with pytest.raises(InputError) as error:
             measure(session, CAMERA, silent)
-        assert str(session.folder) not in words.told(error.value)
+        assert str(session.folder) not in words.for_page(error.value)
     assert [path.suffix for path in session.folder.iterdir() if path.is_file()] == []  # no frames are left behind
 
 
