@@ -116,7 +116,7 @@ PLANTED = (
     Planted("a worker with other code is taken", "workflow/cluster/check.py",
             "return message if theirs.code != mine.code else \"\"", "return \"\"", ("test_cluster",)),
     Planted("a file that is still written is read", "watch.py",
-            "if now - since >= LOOK and self._is_news", "if self._is_news", ("test_watch",)),
+            " if now - since >= LOOK]", "]", ("test_watch",)),
     Planted("one recording in two files counts twice", "watch.py",
             "if owner == one.path:", "if True:", ("test_watch",)),
     Planted("any file of the machine is uploaded", "app/events.py",
