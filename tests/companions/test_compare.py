@@ -187,6 +187,13 @@ def test_nothing_is_dropped(fake, run, folder, tmp_path):
         assert run("compare", "data", "--references", "data/less.csv", "-o", removed)[0] == expected
 
 
+def test_a_recording_in_two_sets_is_answered_with_each_density(fake, folder, tmp_path):
+    (folder / "two.csv").write_text("set,files,density\nlight,bare.csv,990\nheavy,bare.csv,1040\n")
+    found, *_ = compare(folder, folder / "two.csv", tmp_path / "c")
+    assert [curve.name for curve in found.curves] == ["light/bare", "heavy/bare"]
+    assert [call.medium.density for call in fake] == [990, 1040]
+
+
 def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):
     text = (folder / "published.csv").read_text().replace("gel a,", "gel | a,")
     (folder / "published.csv").write_text(text)

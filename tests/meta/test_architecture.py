@@ -113,6 +113,27 @@ def test_no_module_of_the_physics_needs_itself():
     assert needs == {}
 
 
+def reads_of_provenance(tree: ast.Module) -> list[int]:
+    """Lines on which an entry of a `provenance` is looked up; writing the whole of it down is allowed."""
+
+    def is_provenance(node: ast.expr) -> bool:
+        return isinstance(node, ast.Attribute) and node.attr == "provenance"
+
+    lines = []
+    for node in ast.walk(tree):
+        looked_up = isinstance(node, ast.Subscript) and is_provenance(node.value)
+        asked = isinstance(node, ast.Attribute) and node.attr in ("get", "pop") and is_provenance(node.value)
+        tested = isinstance(node, ast.Compare) and any(map(is_provenance, node.comparators))
+        lines += [node.lineno] if looked_up or asked or tested else []
+    return lines
+
+
+def test_nothing_reads_provenance():
+    assert {name: lines for name, tree in trees().items() if (lines := reads_of_provenance(tree))} == {}
+    assert reads_of_provenance(ast.parse('answer.provenance["best"]')) == [1]
+    assert reads_of_provenance(ast.parse('answer.provenance.get("best")')) == [1]
+
+
 def test_only_training_names_torch():
     assert [
         name for name, tree in trees().items() if room_of(name) != "training" and "import torch" in ast.unparse(tree)

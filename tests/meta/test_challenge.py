@@ -80,6 +80,16 @@ def test_a_parabola_reads_the_maximum():
     assert camera.read_maximum(time, radius) == pytest.approx((3.3e-6, 2e-4), rel=1e-6)
 
 
+def test_camera_shows_scale_and_clock(monkeypatch):
+    """With hardly any noise a recording is its curve, up to its scale and from its origin."""
+    quiet = camera.Level(**{**vars(camera.LEVELS["easy"]), "noise": (1e-9, 2e-9), "exposure": (0.0, 1e-9)})
+    monkeypatch.setattr(camera, "LEVELS", {**camera.LEVELS, "easy": quiet})
+    seen = camera.film(np.random.default_rng(1), "easy", lambda t: 1 - 0.1 * t, 2e-4, 2e-5)
+    after = seen.time >= seen.origin
+    expected = 2e-4 * (1 - 0.1 * (seen.time - seen.origin) / 2e-5) / seen.scale
+    assert seen.radius[after] == pytest.approx(expected[after], rel=1e-6)
+
+
 def judged(row: dict[str, str], G: str = "1000"):
     """Scores of G and mu of one answer."""
     about = [{"name": "a", "half": "real", "G": G, "mu": "0.1"}]
@@ -126,6 +136,14 @@ def test_tables_and_picture(made, tmp_path, monkeypatch):
     score.main()
     assert f"| narrow over wide | mu | {np.log(1.1) / np.log(4):.2f} |" in (tmp_path / "out.md").read_text()
     assert (tmp_path / "out.png").stat().st_size > 1000
+
+
+def test_frames_that_were_held_out():
+    held = [{"set": "gel", "name": "a", "time_us": f"{t}", "radius_um": "100", "R_max_um": "200"} for t in (1, 2)]
+    predicted = [{"name": "a", "time_us": "1", "radius_um": "102"}, {"name": "a", "time_us": "2", "radius_um": "98"}]
+    text = score.ahead(held, {"some": predicted, "half": predicted[:1]})
+    assert "| some | gel | 1 of 1 | 1.00 | 1.00 |" in text
+    assert "| half | gel | 0 of 1 |" in text
 
 
 def test_a_runner_goes_on_where_it_stopped(made, tmp_path, monkeypatch):
