@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from urllib.request import urlopen
 
@@ -160,7 +161,9 @@ class Shell:
         if out:
             out.unlink(missing_ok=True)
         silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        self.beside[what] = subprocess.Popen(words, cwd=self.folder, env=surroundings(self.folder), **silent)
+        heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a job in the background ignores Ctrl-C
+        where = {"cwd": self.folder, "env": surroundings(self.folder), "preexec_fn": heeds}
+        self.beside[what] = subprocess.Popen(words, **where, **silent)
         until = time.monotonic() + 120.0
         while (port and not answers(port)) or (out and not (out.exists() and cavirheo.load(out).curves)):
             assert self.beside[what].poll() is None, f"ended: {line}"
