@@ -2,6 +2,7 @@
 
 import csv
 import json
+import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -542,6 +543,24 @@ def test_without_matplotlib_the_report_is_complete_and_the_notes_say_what_is_lef
     (note,) = write_report(tmp_path, pairs, COMMAND, ("png",)).notes
     assert 'pip install "cavirheo[plot]"' in note
     assert {path.name for path in tmp_path.iterdir()} == {"result.json", "result.csv", "report.html", ".cavirheo"}
+
+
+WRITE = "from answers import answer, bubble; from cavirheo.reporting import write_report; c = bubble(); write_report("
+
+
+@pytest.mark.parametrize(
+    ("code", "heavy"),
+    [
+        ("import cavirheo.reporting", ("matplotlib", "rich", "scipy", "numba")),
+        ("import cavirheo.verbs", ("numpy", "pydantic")),
+        (f"{WRITE}'out', [(c, answer(c))], 'x')", ("matplotlib",)),
+    ],
+)
+def test_importing_and_writing_are_cheap(code, heavy, tmp_path):
+    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r}); {code}"
+    code += f"; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize("pyarrow", [True, False])

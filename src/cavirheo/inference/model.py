@@ -175,8 +175,7 @@ class PosteriorCard(BaseModel):
         kind: "posterior".
         kinds: (law, bubble) in the order in which the network knows them.
         trained: ranges of R_max (um), frame interval (us), frames, noise over R_max, and of the medium's density
-            (kg/m3)
-            and pressure (Pa).
+            (kg/m3) and pressure (Pa).
         training: how it was trained.
         coverage: share of truths within its intervals, by slot.
         onnx: the file that the card is of.

@@ -9,7 +9,6 @@ from math import ceil, floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
 from cavirheo import errors
-from cavirheo.parameters import about
 
 if TYPE_CHECKING:
     from cavirheo.writing.document import Quantity, Spread
@@ -124,6 +123,8 @@ def significant(value: float, count: int = 3) -> str:
 
 def described(name: str) -> tuple[str, str]:
     """Symbol and unit of a parameter; no unit for a plain number and for what is not known."""
+    from cavirheo.parameters import about  # its numpy takes longer to import than a help page
+
     try:
         symbol, unit, *_ = about(name)
     except KeyError:
