@@ -277,6 +277,8 @@ BAD = {  # content, code, what is named
     "frequency without unit": (table("Frequency,G',G''"), "rheometer.no_unit", "'Frequency'"),
     "frequency per second": (table("Frequency (1/s),G',G''"), "rheometer.no_unit", "'Frequency (1/s)"),
     "unknown unit": (table("strain (%),G' (psi),G''"), "rheometer.unknown_unit", "'psi'"),
+    "brackets in a unit": (table("omega,G',G''\nrad/s,[x] (Pa),Pa"), "rheometer.unknown_unit", "'x Pa' (Pa, kPa"),
+    "sentence as a unit": (table("omega,G',G''\nrad/s,Pa," + "word " * 40), "tabular.units", "the title \"G''\""),
     "two columns": ("strain (%),G' (Pa),G'' (Pa),G' (Pa)\n1,2,3,2\n2,3,4,3\n3,4,5,4\n", "rheometer.two_columns", "G'"),
     "no sweep": ("omega,G',G''\n" + "10,1000,50\n" * 9, "rheometer.no_sweep", "9 rows"),
     "few rows": ("omega,G',G''\n1,2,3\n5,,4\n9,4,5\n", "rheometer.no_sweep", "2 usable rows"),

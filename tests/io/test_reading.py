@@ -311,6 +311,7 @@ BAD = {  # content, or what writes it; code; what is named
     "shot and radii.csv": (b"shot,t_us,R1_um,R2_um\n1,1,1,1\n", "table.twice", "shot"),
     "area.csv": (b"t_us,area_um2\n1,1\n", "table.area", "area_um2"),
     "two units.csv": (b"t_us,R_um\ns,um\n1,1\n", "tabular.units", "'us'"),
+    "sentence.csv": (b"t_us,R\n," + b"word " * 40 + b"\n1,1\n", "tabular.units", "below the title 'R'"),
     "spaces.csv": (b"Time (us) Bubble radius (um)\n1 2\n", "tabular.width", ""),
     "velocity.csv": (b"t_us,velocity\n1,1\n", "table.columns", "R1_um"),
     "two means.csv": (b"time_us,radius_um\n1,100\nmean,3\nmean,4\n", "tabular.number", "'mean'"),

@@ -46,6 +46,7 @@ _SUMMARIES = {  # as `plain_title` writes them
     for word in words.split()
 }
 _LISTED = 8  # titles in a message
+_SPACES_AND_BRACKETS = re.compile(r"[\s\[\]()]+")
 
 
 class Name(NamedTuple):
@@ -344,7 +345,7 @@ def _begins_section(row: Row) -> bool:
 def _with_units(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple[Cells, list[Row]]:
     """(the titles with the units of the rows of words below them, these rows).
 
-    Raises InputError: a title names one unit and a row below it another.
+    Raises InputError: a title names one unit and a row below it another, or the two make another title.
     """
     titles, units = list(titles), list(takewhile(lambda row: _are_words(titles, row.cells, vocabulary), rows))
     for _, cells in units:
@@ -356,7 +357,10 @@ def _with_units(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple
                 continue
             both = f"the column {title!r} has the unit {unit!r} in its title, and {cell!r} in the row below"
             require(unit in (None, below or bare), both, vocabulary.code("units"))
-            titles[k] = title if unit else f"{title} ({bare})"
+            if not unit:
+                titles[k] = f"{title} ({_SPACES_AND_BRACKETS.sub(' ', bare)})"
+                no_unit = f"{cell[:30]!r} in the row below the title {title!r} is no unit of it; {vocabulary.expected}"
+                require(vocabulary.name(titles[k]).kind == kind, no_unit, vocabulary.code("units"))
     return titles, units
 
 
