@@ -224,6 +224,17 @@ def test_hdf5_layout(tmp_path):
     assert curves[0].stretch == 7.0
 
 
+@pytest.mark.parametrize(("group", "name"), [(b"", b"t_\xb5s"), (b"gel \xb5/", b"time_us")])
+def test_hdf5_names_in_latin_1(tmp_path, group, name):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file[group + name] = TIME * 1e6
+        file[group + b"radius_um"] = RADIUS * 1e6
+        file[b"notes \xb5"] = np.zeros(3)
+    (curve,) = read_curves(tmp_path / "a.h5")
+    assert np.allclose(curve.time, TIME)
+    assert curve.meta.get("label", "") == group.decode("latin-1").strip("/")
+
+
 def test_a_quoted_cell_may_hold_the_separator(tmp_path):
     path = text_table(tmp_path / "a.csv", "time_us,radius_um", TIME * 1e6, RADIUS * 1e6)
     head, *rows = path.read_text().splitlines()

@@ -27,8 +27,8 @@ def read(path: Path) -> list[RadiusCurve]:
     with h5py.File(path, "r") as file:
         groups, names_found = [file], []
 
-        def visit(name: str, item: Any) -> None:
-            names_found.append(name)
+        def visit(name: str | bytes, item: Any) -> None:
+            names_found.append(limits.as_text(name))
             limits.few(len(names_found), limits.SAMPLES // 100, "groups and datasets")
             if isinstance(item, h5py.Group):
                 groups.append(item)
@@ -49,22 +49,24 @@ def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
 
     arrays = {}
     for name in group:
-        kind, unit, _ = CURVES.name_by_words(name)
+        kind, unit, _ = CURVES.name_by_words(limits.as_text(name))
         if kind in ("time", "radius", "radius_std"):
             item = limits.local_item(group, name)
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
-                twice = f"{group.name} has two datasets for {kind}: {name} is one; keep the one that counts"
+                both = f"{limits.as_text(group.name)} has two datasets for {kind}"
+                twice = f"{both}: {limits.as_text(name)} is one; keep the one that counts"
                 require(kind not in arrays, twice, "hdf5.twice")
                 arrays[kind] = item, unit
     return arrays
 
 
 def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve:
-    meta: dict[str, Any] = {"label": group.name.strip("/")} if group.name != "/" else {}
+    path = limits.as_text(group.name)
+    meta: dict[str, Any] = {"label": path.strip("/")} if path != "/" else {}
     if "stretch" in group.attrs:
         stretch = np.asarray(group.attrs["stretch"])
         number = stretch.size == 1 and stretch.dtype.kind in "fiu"
-        require(number, f"the attribute stretch of {group.name} is no number: {stretch}"[:200], "hdf5.stretch")
+        require(number, f"the attribute stretch of {path} is no number: {stretch}"[:200], "hdf5.stretch")
         meta["stretch"] = float(stretch.item())
     samples: dict[str, Any] = {kind: np.asarray(item[()]) for kind, (item, _) in arrays.items()}
     return make_curve(**samples, time_unit=arrays["time"][1] or "s", radius_unit=arrays["radius"][1] or "m", **meta)

@@ -40,20 +40,27 @@ def arrays(items: Iterable[Any]) -> None:
     """
     total = 0
     for item in items:
-        require(item.shape is not None, f"{item.name} has no shape: it holds nothing", "limits.no_shape")
-        _require_inside(not (item.external or item.is_virtual), f"{item.name} takes its numbers from another file")
+        name = as_text(item.name)
+        require(item.shape is not None, f"{name} has no shape: it holds nothing", "limits.no_shape")
+        _require_inside(not (item.external or item.is_virtual), f"{name} takes its numbers from another file")
         total += prod(item.shape)
         for what, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
-            declared = f"{item.name} declares the {what} {getattr(item, what)}"
+            declared = f"{name} declares the {what} {getattr(item, what)}"
             require(size <= SAMPLES, f"{declared}: more than {SAMPLES} samples are not read", f"limits.{what}")
 
 
-def local_item(group: Any, name: str) -> Any:
+def as_text(name: str | bytes) -> str:
+    """The name of a group or dataset; h5py gives bytes where it is not UTF-8, and it is read as Latin-1."""
+    return name.decode("latin-1") if isinstance(name, bytes) else name
+
+
+def local_item(group: Any, name: str | bytes) -> Any:
     """group[name], None if there is nothing. Raises InputError: it would be read from another file."""
     import h5py
 
-    link = isinstance(group.get(name, getlink=True), h5py.ExternalLink)
-    _require_inside(not link, f"{name} is a link to another file")
+    links, key = group.id.links, name if isinstance(name, bytes) else name.encode()  # get(getlink=True) wants UTF-8
+    link = links.exists(key) and links.get_info(key).type == h5py.h5l.TYPE_EXTERNAL
+    _require_inside(not link, f"{as_text(name)} is a link to another file")
     return group.get(name)
 
 

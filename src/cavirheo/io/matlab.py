@@ -49,7 +49,7 @@ def read_hdf5(path: Path, names: Iterable[str]) -> tuple[Variables, list[str]]:
 
     variables: Variables = {}
     with h5py.File(path, "r") as file:
-        all_names = [name for name in file if name not in ("#refs#", "#subsystem#")]
+        all_names = [limits.as_text(name) for name in file if name not in ("#refs#", "#subsystem#")]
         for name in names:
             item = limits.local_item(file, name)
             if not isinstance(item, h5py.Dataset):
