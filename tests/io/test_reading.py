@@ -73,6 +73,19 @@ def test_unusable_cells_do_not_stop_the_others(tmp_path, save):
     assert curves[4].max_radius == pytest.approx(2e-4, rel=0.01)
 
 
+@pytest.mark.parametrize("kind", [h5py.ref_dtype, np.dtype([("a", "f8")]), "c16", "S3"], ids=str)
+def test_a_cell_without_real_numbers_is_an_empty_one(tmp_path, recwarn, kind):
+    save_v73(tmp_path / "gel.mat", bdt_variables())
+    with h5py.File(tmp_path / "gel.mat", "r+") as file:
+        file["R_nondim_All"][1, 0] = file.create_dataset("other", (180, 1), kind).ref
+        file["RmaxList"].attrs["MATLAB_empty"] = np.zeros(2, [("a", "f8")])
+    curves = read_curves(tmp_path / "gel.mat")
+    assert curves[2].max_radius == pytest.approx(3e-4, rel=0.01)
+    with pytest.raises(InputError, match="cell 2 of 3 is empty"):
+        _ = curves[1].max_radius
+    assert not recwarn.list
+
+
 def test_bdt_without_maxima_waits_for_the_users(tmp_path):
     variables = bdt_variables()
     del variables["RmaxList"]

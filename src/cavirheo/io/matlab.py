@@ -30,6 +30,7 @@ _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax del
 VARIABLES = (*_CELLS, *_ONE_EACH.split())
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
+_REAL = "fiub"  # kinds of numpy's types
 Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
 
 
@@ -62,14 +63,16 @@ def read_hdf5(path: Path, names: Iterable[str]) -> tuple[Variables, list[str]]:
                 require(arrays, f"a cell of {name} refers to no array", "matlab.cells")
                 limits.arrays(cells)
                 variables[name] = [_plain(cell).ravel(order="F") for cell in cells]
-            elif item.dtype.kind in "fiub":
+            elif item.dtype.kind in _REAL:
                 variables[name] = _plain(item)
     return variables, all_names
 
 
 def _plain(item: Any) -> Floats:
-    empty = item.attrs.get("MATLAB_empty", 0)
-    return np.empty(0) if empty else np.asarray(item[()], dtype=np.float64).T
+    """The numbers of a dataset; none where MATLAB wrote an empty array, or anything but real numbers."""
+    empty = np.asarray(item.attrs.get("MATLAB_empty", 0))
+    no_numbers = item.dtype.kind not in _REAL or (empty.dtype.kind in _REAL and empty.any())
+    return np.empty(0) if no_numbers else np.asarray(item[()], dtype=np.float64).T
 
 
 def curves(variables: Variables, names: list[str], density: float, pressure: float) -> list[RadiusCurve]:
