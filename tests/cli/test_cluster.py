@@ -17,10 +17,10 @@ from pathlib import Path
 import pytest
 from answers import same
 from conftest import ROOT, refusal, refused
-from dask import config
 
 pytest.importorskip("distributed", reason="needs the extra [cluster]")
 
+from dask import config
 from distributed import Client, LocalCluster
 
 from cavirheo import InputError

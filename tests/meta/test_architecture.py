@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
 from pathlib import Path
+
+from conftest import ROOT
 
 import cavirheo
 
@@ -50,6 +53,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("loading", "errors files reporting training companions video writing"),
 )
 MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}
+EXTRAS = ("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue", "pyarrow")
 FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room
 
 
@@ -141,9 +145,26 @@ def test_only_training_names_torch():
 
 
 def test_inference_needs_no_extra():
-    extras = ("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue", "pyarrow")
-    code = f"""import sys; sys.modules.update(dict.fromkeys({extras}))
+    code = f"""import sys; sys.modules.update(dict.fromkeys({EXTRAS}))
 import cavirheo.inference.bdt, cavirheo.inference.verify, cavirheo.verbs, cavirheo.reporting
 from cavirheo import infer, read_curves"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def of_extras(tree: ast.Module) -> list[str]:
+    """Libraries of an extra that a file of tests imports above the line that skips it without the extra."""
+    found = []
+    for node in tree.body:
+        if "pytest.skip(" in (text := ast.unparse(node)) or text.startswith("pytest.importorskip("):
+            break
+        imports = isinstance(node, ast.Import | ast.ImportFrom)
+        found += [name for name in EXTRAS if imports and re.match(rf"(import|from) {name}\b", text)]
+    return found
+
+
+def test_tests_are_collected_without_an_extra():
+    """Those of recordings are left out by their names (conftest.py)."""
+    files = [path for path in ROOT.glob("tests/*/test_*.py") if "test_video" not in path.name]
+    assert len(files) > 50
+    assert {path.name: found for path in files if (found := of_extras(ast.parse(path.read_text("utf-8"))))} == {}
