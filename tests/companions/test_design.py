@@ -187,6 +187,7 @@ def test_what_cannot_be_is_refused(quick, wrong):
 NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051"]
 
 
+@pytest.mark.needs("matplotlib")
 @pytest.mark.parametrize(
     ("words", "shots"),
     [

@@ -513,6 +513,7 @@ def test_report_escapes_everything_from_outside(tmp_path):
     assert not [key for key, _ in page.attributes if key.startswith("on")]
 
 
+@pytest.mark.needs("matplotlib")
 def test_files_have_safe_names_apart_and_the_same_bytes_each_time(tmp_path):
     names = ["../../etc/x[1]", "..", "a b", "A b", "report", "漢" * 82, "漢" * 82 + "b", "=" + "x" * 240]
     pairs = [(curve := bubble(name), answer(curve)) for name in names]
@@ -563,7 +564,7 @@ def test_importing_and_writing_are_cheap(code, heavy, tmp_path):
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("pyarrow", [True, False])
+@pytest.mark.parametrize("pyarrow", [pytest.param(True, marks=pytest.mark.needs("pyarrow")), False])
 def test_very_many_curves_have_row_message_picture_and_parquet_table(tmp_path, monkeypatch, pyarrow):
     monkeypatch.setattr("cavirheo.reporting.MANY", 3)
     monkeypatch.setattr(html, "DETAILED", 3)

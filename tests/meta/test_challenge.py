@@ -122,6 +122,7 @@ def test_liquids_have_no_modulus_and_what_is_missing_is_not_answered():
             score.judge(about, wrong, "mu")
 
 
+@pytest.mark.needs("matplotlib")
 def test_tables_and_picture(made, tmp_path, monkeypatch):
     truths, paths = score.read(made / "truth.csv"), []
     for name, spread in (("narrow", 1.1), ("wide", 4.0)):

@@ -16,6 +16,7 @@ def test_a_page_has_the_numbers_of_the_results(page):
     assert text == pages.filled(text, RESULTS), "run python -m validation --fill"
 
 
+@pytest.mark.repository
 def test_the_page_of_claims_is_that_of_the_results():
     assert pages.PAGE.read_text("utf-8") == pages.page(RESULTS), "run python -m validation --page"
     assert len(RESULTS) == len(pages.CLAIMS) == 10
@@ -30,6 +31,7 @@ def test_another_number_is_filled_and_an_unknown_one_is_refused():
         pages.filled("<!--solver.time:.1f-->0<!--/-->", results)
 
 
+@pytest.mark.repository
 @pytest.mark.parametrize("page", ["README.md", "docs/how-far.md", "docs/validation.md"])
 def test_headline_numbers_are_marked(page):
     assert pages.MARKED.search((ROOT / page).read_text("utf-8"))
