@@ -41,7 +41,8 @@ def folder(tmp_path_factory, shot, deep):
     for name in ("shot.mp4", "shot.mkv", "shot.tif"):
         shot.save(place / name)
     deep.save(place / "deep.mkv")
-    tifffile.imwrite(place / "packed.tif", deep.frames, compression="lzw", photometric="minisblack")
+    first, *others = map(Image.fromarray, deep.frames)
+    first.save(place / "packed.tif", save_all=True, append_images=others, compression="tiff_lzw")
     for name in ("images", "pages"):
         (place / name).mkdir()
     for k, frame in enumerate(deep.frames):
