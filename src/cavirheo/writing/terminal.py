@@ -49,6 +49,11 @@ def bar(
 
     advance counts what is done; it may also tell the total, or say anew what is being done.
     """
+    on = console(stderr=True)
+    if not (shown and on.is_terminal):  # rich 13 ends a bar that is disabled with an empty line
+        yield lambda count=1, total=None, what=None: None
+        return
+
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
     from rich.table import Column
     from rich.text import Text
@@ -66,9 +71,7 @@ def bar(
         TimeRemainingColumn(table_column=whole),
         TextColumn("left", "dim"),
     )
-    on = console(stderr=True)
-    how: Any = {"console": on, "transient": True, "disable": not (shown and on.is_terminal)}
-    with Progress(*columns, speed_estimate_period=RATE_OVER, **how) as progress:
+    with Progress(*columns, speed_estimate_period=RATE_OVER, console=on, transient=True) as progress:
         task = progress.add_task(what, total=total)
 
         def advance(count: int = 1, total: int | None = None, what: str | None = None) -> None:
