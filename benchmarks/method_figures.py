@@ -160,7 +160,7 @@ def draws() -> Any:
     figure, (left, right) = panels(2, 3.4, [(G_AXIS, MU_AXIS)] * 2)
     left.plot(*pair(network), ".", color=style.PALE, ms=2.5, mew=0, label="draws of the network")
     left.plot([], [], "--", color=style.INK, lw=1.0, label="90 % of them")
-    scattered(right, answer, pair(answer), "simulated draws, area: weight")
+    scattered(right, answer, pair(answer), "draws of the surrogate, area: weight")
     right.plot([], [], color=style.BLUE, lw=1.4, label="90 % of their weight")
     for axes in (left, right):
         axes.set(xlim=(3.0, 13.0), ylim=(0.02, 0.08))

@@ -25,7 +25,7 @@ from cavirheo.writing.terminal import once
 
 VERSION = version("cavirheo")
 LEVELS = [  # label and value of each choice of the page
-    ("weighed by simulations", "auto"),
+    ("checked by simulations", "auto"),
     ("not verified (fastest)", "none"),
     ("Gaussian", "map"),
     ("full (slow)", "full"),

@@ -16,7 +16,11 @@ here, with the standard deviation of the uniform one within its bound.
 
 A residual is extended by what is needed of the camera: its first n numbers are the frames, measured minus simulated
 over R_max; then p in units of its prior's standard deviations, as m pulls; then the logarithm of what the integral has
-besides likelihood and exp(-pulls^2/2).
+besides likelihood and exp(-pulls^2/2); then the shape of the bubble, from which its frames can be had again.
+
+A shape is the instants of the collapses, over the length of the grid, and R/R_max at nodes between them, at fixed
+shares of the way from one to the next. R at an instant has a kink where a collapse passes it, a shape has none: it is
+what changes smoothly with a parameter.
 """
 
 from __future__ import annotations
@@ -39,13 +43,19 @@ FINEST = 0.004  # t_c between the instants at which a simulation is kept,
 PER_FRAME = 3.0  # or so many for each frame
 MOST = 4000  # of them
 STEPS = 20  # Gauss-Newton steps, at most,
-ROUGH_GAIN, GAIN = 0.1, 1e-5  # until one gains less in log density: all of them, the best one
+ROUGH_GAIN, SHAPE_GAIN, GAIN = (
+    0.1,
+    0.02,
+    1e-5,
+)  # until one gains less in log density: all, the best one of a shape or not
 CLOCKS = (0.0, -1.2, -0.6, 0.6, 1.2)  # where these steps begin, in standard deviations of the clock,
 CLIMBED = 2  # from so many of them, the most likely
 SIZE_STEP = 0.02  # by which the bubble of the second simulation is larger
 SIZE_EFFECT = 0.15  # RMS change of R* over a relative change of size, about,
 SIZE_SHARE = 0.25  # of the noise, from which such a change counts
-SHARE = 0.01  # of a size of the discrepancy in the noise, below which a step leaves it out
+INSTANTS, SHAPE_INSTANTS = 9, 3  # in an exposure, of a simulation and of a shape
+NODES = 40  # of a shape between two collapses, dense at these
+ROUGH_SHARE, SHARE = 0.1, 0.01  # of a size of the discrepancy in the noise, below which these leave it out
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
@@ -76,16 +86,16 @@ class CameraNuisances:
     """What the camera may have changed of (n,) frames.
 
     time: (n,) s after the R_max that was read. measured: (n,) R/R_max. widths: standard deviations of t_0 (s), s and
-    f; 0 for one that is exact. instants: (k,) offsets in s within an exposure, and their shares.
-    step: s between the instants at which a simulation is needed.
+    f; 0 for one that is exact. exposure: s of a frame.
+    step: s between the instants at which a simulation is needed. collapses: in these frames.
     """
 
     time: Floats
     measured: Floats
     widths: Floats
-    instants: Floats
-    shares: Floats
+    exposure: float
     step: float
+    collapses: int = 0
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -95,12 +105,21 @@ class CameraNuisances:
     @property
     def size(self) -> int:
         """Numbers of an extended residual."""
-        return len(self.time) + len(self.free) + 1
+        return len(self.time) + len(self.free) + 1 + self.collapses + (self.collapses + 1) * (NODES + 1)
+
+    @cached_property
+    def frames(self) -> Frames:
+        return self._frames(INSTANTS)
+
+    def _frames(self, count: int) -> Frames:
+        """With so many instants in an exposure."""
+        instants, shares = exposed(self.exposure, count)
+        return Frames(self.time, self.measured, self.widths, self.free, instants, shares, self.step)
 
     @cached_property
     def grid(self) -> Floats:
         """(k,) s after R_max at which a simulation is needed, all frames with any clock and scale between them."""
-        end = (float(np.max(self.time)) + 3.0 * self.widths[0] + float(np.max(self.instants))) * 1.05
+        end = (float(np.max(self.time)) + 3.0 * self.widths[0] + 0.5 * self.exposure) * 1.05
         return np.asarray(self.step * np.arange(int(np.ceil(end / self.step)) + 3))
 
     def resolves_size(self, noise: Noise) -> bool:
@@ -109,13 +128,29 @@ class CameraNuisances:
 
     def extended(self, run: SimulatedCurve, noise: Noise) -> tuple[Floats, Floats]:
         """(size,) extended residual of a simulation on `grid` and the curvature H (m, m) in units of the prior."""
+        how = noise.covariances, noise.constants, noise.power
+        residual, curvature = _integrated(run, self.frames, self.starts, GAIN, *how)
+        return np.concatenate([residual, _shape(run.radius, run.speed * self.step, self.collapses)]), curvature
+
+    def of_shapes(self, shapes: Floats, noise: Noise) -> Floats:
+        """(k, n + m + 1) extended residuals of bubbles of these shapes (k, numbers), without shapes."""
+        shapes, size = np.ascontiguousarray(shapes), len(self.grid)
+        how = noise.covariances, noise.constants, noise.power
+        frames = self._frames(SHAPE_INSTANTS)
+        return np.asarray(_of_shapes(shapes, self.collapses, size, frames, self.starts, *how))
+
+    def radius_of(self, shape: Floats) -> Floats:
+        """R/R_max on `grid` of a bubble of this shape (numbers,)."""
+        return np.asarray(_curve(shape, self.collapses, len(self.grid))[0])
+
+    @property
+    def starts(self) -> Floats:
+        """(k, m) where the steps to the most likely clock, scale and factor begin."""
         m = len(self.free)
         starts = np.zeros((len(CLOCKS) if m and not self.free[0] else 1, m))
         if len(starts) > 1:  # frames beside a collapse may have two clocks
             starts[:, 0] = CLOCKS
-        frames = Frames(self.time, self.measured, self.widths, self.free, self.instants, self.shares, self.step)
-        residual, curvature = _integrated(run, frames, starts, noise.covariances, noise.constants, noise.power)
-        return residual, curvature
+        return starts
 
     def natural(self, z: Floats) -> dict[str, Floats]:
         """time_origin (s), radius_scale and max_radius_factor from z (..., m)."""
@@ -126,7 +161,7 @@ class CameraNuisances:
 
     def z(self, residuals: Floats) -> Floats:
         """(..., m) the most likely clock, scale and factor, in units of their prior, of extended residuals."""
-        return residuals[..., len(self.time) : self.size - 1]
+        return residuals[..., len(self.time) : len(self.time) + len(self.free)]
 
     def draw(self, middle: Floats, curvature: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """z (k, m) of Gaussians of this curvature (m, m) about `middle` (k, m), and the log density (k,) of each."""
@@ -135,6 +170,12 @@ class CameraNuisances:
         height = 0.5 * float(np.linalg.slogdet(curvature)[1]) - 0.5 * m * _LOG_2PI
         spread = np.linalg.cholesky(np.linalg.inv(curvature)).T
         return middle + off @ spread, height - 0.5 * np.sum(off**2, axis=1)
+
+
+def exposed(exposure: float, count: int) -> tuple[Floats, Floats]:
+    """Offsets of `count` instants (Gauss-Legendre) within an exposure, in its unit, and their shares; one without."""
+    nodes, shares = np.polynomial.legendre.leggauss(count if exposure else 1)
+    return 0.5 * exposure * nodes, 0.5 * shares
 
 
 def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
@@ -152,36 +193,41 @@ def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
 
 @compiled
 def _integrated(
-    run: SimulatedCurve, frames: Frames, starts: Floats, covariances: Covariances, constants: Floats, power: float
-) -> tuple[Floats, Floats]:
-    """What `CameraNuisances.extended` gives, from starts z (k, m) of the steps and the noise's covariances."""
+    run: SimulatedCurve, frames: Frames, starts: Floats, finest: float, covariances: Covariances, constants: Floats,
+    power: float,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """What `CameraNuisances.extended` gives, from starts z (k, m) of steps, the last of which gain less than `finest`,
+    and the noise's covariances."""
     weight, moved, rank, factor = covariances
     m, residuals = len(frames.free), np.empty((len(frames.time), len(starts)))
     for k in range(len(starts)):
         residuals[:, k] = _simulated_frames(run, frames, starts[k])[:, m]
     squares = products(residuals, weight, moved, rank, factor)
     heights, largest = np.empty(len(starts)), np.zeros(len(rank))
+    some = moved, rank, factor, constants
     for k in range(len(starts)):
         height, share = summed(squares[:, k, k], constants, power)
         heights[k] = height - 0.5 * np.sum(starts[k] ** 2)
         largest = np.maximum(largest, share)
-    if m:
-        counted = np.flatnonzero(largest > SHARE)
-        moved, rank, factor, constants = moved[counted], rank[counted], factor[counted], constants[counted]
     order = np.argsort(-heights)
     top, best = -np.inf, starts[order[0]]
     tries = min(CLIMBED, len(starts))
     for k in range(tries + 1):  # a few steps from each of the likeliest, then all the way from the better end
-        z, least = (starts[order[k]], ROUGH_GAIN) if k < tries else (best, GAIN)
+        z, least = (starts[order[k]], ROUGH_GAIN) if k < tries else (best, finest)
+        if m and (k == 0 or k == tries):
+            counted = np.flatnonzero(largest > (ROUGH_SHARE if k < tries else SHARE) * np.max(largest))
+            some = moved[counted], rank[counted], factor[counted], constants[counted]
         columns = _simulated_frames(run, frames, z)
-        height, gradient, curvature = expanded(columns, weight, moved, rank, factor, constants, power)
+        height, gradient, curvature = expanded(columns, weight, *some, power)
         value = height - 0.5 * np.sum(z**2)
         for _ in range(STEPS if m else 0):
             direction, gain = _solved(curvature, gradient + z)[0], 0.0
+            if 0.5 * np.sum((gradient + z) * direction) < least:
+                break
             for length in (1.0, 0.5, 0.2, 0.05):
                 next_z = z - length * direction
                 next_columns = _simulated_frames(run, frames, next_z)
-                height, slope, curved = expanded(next_columns, weight, moved, rank, factor, constants, power)
+                height, slope, curved = expanded(next_columns, weight, *some, power)
                 next_value = height - 0.5 * np.sum(next_z**2)
                 if next_value > value:
                     gain, z, columns, value = next_value - value, next_z, next_columns, next_value
@@ -253,3 +299,77 @@ def _simulated_frames(run: SimulatedCurve, frames: Frames, z: Floats) -> Floats:
             columns[n, k] = frame[1 + free[k]] * widths[free[k]]
         columns[n, m] = frames.measured[n] - frame[0]
     return columns
+
+
+@compiled
+def _shape(radius: Floats, speed: Floats, collapses: int) -> Floats:
+    """Shape of a simulation at (k,) regular instants. A collapse that it has not is put where the one before and the
+    end tell it."""
+    last, knots, found = len(radius) - 1, np.empty(collapses + 2), 0
+    knots[0], knots[-1] = 0.0, last
+    for i in range(1, last):
+        if found < collapses and speed[i] < 0.0 <= speed[i + 1]:
+            found += 1
+            knots[found] = i + speed[i] / (speed[i] - speed[i + 1])
+    for k in range(found + 1, collapses + 1):
+        knots[k] = knots[k - 1] + (last - knots[k - 1]) / (collapses + 2 - k)
+    shape = np.empty(collapses + (collapses + 1) * (NODES + 1))
+    shape[:collapses] = knots[1:-1] / last
+    for k in range(collapses + 1):
+        for j in range(NODES + 1):
+            share = _share(j / NODES, k, collapses)
+            away = knots[k] + share * (knots[k + 1] - knots[k])
+            i = min(int(away), last - 1)
+            t, rise = away - i, radius[i + 1] - radius[i]
+            begin, end = speed[i], speed[i + 1]
+            height = radius[i] + t * (begin + t * (3.0 * rise - 2.0 * begin - end + t * (begin + end - 2.0 * rise)))
+            shape[collapses + k * (NODES + 1) + j] = height
+    return shape
+
+
+@compiled
+def _share(place: float, part: int, collapses: int) -> float:
+    """Of the way from one collapse to the next, at a place of the nodes from 0 to 1; after the last collapse the nodes
+    are dense at its side alone."""
+    return place**2 if part == collapses else np.sin(0.5 * np.pi * place) ** 2
+
+
+@compiled
+def _of_shapes(
+    shapes: Floats, collapses: int, size: int, frames: Frames, starts: Floats, covariances: Covariances,
+    constants: Floats, power: float,
+) -> Floats:  # fmt: skip
+    """What `CameraNuisances.of_shapes` gives; the grid has `size` instants."""
+    found = np.empty((len(shapes), len(frames.time) + len(frames.free) + 1))
+    for k in range(len(shapes)):
+        radius, speed = _curve(shapes[k], collapses, size)
+        run = SimulatedCurve(radius, speed / frames.step, np.zeros(size))
+        found[k] = _integrated(run, frames, starts, SHAPE_GAIN, covariances, constants, power)[0]
+    return found
+
+
+@compiled
+def _curve(shape: Floats, collapses: int, size: int) -> tuple[Floats, Floats]:
+    """Radius and its change from one instant to the next, at (size,) regular instants, of a shape: cubic pieces between
+    its nodes."""
+    radius, speed, knots = np.empty(size), np.empty(size), np.empty(collapses + 2)
+    knots[0], knots[1:-1], knots[-1] = 0.0, shape[:collapses] * (size - 1), size - 1.0
+    part = 0
+    for n in range(size):
+        while part < collapses and n > knots[part + 1]:
+            part += 1
+        length = max(knots[part + 1] - knots[part], 1e-9)
+        share = min(max((n - knots[part]) / length, 0.0), 1.0)
+        away = NODES * (np.sqrt(share) if part == collapses else np.arcsin(np.sqrt(share)) / (0.5 * np.pi))
+        i = min(int(away), NODES - 1)
+        t, at = away - i, collapses + part * (NODES + 1) + i
+        low, high = shape[at], shape[at + 1]
+        rise = high - low
+        begin = 0.5 * (high - shape[at - 1]) if i > 0 else 1.5 * rise - 0.5 * (shape[at + 2] - high)
+        end = 0.5 * (shape[at + 2] - low) if i < NODES - 1 else 1.5 * rise - 0.5 * (low - shape[at - 1])
+        square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
+        radius[n] = low + t * (begin + t * (square + t * cube))
+    for n in range(1, size - 1):
+        speed[n] = 0.5 * (radius[n + 1] - radius[n - 1])
+    speed[0], speed[-1] = 0.0, radius[-1] - radius[-2]
+    return radius, speed

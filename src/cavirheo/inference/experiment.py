@@ -25,12 +25,14 @@ from cavirheo.errors import InputError, require
 from cavirheo.inference.bins import half_widths
 from cavirheo.inference.camera import (
     FINEST,
+    INSTANTS,
     MOST,
     NAMES,
     PER_FRAME,
     SIZE_STEP,
     CameraNuisances,
     SimulatedCurve,
+    exposed,
     rescaled,
 )
 from cavirheo.inference.law import Family
@@ -60,7 +62,6 @@ LEFT = 1e-3  # of R_max RMS: by so much or less
 STATED = 0.1  # of a stretch that the file states: its standard deviation, if none is stated
 TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # motion within a frame that may be noise, over radius noise
 _LN10 = float(np.log(10.0))
-_NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(9))  # of an exposure, over its length
 
 
 def _known_stretch(curve: RadiusCurve, wanted: float | str | None) -> tuple[float, float] | None:
@@ -342,9 +343,9 @@ class Experiment:
 
         The bubble starts from rest at t_max + t_0; instants before are mirrored (R is even to third order there).
         """
-        natural, (nodes, shares) = self.natural(x), self._exposed
+        natural, (offsets, shares) = self.natural(x), exposed(self.exposure, INSTANTS)
         since = self.since[self.counted] if counted else self.since
-        instants = (since[:, None] - natural["time_origin"] + self.exposure * nodes).ravel()
+        instants = (since[:, None] - natural["time_origin"] + offsets).ravel()
         side, instants = np.sign(instants), np.abs(instants)
         order = np.argsort(instants, kind="stable")
         scale = natural["radius_scale"]
@@ -354,7 +355,7 @@ class Experiment:
         seen = np.empty((3, len(instants)))
         seen[:, order] = np.array([run.radius, np.abs(run.velocity), run.velocity]) / (scale * self.max_radius)
         seen[2] *= side
-        return Prediction(*(np.asarray(values.reshape(-1, len(nodes)) @ shares) for values in seen))
+        return Prediction(*(np.asarray(values.reshape(-1, len(offsets)) @ shares) for values in seen))
 
     def _run(
         self, x: Floats, natural: Mapping[str, Any], max_radius: float, time: Floats, accuracy: Accuracy
@@ -372,22 +373,16 @@ class Experiment:
         return run if good else None
 
     @property
-    def _exposed(self) -> tuple[Floats, Floats]:
-        """Instants within an exposure, over its length, and their shares."""
-        return (_NODES, _SHARES) if self.exposure else (np.zeros(1), np.ones(1))
-
-    @property
     def camera(self) -> CameraNuisances:
         """What clock, radius scale and R_max factor may do to the frames that count."""
         units = (1.0 / np.sqrt(3.0), 1.0 / SIGMAS, 1.0 / SIGMAS)  # of a uniform clock, and of what is cut at SIGMAS
         widths = [
             self.free[name][1] * unit if name in self.free else 0.0 for name, unit in zip(NAMES, units, strict=True)
         ]
-        nodes, shares = self._exposed
         time, measured = self.since[self.counted], self.measured[self.counted]
         step = min(self.frame / PER_FRAME, FINEST * self.time_scale)
         step = max(step, float(np.max(time, initial=0.0)) / MOST)
-        return CameraNuisances(time, measured, np.array(widths), self.exposure * nodes, shares, step)
+        return CameraNuisances(time, measured, np.array(widths), self.exposure, step, self.view.collapses)
 
     def extended(
         self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = DEFAULT

@@ -33,7 +33,6 @@ SHAPE = 2.0  # A: the frame-to-frame noise is a good guess of the noise, but no 
 RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
 CLOCKS = (0.0, 1.0, 4.0)  # s/r
 TIMES = (0.1, 0.5, 2.0)  # tau/t_c: a collapse, half of the first fall, the whole window
-UNSEEN = 1e6  # deviation of the number of an extended residual that has no distribution
 ABSENT = 1.0 / 6.0  # prior probability that there is no discrepancy
 
 
@@ -73,21 +72,20 @@ class Noise:
         """(grid, k, k) columns' C^-1 columns, of (n, k)."""
         return np.asarray(products(np.ascontiguousarray(columns), *self.covariances))
 
+    def squares(self, residuals: Floats) -> Floats:
+        """(grid, k) e' C^-1 e of residuals (k, n)."""
+        return np.asarray(_squares(np.ascontiguousarray(residuals), *self.covariances))
+
     def joint(self, squares: Floats) -> Floats:
         """(grid, k) log joint density of grid point and residual, from e' C^-1 e (grid, k)."""
         return np.asarray(self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE)))
 
     def _weighed(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
-        squares = np.array([self.products(residual[:, None])[:, 0, 0] for residual in residuals]).T
+        squares = self.squares(residuals)
         terms = self.joint(squares)
         total = log_sum(terms, axis=0)
         return total, np.exp(terms - total), squares
-
-    def factor(self, squares: Floats) -> float:
-        """k^2 on average over the grid, for one residual with e' C^-1 e (grid,)."""
-        terms = self.joint(squares[:, None])[:, 0]
-        return float(np.exp(terms - log_sum(terms)) @ (SHAPE + 0.5 * squares) / self.power)
 
     def log_density(self, residuals: Floats) -> Floats:
         """(k,) of residuals (k, n); -inf where one is not finite."""
@@ -195,6 +193,15 @@ def products(columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.in
 
 
 @compiled
+def _squares(residuals: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
+    """(grid, k) e' C^-1 e of residuals (k, n)."""
+    found = np.empty((len(rank), len(residuals)))
+    for k in range(len(residuals)):
+        found[:, k] = products(residuals[k].reshape(-1, 1), weight, moved, rank, factor)[:, 0, 0]
+    return found
+
+
+@compiled
 def expanded(
     columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats, constants: Floats,
     power: float,
@@ -225,17 +232,15 @@ def summed(squares: Floats, constants: Floats, power: float) -> tuple[float, Flo
 
 
 class MarginalNoise:
-    """The distribution of extended residuals (k, n + m + 1), which hold m pulls and the logarithm of the rest of an
-    integral over the camera (camera.py) beside the n frames that `frames` is about.
+    """The distribution of extended residuals (k, size), which hold m pulls, the logarithm of the rest of an integral
+    over the camera and the shape of the bubble (camera.py) beside the n frames that `frames` is about.
 
     power, constants, joint: of `frames`. pull: k^2 of the frames, by which the pulls' squares are multiplied
     where the frames' are to be divided by it.
     """
 
-    def __init__(self, frames: Noise, pulls: int) -> None:
-        self.frames, self.pulls, self.pull = frames, pulls, 1.0
-        self.deviation: Floats = np.concatenate([frames.deviation, np.ones(pulls), [UNSEEN]])
-        self.size: int = len(self.deviation)
+    def __init__(self, frames: Noise, pulls: int, size: int) -> None:
+        self.frames, self.pulls, self.size = frames, pulls, size
 
     @property
     def power(self) -> float:
@@ -245,18 +250,14 @@ class MarginalNoise:
     def constants(self) -> Floats:
         return self.frames.constants
 
-    def joint(self, squares: Floats) -> Floats:
-        """As that of `frames`."""
-        return self.frames.joint(squares)
-
-    def factor(self, squares: Floats) -> float:
-        """As that of `frames`."""
-        return self.frames.factor(squares)
-
     def split(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """Frames (..., n), pulls (..., m) and the logarithm of the rest (...,)."""
         n = self.frames.size
         return residuals[..., :n], residuals[..., n : n + self.pulls], residuals[..., n + self.pulls]
+
+    def shapes(self, residuals: Floats) -> Floats:
+        """(..., numbers) of extended residuals (..., size)."""
+        return residuals[..., self.frames.size + self.pulls + 1 :]
 
     def log_density(self, residuals: Floats) -> Floats:
         """(k,) of extended residuals (k, size); -inf where one is not finite."""
@@ -272,17 +273,13 @@ class MarginalNoise:
         return gradient - by_pulls.T @ pulls + by_rest, curvature + by_pulls.T @ by_pulls
 
     def only(self, residuals: Floats, least: float) -> MarginalNoise:
-        """As that of `frames`; its `pull` is that of the first of the residuals."""
-        frames = self.split(residuals)[0]
-        found = copy(self)
-        found.frames = self.frames.only(frames, least)
-        found.pull = found.frames.factor(found.frames.products(frames[0][:, None])[:, 0, 0])
-        return found
+        """As that of `frames`."""
+        return MarginalNoise(self.frames.only(self.split(residuals)[0], least), self.pulls, self.size)
 
     def products(self, columns: Floats) -> Floats:
-        """As that of `frames`, of (size, k); the pulls have `pull` for C^-1, the rest nothing."""
+        """As that of `frames`, of (size, k); the pulls have 1 for C^-1, the rest nothing."""
         frames, pulls, _ = (part.T for part in self.split(columns.T))
-        return self.frames.products(frames) + self.pull * pulls.T @ pulls
+        return self.frames.products(frames) + pulls.T @ pulls
 
     def describe(self, residual: Floats) -> dict[str, float]:
         """As that of `frames`."""

@@ -1,13 +1,15 @@
 """Level "auto": weighted draws from a few hundred simulations where a network's draws show the way.
 
 The network's own draws are simulated first. They lead to the maximum and to what is around it, and their weights give
-an evidence by themselves. The draws that count come from what the simulations teach (proposals.py). They are trusted if
-they are worth enough and if the network's own evidence is not larger than theirs: an effective size alone does not show
-what a proposal never met. (That it is smaller only says that the network misses what they have.)
+an evidence by themselves. A surrogate (surrogate.py) of these simulations is drawn from, and some of its draws are
+simulated by the default solver: rounds of these teach it and check it, until it is as good as the simulations. Its own
+draws are then the answer. They are trusted if the network's own evidence is not larger than theirs: a surrogate does
+not show what no simulation met. (That it is smaller only says that the network misses what they have.) Where no
+surrogate is good enough, draws of mixtures are simulated, and their weights count.
 
-All of these are rough simulations plus what they miss of the default ones at likely places, for that hardly changes
-across a posterior: the log weights are off by some hundredths, in half the time. The answer says by how much, from
-default simulations of draws that were not used before; if it is too much, all that have a weight are simulated anew.
+Most of these are rough simulations plus what they miss of the default ones at likely places, for that hardly changes
+across a posterior: the log weights are off by some hundredths, in half the time. Of draws that are simulated, default
+simulations of some tell by how much; if it is too much, all that have a weight are simulated anew.
 """
 
 from __future__ import annotations
@@ -21,23 +23,24 @@ import numpy as np
 
 from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.errors import SolverError
-from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.budget import Budget
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, answer_at, climb, modes, secant
-from cavirheo.inference.verify.proposals import AdaptiveProposal, SurrogateProposal, log_mean
-from cavirheo.inference.verify.sampler import Proposal, Sample, Sampling, sample, tempered
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant
+from cavirheo.inference.verify.proposals import AdaptiveProposal, SurrogateDraws
+from cavirheo.inference.verify.sampler import Proposal, Sample, Sampling, tempered
+from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
-from cavirheo.posterior import Evidence, OtherAnswer, intervals
+from cavirheo.posterior import OtherAnswer
 
 _FARTHEST = 4.0  # standard deviations of their priors, to which clock, scale and factor are extrapolated
 
 
 class WeightedDraws(NamedTuple):
-    """drawn: the weighted draws. residual: (k, size) their extended residuals. best: the maximum beside the highest
-    simulation; None if the default one fails there. modes: all that were found. few: whether few simulations were
-    enough. apart: how many standard errors the network's own evidence is above that of the others; None if its draws
-    are worth too little. rough: standard deviation of the error of the log weights by rough simulations."""
+    """drawn: the weighted draws. residual: (k, size) their extended residuals, of simulations or of a surrogate. best:
+    the maximum beside the highest simulation; None if the default one fails there. modes: all that were found. few:
+    whether few simulations were enough. apart: how many standard errors the network's own evidence is above that of the
+    others; None if its draws are worth too little. rough: standard deviation of the error of the log weights by rough
+    simulations or by a surrogate."""
 
     drawn: Sample
     residual: Floats
@@ -105,7 +108,7 @@ class TwoFidelityTarget(Target):
         if count > 1:
             some = rng.choice(len(weight), count, replace=False, p=chance / np.sum(chance))
             wrong = Simulated.at(self.exact, drawn.u[some]).value - drawn.log_target[some]
-            error = float(np.std(wrong, ddof=1)) if np.all(np.isfinite(wrong)) else np.inf
+            error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
         if error <= TUNING.mended_enough:
             common = float(np.hypot(drawn.common, error / np.sqrt(count)))
             return replace(drawn, log_target=drawn.log_target + np.mean(wrong), common=common), error
@@ -115,9 +118,10 @@ class TwoFidelityTarget(Target):
         value[again] = Simulated.at(self.exact, drawn.u[again]).value
         return replace(drawn, log_target=value), error
 
-    def highest(self, start: Floats) -> Mode | None:
-        """The maximum reached from u (d,), with the default simulation there; None if one of them failed."""
-        mode = climb(self, start, BRISK)
+    def highest(self, start: Floats, surrogate: Surrogate | None) -> Mode | None:
+        """The maximum reached from u (d,), by a surrogate if there is one, with the default simulation there; None if
+        one of them failed."""
+        mode = climb(Emulated(self, surrogate) if surrogate else self, start, BRISK)
         if mode is None:
             return None
         residual = self.exact.residuals(mode.u[None], DEFAULT)
@@ -125,9 +129,21 @@ class TwoFidelityTarget(Target):
         return replace(mode, residual=residual[0], log_posterior=float(value)) if np.isfinite(value) else None
 
 
+class Emulated(Target):
+    """A target that a surrogate simulates."""
+
+    def __init__(self, target: Target, surrogate: Surrogate) -> None:
+        super().__init__(target.experiment, target.whole, target.noise.frames, target.workers)
+        self.surrogate = surrogate
+
+    def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
+        """(k, size) at u (k, d)."""
+        return self.surrogate.residuals(u)
+
+
 class Preview(NamedTuple):
-    """What a model answers by few simulations. answer: to be set beside another's; the error of its evidence is LAPLACE
-    where it is not to be relied on. x: (k, all) draws. log_weight: (k,) of them, whose mean is the evidence."""
+    """What a model answers. answer: to be set beside another's; the error of its evidence is LAPLACE where it is not to
+    be relied on. x: (k, all) draws. log_weight: (k,) of them, whose mean is the evidence."""
 
     answer: OtherAnswer
     x: Floats
@@ -165,35 +181,57 @@ class AdaptiveSampling:
         self.own: Sample | None = None
         self.drawn: Sample | None = None
         self.apart: float | None = None
-        self.trusted = self.searched = self.ended = False
+        self.emulated: SurrogateDraws | None = None
+        self.error = 0.0
+        self.trusted = self.searched = self.ended = self.looked = False
         if network and known:
             known = near.again(known.u, known.residual)
             self.explorer.learn(*known)
             self.own = Sample(u, known.value[: len(u)], network.log_density(u))
 
-    def preview(self) -> Preview:
-        """What a surrogate of the simulations so far answers, and further ones at some likely places tell how wrong its
-        evidence is; where there is no surrogate, what the Gaussian about the maximum answers."""
-        target, mode, explorer = self.target, self.modes[0], self.explorer
+    def emulate(self, enough: float) -> Sample | None:
+        """Draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own draws
+        that check it; None where it is not good enough."""
+        target, explorer, found = self.near.exact, self.explorer, None
         rng = np.random.Generator(np.random.Philox(self.seed))
-        seen = explorer.propose(rng, None)
-        u, error = mode.draws(TUNING.draws, self.seed), LAPLACE
-        log_weight = np.full(TUNING.draws, self.log_laplace)
-        if isinstance(seen, SurrogateProposal):
-            u, log_weight = seen.pool, seen.log_weight
-            weight = unscaled(log_weight)
-            count = min(TUNING.preview_checked, int(np.count_nonzero(weight)))
-            some = rng.choice(len(u), count, replace=False, p=weight / np.sum(weight))
-            wrong = explorer(u[some]) - seen.log_surrogate[some]
-            if count > 1 and np.all(np.isfinite(wrong)):
-                scatter = float(np.std(wrong, ddof=1))
-                if scatter <= TUNING.preview_enough:
-                    log_weight = log_weight + log_mean(wrong)
-                    error = float(np.hypot(scatter / np.sqrt(count) * (1.0 + scatter), seen.log_norm_error))
-        known = Simulated(explorer.u, explorer.residual, explorer.value)
-        x, _ = target.completed(u, _camera_of(target, known, mode, u), mode.u, self.seed)
-        evidence, told = Evidence(log_mean(log_weight), error), intervals(*target.experiment.answer(x), log_weight)
-        return Preview(replace(answer_at(target, mode), intervals=told, evidence=evidence), x, log_weight)
+        for turn in range(TUNING.emulated_rounds):
+            found = explorer.emulated(rng)
+            if found is None:
+                return None
+            some = found.chosen(TUNING.emulated_checked, rng)
+            explorer(found.sample.u[found.chosen(TUNING.emulated_flatter, rng, TUNING.flatter)])
+            checked = Simulated.at(target, found.sample.u[some])
+            explorer.learn(*checked)
+            explorer.climb_higher()
+            wrong = checked.value - found.sample.log_target[some]
+            error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
+            if error <= TUNING.emulated_enough * (1.0 + turn / TUNING.emulated_patience):
+                break  # what more simulations do not mend is how rough the posterior is
+        else:
+            return self._weighed(enough, rng)
+        for _ in range(TUNING.emulated_last):  # a mode that is a shelf is walked along more than once
+            before, found = found, explorer.emulated(rng, int(TUNING.emulated_draws * enough))
+            if found is None:
+                return None
+            if abs(found.sample.log_evidence[0] - before.sample.log_evidence[0]) < TUNING.emulated_alike:
+                break
+        self.emulated, self.error = found, error
+        self.drawn = replace(found.sample, common=error / np.sqrt(len(wrong)) * (1.0 + error))
+        self.trusted = self._agrees(self.drawn)
+        return self.drawn
+
+    def _weighed(self, enough: float, rng: np.random.Generator) -> Sample | None:
+        """Draws of a surrogate that is wrong in places, each simulated and weighed; None where they are worth too
+        little."""
+        found = self.explorer.emulated(rng, TUNING.emulated_weighed)
+        if found is None:
+            return None
+        u = found.sample.u
+        drawn = Sample(u, self.explorer(u), found.sample.log_q)
+        if drawn.ess < min(enough, TUNING.effective_fewest) or not drawn.reliable:
+            return None
+        self.drawn, self.trusted = drawn, self._agrees(drawn)
+        return drawn
 
     def search_windows(self) -> None:
         """Look for further modes by windows that grow, where the best one leaves more than noise."""
@@ -205,76 +243,69 @@ class AdaptiveSampling:
     def weigh(
         self, enough: float, budget: Budget, *, most: int = TUNING.auto_draws, thorough: bool = True
     ) -> Sample:  # fmt: skip
-        """Draws that are worth `enough` independent ones, from `most` simulations at most; where these cannot be
-        trusted, and it may be thorough, from more."""
+        """Draws that are worth `enough` independent ones, of a good surrogate. Where there is none, or it is not to be
+        trusted, more simulations, if it may be thorough; else draws of a mixture, `most` simulations at most."""
         enough = min(enough, budget.draws / 2)
         if thorough:
             self.search_windows()
-        drawn = self.few(enough, budget, most)
-        return self.thorough(budget) if thorough and not self.trusted else drawn
+        if not self.looked and not self.emulate(enough):
+            self.looked = True
+        if self.drawn is None or (thorough and not self.trusted):
+            return self.thorough(budget) if thorough else self.few(enough, budget, most)
+        assert self.drawn is not None
+        return self.drawn
 
     def few(self, enough: float, budget: Budget, most: int = TUNING.auto_draws) -> Sample:
-        """Draws of what few simulations teach, beside those that are there, until all are worth `enough` independent
-        ones, or until it is plain that they will not be."""
-        most, explorer = min(most, budget.draws), self.explorer
-        sizes: dict[str, Any] = {"most": most, "fewest": 1, "least": enough, "patience": budget.patience}
-        drawn = None if explorer.surrogates_fail else self.first.run(each=TUNING.auto_per_round, enough=enough, **sizes)
-        guard = self._guard
-        if drawn is None or explorer.surrogates_fail:
-            drawn, guard = self.second.run(each=TUNING.settled_per_round, enough=enough, **sizes), None
-        self.apart = None
+        """Draws of a mixture until all are worth `enough` independent ones, or until it is plain that they will not
+        be."""
+        sizes: dict[str, Any] = {"most": min(most, budget.draws), "fewest": 1, "least": enough}
+        sizes |= {"each": TUNING.settled_per_round, "enough": enough, "patience": budget.patience}
+        self.drawn = self.explorer.after(self.following.run(**sizes), self.seed + 3, **sizes)
+        self.trusted = self.drawn.ess >= enough and self.drawn.reliable
+        return self.drawn
+
+    def _agrees(self, drawn: Sample) -> bool:
+        """Whether the network's own evidence is not larger than that of the draws."""
+        guard, self.apart = self._guard, None
         if guard and guard[1].ess >= TUNING.own_worth:
-            n = len(guard[1].u)
-            rest = Sample(drawn.u[n:], drawn.log_target[n:], drawn.log_q[n:], drawn.common)
-            self.apart = _standard_errors(guard[1], rest)
-        agrees = self.apart is None or self.apart <= TUNING.agree
-        self.trusted = drawn.ess >= enough and drawn.reliable and agrees
-        self.drawn = drawn
-        return drawn
+            self.apart = _standard_errors(guard[1], drawn)
+        return self.apart is None or self.apart <= TUNING.agree
 
     @cached_property
-    def first(self) -> Sampling:
-        """Of what surrogates propose."""
+    def following(self) -> Sampling:
+        """Of a mixture through the draws of a surrogate, then of others that follow the weighted draws."""
+        explorer = self.explorer
 
-        def taught(rng: np.random.Generator, counted: Sample | None) -> Proposal | None:
-            proposal = self.explorer.propose(rng, counted)
-            return None if self.explorer.surrogates_fail else proposal
+        def proposal(rng: np.random.Generator, counted: Sample | None) -> Proposal:
+            if counted is None or counted.ess < TUNING.adapted * counted.u.shape[1]:
+                known = explorer.emulated(rng)
+                counted = known.sample if known else counted
+            return explorer.settled(counted, rng) if counted else explorer.start
 
-        return Sampling(self.explorer, taught, seed=self.seed, first=self._guard)
-
-    @cached_property
-    def second(self) -> Sampling:
-        """Of mixtures that follow the draws, where surrogates fail."""
-        before = self.first.found
-
-        def settled(rng: np.random.Generator, counted: Sample | None) -> Proposal:
-            known = counted.beside(before) if counted else before
-            assert known is not None
-            return self.explorer.settled(known, rng)
-
-        return Sampling(self.explorer, settled, seed=self.seed + 2)
+        return Sampling(explorer, proposal, seed=self.seed + 2)
 
     def thorough(self, budget: Budget) -> Sample:
-        """Draws as level "full" has them, but of rough simulations, where few cannot be trusted: ridges are followed,
-        and modes are looked for all over the ranges."""
-        explorer, self.ended = self.explorer, True
+        """Draws of a surrogate, or as level "full" has them but of rough simulations, where few cannot be trusted:
+        ridges are followed, and modes are looked for all over the ranges."""
+        explorer, self.ended, self.emulated = self.explorer, True, None
         explorer.thorough(budget.learning)
         explorer.also(modes(self.near, [], self.scanned()))
         enough = max(min(budget.enough, budget.draws / 4), TUNING.effective_fewest)
-        sizes: dict[str, Any] = {"each": budget.each, "fewest": budget.fewest, "least": budget.least}
-        self.drawn = sample(
-            explorer, explorer.propose, seed=self.seed + 1, first=self._guard, most=budget.draws, enough=enough, **sizes
-        )
+        if self.emulate(enough) is None or not self.trusted:
+            self.emulated = None
+            sizes = {"each": budget.each, "fewest": budget.fewest, "least": budget.least, "enough": enough}
+            self.drawn = explorer.sample(self.seed + 1, self._guard, most=budget.draws, **sizes)
+        assert self.drawn is not None
         return self.drawn
 
     @cached_property
     def weighted(self) -> WeightedDraws:
         """The draws, compared with default simulations. For the last call."""
         assert self.drawn is not None
-        explorer = self.explorer
-        drawn, error = self.near.checked(self.drawn, self.seed)
-        best = self.near.highest(explorer.highest)
-        residual = explorer.residuals_of(drawn.u)
+        explorer, known = self.explorer, self.emulated
+        drawn, error = (self.drawn, self.error) if known else self.near.checked(self.drawn, self.seed)
+        residual = known.surrogate.residuals(drawn.u) if known else explorer.residuals_of(drawn.u)
+        best = self.near.highest(explorer.highest, known.surrogate if known else None)
         return WeightedDraws(drawn, residual, best, explorer.modes, self.trusted, self.apart, error)
 
     @property

@@ -36,7 +36,7 @@ class Target:
         self.camera: CameraNuisances = experiment.camera
         self.prior: Prior = prior.of([name for name in prior.names if name not in NAMES])
         self.columns: list[int] = [prior.names.index(name) for name in self.prior.names]
-        self.noise: MarginalNoise = MarginalNoise(noise, len(self.camera.free))
+        self.noise: MarginalNoise = MarginalNoise(noise, len(self.camera.free), self.camera.size)
         self.workers: int = workers
 
     def start(self, x: Floats) -> Floats:

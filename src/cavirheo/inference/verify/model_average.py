@@ -8,13 +8,12 @@ a model that hardly counts needs no interval of its own (Hoeting et al. 1999, do
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
-from cavirheo.inference.alternatives import LIMIT, SEEN
+from cavirheo.inference.alternatives import LAPLACE, LIMIT, SEEN
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview
 from cavirheo.inference.verify.tuning import TUNING
@@ -33,23 +32,16 @@ class Part:
         self.estimation, self.prior = estimation, prior
         self.sampling: AdaptiveSampling = estimation.sampling
 
-    @cached_property
-    def preview(self) -> Preview:
-        return self.sampling.preview()
-
     @property
     def view(self) -> Preview:
-        """Its weighted draws, or what few simulations tell."""
-        return self.preview if self.sampling.drawn is None else self.estimation.as_part(self.sampling.weighted)
+        """Its weighted draws, or what its maximum tells."""
+        return self.estimation.as_part(self.sampling.weighted) if self.sampling.drawn else self.estimation.at_maximum()
 
     @property
     def evidence(self) -> Evidence:
         """As far as it is known."""
-        if self.sampling.drawn is not None:
-            return Evidence(*self.sampling.drawn.log_evidence)
-        found = self.preview.answer.evidence
-        assert found is not None
-        return found
+        drawn = self.sampling.drawn
+        return Evidence(*drawn.log_evidence) if drawn else Evidence(self.sampling.log_laplace, LAPLACE)
 
     @property
     def log(self) -> float:

@@ -3,61 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
-from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, effective_size, tempered
+from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, annealed, effective_size, sample, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 
 
-class SurrogateProposal:
-    """Draws from a surrogate, by rejection from a mixture, and from the mixture itself.
+class SurrogateDraws(NamedTuple):
+    """Weighted draws of what a surrogate takes for the posterior."""
 
-    The surrogate over the mixture is cut at a multiple of its mean, which a `pool` (k, d) of the mixture's draws gives.
-    """
+    surrogate: Surrogate
+    sample: Sample
 
-    def __init__(self, surrogate: Surrogate, mixture: Mixture, pool: Floats, log_surrogate: Floats) -> None:
-        self.surrogate, self.mixture = surrogate, mixture
-        self.pool, self.log_surrogate, self.log_mixture = pool, log_surrogate, mixture.log_density(pool)
-        self.log_weight = log_surrogate - self.log_mixture
-        self.log_cut = np.log(TUNING.surrogate_cut) + log_mean(self.log_weight)
-        kept = np.minimum(self.log_weight - self.log_cut, 0.0)
-        self.log_norm = log_mean(kept)
-        # of the part by rejection, which is nearly all of the density where the surrogate is
-        self.log_norm_error = float(np.sqrt(max(1.0 / effective_size(kept) - 1.0 / len(kept), 0.0)))
-
-    def draw(self, count: int, rng: np.random.Generator) -> Floats:
-        """(count, d)"""
-        wanted = count - int(np.ceil(TUNING.mixture_share * count))
-        kept = np.empty((0, self.pool.shape[1]))
-        while len(kept) < wanted:
-            u = self.mixture.draw(TUNING.pool, rng)
-            log_chance = self.surrogate(u) - self.mixture.log_density(u) - self.log_cut
-            kept = np.concatenate([kept, u[np.log(rng.uniform(size=TUNING.pool)) < log_chance]])
-        return np.concatenate([kept[:wanted], self.mixture.draw(count - wanted, rng)])
-
-    def log_density(self, u: Floats) -> Floats:
-        """(k,) at u (k, d)."""
-        log_mixture = self.mixture.log_density(u)
-        log_kept = np.minimum(self.surrogate(u) - self.log_cut, log_mixture) - self.log_norm
-        return np.logaddexp(np.log(1.0 - TUNING.mixture_share) + log_kept, np.log(TUNING.mixture_share) + log_mixture)
-
-    def normed(self, count: int, rng: np.random.Generator) -> SurrogateProposal:
-        """The same, its norm from `count` more of the mixture's draws."""
-        u = self.mixture.draw(count, rng)
-        both = np.concatenate([self.pool, u]), np.concatenate([self.log_surrogate, self.surrogate(u)])
-        return SurrogateProposal(self.surrogate, self.mixture, *both)
-
-    def training_points(self, count: int, rng: np.random.Generator) -> Floats:
-        """(count, d) from a flatter surrogate: where it can be wrong."""
-        log_weight = TUNING.flatter * self.log_surrogate - self.log_mixture
-        weight, free = np.exp(log_weight - log_sum(log_weight)), int(TUNING.taught_share * count)
-        chosen = rng.choice(len(weight), free, p=weight, replace=bool(np.count_nonzero(weight) < free))
-        return np.concatenate([self.pool[chosen], self.mixture.draw(count - free, rng)])
+    def chosen(self, count: int, rng: np.random.Generator, power: float = 1.0) -> NDArray[np.int64]:
+        """Indices of so many draws of the surrogate, or of this power of it."""
+        log_weight = tempered(power * self.sample.log_target - self.sample.log_q, 2.0 * count)
+        weight = np.exp(log_weight - log_sum(log_weight))
+        count = min(count, int(np.count_nonzero(weight)))
+        return np.asarray(rng.choice(len(weight), count, replace=False, p=weight / np.sum(weight)))
 
 
 class GuardedProposal:
@@ -178,21 +148,34 @@ class AdaptiveProposal:
         if counted and len(counted.u) > TUNING.lost_after and counted.ess < TUNING.lost * len(counted.u):
             self.thorough()
         while counted is None and rounds < self.rounds + self.climbed:
-            known = self._learnt(rng, None)
-            draw = known.training_points if isinstance(known, SurrogateProposal) else known.draw
-            self(draw(TUNING.learnt_per_round, rng), ROUGH)
-            self._other_mode()
+            known = self.emulated(rng)
+            if known is None:
+                u = self._wide().draw(TUNING.learnt_per_round, rng)
+            else:
+                u = known.sample.u[known.chosen(TUNING.learnt_per_round, rng, TUNING.flatter)]
+            self(u, ROUGH)
+            self.climb_higher()
             rounds += 1
-        self._other_mode()
-        proposal = self._learnt(rng, counted)
-        if not isinstance(proposal, SurrogateProposal):
-            return proposal
-        self.surrogate, self.known = proposal.surrogate, len(self.u)
-        while (met := effective_size(proposal.log_weight)) < TUNING.norm_enough:
-            if len(proposal.pool) >= TUNING.norm_draws:
-                break
-            proposal = proposal.normed(TUNING.pool, rng)
-        return proposal if met > TUNING.norm_met else proposal.mixture
+        self.climb_higher()
+        known = self.emulated(rng)
+        if known is None or known.sample.ess < TUNING.adapted * self.u.shape[1]:
+            return self._wide()
+        self.surrogate, self.known = known.surrogate, len(self.u)
+        return self._through(known.sample, rng)
+
+    def sample(self, seed: int, first: tuple[Proposal, Sample] | None = None, **sizes: Any) -> Sample:
+        """Weighted draws of the proposals; where these had to follow the draws, of a last one that does not. sizes: of
+        `Sampling.run`."""
+        drawn = sample(self, self.propose, seed=seed, first=first, **sizes)
+        return self.after(drawn, seed + 1, **sizes) if self.surrogates_fail else drawn
+
+    def after(self, drawn: Sample, seed: int, **sizes: Any) -> Sample:
+        """Draws of a mixture that follows these draws, and does not change any more: one that follows the draws that it
+        weighs takes their tails for too heavy, and makes intervals too narrow by a tenth. Where they are worth too
+        little for an interval, and those that it follows are not, these."""
+        last = self.settled(drawn, np.random.Generator(np.random.Philox(seed)))
+        found = sample(self, lambda *_: last, seed=seed, **sizes)
+        return drawn if found.ess < TUNING.effective_fewest <= drawn.ess else found
 
     @property
     def surrogates_fail(self) -> bool:
@@ -214,18 +197,18 @@ class AdaptiveProposal:
     def settled(self, counted: Sample, rng: np.random.Generator) -> Proposal:
         """What has been learnt from weighted draws, as a proposal for others: draws that a proposal was fitted to
         exaggerate their own weight."""
-        mixture = self._adapted(counted, rng)
+        mixture = self._through(counted, rng)
         return mixture if self.network is None else GuardedProposal(mixture, self.network, TUNING.guard_share)
 
-    def _adapted(self, counted: Sample, rng: np.random.Generator) -> Mixture:
-        """A mixture that follows the weighted draws themselves, with as many components as they are worth."""
+    def _through(self, counted: Sample, rng: np.random.Generator) -> Mixture:
+        """A mixture that follows weighted draws, with as many components as they are worth."""
         d = counted.u.shape[1]
         log_weight = tempered(counted.log_weight, min(TUNING.adapted * d, 0.25 * len(counted.u)))
         count = int(np.clip(effective_size(log_weight) / (2.0 * d), 1, TUNING.adapted_components))
         mixture = Mixture.through(counted.u, log_weight, count, rng)
         return mixture.beside(self.start, TUNING.adapted_modes).widened()
 
-    def _other_mode(self) -> None:
+    def climb_higher(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
         highest = max(mode.log_posterior for mode in self.modes)
         if self.climbed == TUNING.modes_climbed or np.max(self.value, initial=-np.inf) < highest + TUNING.other_mode:
@@ -236,24 +219,17 @@ class AdaptiveProposal:
             self.modes.append(mode)
             self._settle(mode)
 
-    def _learnt(self, rng: np.random.Generator, counted: Sample | None) -> SurrogateProposal | Mixture:
-        """A proposal from all simulations so far; where they are too few, the modes."""
-        mixture = self._wide()
+    def emulated(self, rng: np.random.Generator, count: int = TUNING.pool) -> SurrogateDraws | None:
+        """`count` draws of a surrogate of all simulations so far; None where the simulations are too few for one, or
+        nothing that is drawn is likely."""
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
-            return mixture
+            return None
         surrogate = Surrogate(self.target, self.u, self.residual, self.value)
-        if counted and np.any(np.isfinite(counted.log_weight)):
-            mixture = self._wide(counted.u, counted.log_weight)
-        for _ in range(TUNING.mixture_fits):
-            pool = mixture.draw(TUNING.pool, rng)
-            log_surrogate = surrogate(pool)
-            if not np.any(np.isfinite(log_surrogate)):
-                return mixture
-            blend = SurrogateProposal(surrogate, mixture, pool, log_surrogate)
-            if effective_size(blend.log_weight) > TUNING.fit_well * TUNING.pool:
-                break
-            mixture = self._wide(pool, TUNING.flatter * log_surrogate - blend.log_mixture)
-        return blend
+        found = annealed(surrogate, self.mixture, count, rng)
+        if not np.any(np.isfinite(found.log_weight)):
+            return None
+        self.mixture = self._through(found, rng).widened(TUNING.flat_share, TUNING.flat_factor)
+        return SurrogateDraws(surrogate, found)
 
     def _wide(self, *weighted: Floats) -> Mixture:
         """The mixture, fitted to draws and their log weights if these are given, with the modes beside it, widened."""

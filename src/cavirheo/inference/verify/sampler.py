@@ -4,13 +4,14 @@ Mixtures of Student's t (heavy tails bound the weights) are fitted to the weight
 steps of expectation maximisation (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). Each draw is weighted against the
 mixture of all rounds' proposals, so that a place that one round overlooked gets no huge weight: the balance heuristic
 (Veach and Guibas 1995, doi:10.1145/218380.218498) in adaptive multiple importance sampling (Cornuet et al. 2012,
-doi:10.1111/j.1467-9469.2011.00756.x).
+doi:10.1111/j.1467-9469.2011.00756.x). Mixtures that follow the draws they weigh make tails too light; the last one is
+therefore drawn from anew (AdaptiveProposal.after). A density that costs little is drawn from by `annealed`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -110,12 +111,14 @@ class Mixture:
 @dataclass(frozen=True, eq=False)
 class Sample:
     """Draws u (k, d), log density of target and proposal (k,); the mean of exp(log_weight) is the evidence.
-    common: standard error of what all log weights share, the norm of a proposal or a correction of the target."""
+    common: standard error of what all log weights share, a correction of the target. annealed: whether they were moved
+    to where they are, so that no large weight is missing."""
 
     u: Floats
     log_target: Floats
     log_q: Floats
     common: float = 0.0
+    annealed: bool = False
 
     @property
     def log_weight(self) -> Floats:
@@ -174,7 +177,7 @@ class Sample:
     def reliable(self) -> bool:
         """Whether the mean of the weights can be trusted; where they are too few to tell, it has to be."""
         index, unseen = self.tail
-        return not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
+        return self.annealed or not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
 
     def distrust(self, needed: float) -> Message | None:
         """Why the draws are not worth an interval that takes so many effective ones; None if they are."""
@@ -186,8 +189,7 @@ class Sample:
 
 
 class Proposal(Protocol):
-    """A density that can be drawn from; it must be normalised. One whose norm is known by draws alone has its standard
-    error in `log_norm_error`."""
+    """A density that can be drawn from; it must be normalised."""
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats: ...
 
@@ -245,8 +247,7 @@ class Sampling:
             if drawn >= most or (drawn - begun >= fewest * each and (good or hopeless)):
                 break
         assert self.found is not None  # the first proposal is one
-        log_share = np.log(np.array(self.counts) / len(self.found.u))[:, None]
-        return replace(self.found, common=_of_norms(self.found, self.proposals, log_share + self.densities))
+        return self.found
 
     def _draw(self, count: int) -> None:
         """So many draws of the last proposal."""
@@ -269,15 +270,44 @@ def sample(
     return Sampling(target, propose, seed=seed, first=first).run(**sizes)
 
 
-def _of_norms(found: Sample, proposals: Sequence[Proposal], log_parts: Floats) -> float:
-    """Standard error of the log evidence from that of the proposals' norms: each by the share of the weight that it
-    answers for; log_parts (proposals, k): of each in the density at the draws."""
-    if not np.any(np.isfinite(found.log_weight)):
-        return 0.0
-    weight = np.exp(found.log_weight - log_sum(found.log_weight))
-    share = np.exp(log_parts - found.log_q) @ weight
-    errors = np.array([getattr(proposal, "log_norm_error", 0.0) for proposal in proposals])
-    return float(np.linalg.norm(share * errors))
+def annealed(target: Density, proposal: Proposal, count: int, rng: np.random.Generator) -> Sample:
+    """`count` draws of a density that is quick to know, however unlike the proposal it is.
+
+    Sequential Monte Carlo (Del Moral, Doucet and Jasra 2006, doi:10.1111/j.1467-9868.2006.00553.x): draws of the
+    proposal are moved towards the target in stages, each as large as keeps their weights alike; after each they are
+    drawn anew by their weights, and walk by differences of each other (ter Braak 2006,
+    doi:10.1007/s11222-006-8769-1).
+    """
+    u = proposal.draw(count, rng)
+    log_target, log_q = target(u), proposal.log_density(u)
+    power, log_norm = 0.0, 0.0
+    while True:
+        log_ratio, left = np.where(np.isfinite(log_target), log_target - log_q, -np.inf), 1.0 - power
+        if not np.any(np.isfinite(log_ratio)) or effective_size(left * log_ratio) >= TUNING.stage_last * count:
+            break
+        low, high = 0.0, left
+        for _ in range(20):
+            middle = 0.5 * (low + high)
+            enough = effective_size(middle * log_ratio) >= TUNING.stage_kept * count
+            low, high = (middle, high) if enough else (low, middle)
+        log_weight = high * log_ratio
+        log_norm += float(log_sum(log_weight) - np.log(count))
+        power += high
+        weight = np.exp(log_weight - log_sum(log_weight))
+        kept = np.searchsorted(np.cumsum(weight), (rng.uniform() + np.arange(count)) / count * (1.0 - 1e-12))
+        u, log_target, log_q = u[kept], log_target[kept], log_q[kept]
+        for _ in range(TUNING.stage_moves):
+            first, second = rng.permutation(count), rng.permutation(count)
+            length = TUNING.stage_length / np.sqrt(2.0 * u.shape[1]) * rng.uniform(0.5, 1.5, (count, 1))
+            moved = u + length * (u[first] - u[second]) + 1e-6 * rng.standard_normal(u.shape)
+            new_target, new_q = target(moved), proposal.log_density(moved)
+            gain = power * (new_target - log_target) + (1.0 - power) * (new_q - log_q)
+            taken = np.log(rng.uniform(size=count)) < gain
+            u = np.where(taken[:, None], moved, u)
+            log_target, log_q = np.where(taken, new_target, log_target), np.where(taken, new_q, log_q)
+    good = np.isfinite(log_ratio)
+    log_q = np.where(good, log_target - (left * np.where(good, log_ratio, 0.0) + log_norm), 0.0)
+    return Sample(u, np.where(good, log_target, -np.inf), log_q, annealed=True)
 
 
 def _needed(found: Sample, each: int, enough: float) -> int:

@@ -26,7 +26,7 @@ class Tuning:
     auto_draws: int = 1600  # most further simulations whose weights count,
     auto_per_round: int = 40
     auto_learning: int = 0  # after so many rounds of rough ones
-    auto_enough: float = 102.0  # effective draws at which it ends
+    auto_enough: float = 300.0  # effective draws at which it ends
     lost: float = 0.06  # effective draws over draws, below which the search
     lost_after: int = 120  # of them begins anew, along ridges
     mended: int = 6  # likely places where default simulations tell what rough ones miss
@@ -37,15 +37,22 @@ class Tuning:
     mended_heavy: float = 0.998  # share of the weight whose draws are then simulated anew
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
-    # a preview of another bubble, by the network's own draws alone
-    preview_checked: int = 8  # likely places that are simulated beside
-    preview_enough: float = 1.5  # standard deviation of what these find wrong in log weights: else it is not relied on
+    # draws of a surrogate
+    emulated_rounds: int = 6  # of simulations that check it, at most
+    emulated_checked: int = 20  # of its draws in each, by default simulations,
+    emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
+    emulated_weighed: int = 300  # of its draws that are simulated where it is never trusted
+    emulated_last: int = 8  # times that its last draws are drawn, at most,
+    emulated_alike: float = 0.2  # until the log evidence changes by less
+    emulated_draws: float = 2.0  # over effective ones that are asked for
+    emulated_enough: float = 0.3  # standard deviation of what they find wrong in log weights: then it is trusted,
+    emulated_patience: float = 3.0  # or after so many more rounds twice as much
 
     # models of one curve, each with its part in the answer
     part_small: float = 0.05  # of the answer, below which few simulations tell a part well enough,
     part_unsure: float = 2.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on
     part_known: float = 1.0  # standard error of a log evidence, above which a part is sampled, however small it seems
-    part_enough: float = 30.0  # effective draws of any other part, at least
+    part_enough: float = 60.0  # effective draws of any other part, at least
     part_draws: int = 160  # most further simulations of any part, at least
     part_thorough: float = 0.2  # of the answer, above which ridges are followed where few simulations are not trusted
 
@@ -87,11 +94,14 @@ class Tuning:
     # learning where to draw, by rough simulations
     learning_rounds: int = 3  # before any draw counts
     learnt_per_round: int = 80
-    mixture_fits: int = 5  # at most, of the mixture to the surrogate after each round
-    pool: int = 1000  # free draws for each of these
-    fit_well: float = 0.3  # effective draws over the pool, from which the mixture fits
+    pool: int = 200  # draws of a surrogate while it learns
+    stage_kept: float = 0.4  # effective draws over draws after each stage towards it,
+    stage_last: float = 0.4  # and after the last one
+    stage_moves: int = 4  # of each draw after a stage,
+    stage_length: float = 1.7  # of the usual length in so many dimensions
+    flat_share: float = 0.5  # of a mixture through its draws that is
+    flat_factor: float = 4.0  # so much wider, where the next ones begin
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
-    taught_share: float = 0.8  # of the rough simulations from that power, the others from the mixture
     wrong_scatter: float = 1.0  # of surrogate minus log posterior of its own draws, from which it is wrong,
     wrong_fewest: int = 8  # told by so many draws
     wrong_surrogates: int = 4  # so many may be; then mixtures that follow the weighted draws are proposed,
@@ -101,26 +111,21 @@ class Tuning:
     adapted_components: int = 10  # with so many components at most,
     adapted_fits: int = 4  # in so many calls of the fit,
     adapted_modes: float = 0.1  # and so much of it stays with the modes
-    norm_enough: float = 500.0  # effective draws of them that tell the norm of a surrogate well enough,
-    norm_draws: int = 5000  # of so many at most,
-    norm_met: float = 50.0  # and below which the mixture is drawn from
-    surrogate_cut: float = 50.0  # times its mean, at which surrogate over mixture is cut
-    mixture_share: float = 0.3  # of the draws from the mixture, the others from the surrogate
     modes_share: float = 0.3  # of the mixture's draws that stay with the modes
     other_mode: float = 0.5  # height above the best mode of a draw in another mode
     modes_climbed: int = 3  # climbed into at most
 
-    # the surrogate, a Gaussian process of the frames
+    # the surrogate, a Gaussian process of the bubble
     kernel_length: float = 8.0  # in standard deviations of the (flattened) posterior
     flat_height: float = 10.0  # below the best, at which a simulation counts 1/e in them
     whitened: float = 4.0  # effective simulations for each coordinate, at least, that give its units
-    nugget: float = 1e-3  # of a simulation; grows with its distance below the best,
-    nugget_height: float = 3.0  # measured in this height,
+    nugget_height: float = 3.0  # below the best, in which the nugget of a simulation grows,
     nugget_most: float = 300.0  # up to this factor
-    hope: float = 0.5  # x of log(<p^x>)/x over the process; 1 trusts the unknown
-    direction_share: float = 0.03  # of the noise, below which a direction is left out
-    grid_share: float = 1e-3  # of a grid point of the noise in a likely simulation, below which it is left out
-    surrogate_simulations: int = 300  # at most, the most likely: time grows with their square
+    direction_share: float = 0.05  # of the noise, below which a direction is left out
+    grid_share: float = 1e-2  # of a grid point of the noise in a likely simulation, below which it is left out
+    left_out: int = 40  # likely simulations, told by the others, that choose the kernel
+    surrogate_latest: int = 80  # simulations that it knows, those that checked the last ones among them,
+    surrogate_likely: int = 220  # and the most likely others: time grows with their square
     surrogate_reach: float = 1.5  # distance over the farthest simulation's, to which it claims
 
     # what is said of an answer

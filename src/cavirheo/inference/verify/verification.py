@@ -24,7 +24,7 @@ from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Previe
 from cavirheo.inference.verify.mode import INSIDE, Mode, Target, answer_at, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
-from cavirheo.inference.verify.sampler import Proposal, Sample, sample
+from cavirheo.inference.verify.sampler import Proposal, Sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.messages import Message
 from cavirheo.parallel import cores
@@ -140,7 +140,7 @@ class Estimation:
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
         explorer = AdaptiveProposal(self.target, found)
         each = min(TUNING.draws_per_round, most)
-        drawn = sample(explorer, explorer.propose, seed=seed, each=each, most=most, enough=enough)
+        drawn = explorer.sample(seed, each=each, most=most, enough=enough)
         best = climb(self.target, explorer.highest, DEFAULT) or self._best(explorer.modes)
         kept = self._kept(drawn, explorer.residuals_of(drawn.u), best)
         return self._answer(kept, drawn, best, Evidence(*drawn.log_evidence), explorer.modes, {})
@@ -181,6 +181,14 @@ class Estimation:
         told, evidence = intervals(*self.shot.answer(x), drawn.log_weight), Evidence(*drawn.log_evidence)
         other = replace(answer_at(self.target, best), intervals=told, evidence=evidence)
         return Preview(other, x, drawn.log_weight)
+
+    def at_maximum(self) -> Preview:
+        """What the Gaussian about the maximum answers."""
+        target, mode, sampling = self.target, self.sampling.modes[0], self.sampling
+        u, z = mode.draws(TUNING.draws, self.settings.seed), target.camera.z(mode.residual)
+        other = replace(answer_at(target, mode), evidence=Evidence(sampling.log_laplace, LAPLACE))
+        x = target.with_camera(u, np.tile(z, (len(u), 1)))
+        return Preview(other, x, np.full(len(u), sampling.log_laplace))
 
     def _kept(
         self, drawn: Sample, residuals: Floats, best: Mode, needed: float = TUNING.effective_fewest
