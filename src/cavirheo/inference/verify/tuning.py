@@ -43,7 +43,7 @@ class Tuning:
     emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
     emulated_weighed: int = 300  # of its draws that are simulated where it is never trusted
     emulated_last: int = 8  # times that its last draws are drawn, at most,
-    emulated_alike: float = 0.2  # until the log evidence changes by less
+    emulated_alike: float = 0.3  # until the log evidence changes by less
     emulated_draws: float = 2.0  # over effective ones that are asked for
     emulated_enough: float = 0.3  # standard deviation of what they find wrong in log weights: then it is trusted,
     emulated_patience: float = 3.0  # or after so many more rounds twice as much
