@@ -194,6 +194,7 @@ class AdaptiveSampling:
         that check it; None where it is not good enough."""
         target, explorer, found = self.near.exact, self.explorer, None
         rng = np.random.Generator(np.random.Philox(self.seed))
+        before = np.inf
         for turn in range(TUNING.emulated_rounds):
             found = explorer.emulated(rng)
             if found is None:
@@ -207,13 +208,16 @@ class AdaptiveSampling:
             error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
             if error <= TUNING.emulated_enough * (1.0 + turn / TUNING.emulated_patience):
                 break  # what more simulations do not mend is how rough the posterior is
+            if turn > 1 and error > TUNING.emulated_hopeful * before:
+                return self._weighed(enough, rng)
+            before = error
         else:
             return self._weighed(enough, rng)
         for _ in range(TUNING.emulated_last):  # a mode that is a shelf is walked along more than once
-            before, found = found, explorer.emulated(rng, int(TUNING.emulated_draws * enough))
+            earlier, found = found, explorer.emulated(rng, int(TUNING.emulated_draws * enough))
             if found is None:
                 return None
-            if abs(found.sample.log_evidence[0] - before.sample.log_evidence[0]) < TUNING.emulated_alike:
+            if abs(found.sample.log_evidence[0] - earlier.sample.log_evidence[0]) < TUNING.emulated_alike:
                 break
         self.emulated, self.error = found, error
         self.drawn = replace(found.sample, common=error / np.sqrt(len(wrong)) * (1.0 + error))
@@ -226,9 +230,14 @@ class AdaptiveSampling:
         found = self.explorer.emulated(rng, TUNING.emulated_weighed)
         if found is None:
             return None
-        u = found.sample.u
-        drawn = Sample(u, self.explorer(u), found.sample.log_q)
-        if drawn.ess < min(enough, TUNING.effective_fewest) or not drawn.reliable:
+        order, needed = rng.permutation(len(found.sample.u)), min(enough, TUNING.effective_fewest)
+        u, log_q, value = found.sample.u[order], found.sample.log_q[order], np.empty(0)
+        while len(value) < len(u):
+            value = np.append(value, self.explorer(u[len(value) : len(value) + TUNING.draws_per_round]))
+            drawn = Sample(u[: len(value)], value, log_q[: len(value)])
+            if drawn.ess >= needed and drawn.reliable:
+                break
+        else:
             return None
         self.drawn, self.trusted = drawn, self._agrees(drawn)
         return drawn

@@ -180,8 +180,9 @@ class Sample:
         return self.annealed or not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
 
     def distrust(self, needed: float) -> Message | None:
-        """Why the draws are not worth an interval that takes so many effective ones; None if they are."""
-        if self.ess >= needed and self.reliable:
+        """Why the draws are not worth an interval that takes so many effective ones; None if they are. Of a small
+        part of an answer the tail does not matter."""
+        if self.ess >= needed and (self.reliable or needed < TUNING.part_small * TUNING.effective_fewest):
             return None
         (index, unseen), worth = self.tail, {"effective": self.ess, "needed": needed}
         tail = {"tail": index, "unseen": None if self.reliable else unseen}

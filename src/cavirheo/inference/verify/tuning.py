@@ -38,21 +38,22 @@ class Tuning:
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
     # draws of a surrogate
-    emulated_rounds: int = 6  # of simulations that check it, at most
+    emulated_rounds: int = 5  # of simulations that check it, at most
     emulated_checked: int = 20  # of its draws in each, by default simulations,
     emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
-    emulated_weighed: int = 300  # of its draws that are simulated where it is never trusted
+    emulated_weighed: int = 1200  # of its draws that are simulated where it is never trusted, at most
     emulated_last: int = 8  # times that its last draws are drawn, at most,
     emulated_alike: float = 0.3  # until the log evidence changes by less
     emulated_draws: float = 2.0  # over effective ones that are asked for
     emulated_enough: float = 0.3  # standard deviation of what they find wrong in log weights: then it is trusted,
+    emulated_hopeful: float = 0.7  # of what was found wrong a round before, above which no more rounds follow
     emulated_patience: float = 3.0  # or after so many more rounds twice as much
 
     # models of one curve, each with its part in the answer
     part_small: float = 0.05  # of the answer, below which few simulations tell a part well enough,
     part_unsure: float = 2.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on
     part_known: float = 1.0  # standard error of a log evidence, above which a part is sampled, however small it seems
-    part_enough: float = 60.0  # effective draws of any other part, at least
+    part_enough: float = 25.0  # effective draws of any other part, at least
     part_draws: int = 160  # most further simulations of any part, at least
     part_thorough: float = 0.2  # of the answer, above which ridges are followed where few simulations are not trusted
 
