@@ -43,11 +43,7 @@ FINEST = 0.004  # t_c between the instants at which a simulation is kept,
 PER_FRAME = 3.0  # or so many for each frame
 MOST = 4000  # of them
 STEPS = 20  # Gauss-Newton steps, at most,
-ROUGH_GAIN, SHAPE_GAIN, GAIN = (
-    0.1,
-    0.02,
-    1e-5,
-)  # until one gains less in log density: all, the best one of a shape or not
+ROUGH_GAIN, SHAPE_GAIN, GAIN = 0.1, 0.02, 1e-5  # until one gains less in log density: all, the best of a shape or not
 CLOCKS = (0.0, -1.2, -0.6, 0.6, 1.2)  # where these steps begin, in standard deviations of the clock,
 CLIMBED = 2  # from so many of them, the most likely
 SIZE_STEP = 0.02  # by which the bubble of the second simulation is larger

@@ -5,7 +5,7 @@ an evidence by themselves. A surrogate (surrogate.py) of these simulations is dr
 simulated by the default solver: rounds of these teach it and check it, until it is as good as the simulations. Its own
 draws are then the answer. They are trusted if the network's own evidence is not larger than theirs: a surrogate does
 not show what no simulation met. (That it is smaller only says that the network misses what they have.) Where no
-surrogate is good enough, draws of mixtures are simulated, and their weights count.
+surrogate is good enough, draws of it, or of mixtures, are simulated, and their weights count.
 
 Most of these are rough simulations plus what they miss of the default ones at likely places, for that hardly changes
 across a posterior: the log weights are off by some hundredths, in half the time. Of draws that are simulated, default
@@ -31,8 +31,6 @@ from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import OtherAnswer
-
-_FARTHEST = 4.0  # standard deviations of their priors, to which clock, scale and factor are extrapolated
 
 
 class WeightedDraws(NamedTuple):
@@ -183,7 +181,7 @@ class AdaptiveSampling:
         self.apart: float | None = None
         self.emulated: SurrogateDraws | None = None
         self.error = 0.0
-        self.trusted = self.searched = self.ended = self.looked = False
+        self.trusted = self.searched = self.ended = self.failed = False  # failed: no surrogate was good enough
         if network and known:
             known = near.again(known.u, known.residual)
             self.explorer.learn(*known)
@@ -193,6 +191,7 @@ class AdaptiveSampling:
         """Draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own draws
         that check it; None where it is not good enough."""
         target, explorer, found = self.near.exact, self.explorer, None
+        self.emulated = None
         rng = np.random.Generator(np.random.Philox(self.seed))
         before = np.inf
         for turn in range(TUNING.emulated_rounds):
@@ -257,14 +256,13 @@ class AdaptiveSampling:
         enough = min(enough, budget.draws / 2)
         if thorough:
             self.search_windows()
-        if not self.looked and not self.emulate(enough):
-            self.looked = True
-        if self.drawn is None or (thorough and not self.trusted):
-            return self.thorough(budget) if thorough else self.few(enough, budget, most)
+        self.failed = self.failed or self.emulate(enough) is None
+        if self.failed or (thorough and not self.trusted):
+            return self.thorough(budget) if thorough else self.mixture_draws(enough, budget, most)
         assert self.drawn is not None
         return self.drawn
 
-    def few(self, enough: float, budget: Budget, most: int = TUNING.auto_draws) -> Sample:
+    def mixture_draws(self, enough: float, budget: Budget, most: int) -> Sample:
         """Draws of a mixture until all are worth `enough` independent ones, or until it is plain that they will not
         be."""
         sizes: dict[str, Any] = {"most": min(most, budget.draws), "fewest": 1, "least": enough}
@@ -296,7 +294,7 @@ class AdaptiveSampling:
     def thorough(self, budget: Budget) -> Sample:
         """Draws of a surrogate, or as level "full" has them but of rough simulations, where few cannot be trusted:
         ridges are followed, and modes are looked for all over the ranges."""
-        explorer, self.ended, self.emulated = self.explorer, True, None
+        explorer, self.ended = self.explorer, True
         explorer.thorough(budget.learning)
         explorer.also(modes(self.near, [], self.scanned()))
         enough = max(min(budget.enough, budget.draws / 4), TUNING.effective_fewest)
@@ -320,16 +318,6 @@ class AdaptiveSampling:
     @property
     def _guard(self) -> tuple[Proposal, Sample] | None:
         return (self.network, self.own) if self.network and self.own is not None else None
-
-
-def _camera_of(target: Target, known: Simulated, mode: Mode, u: Floats) -> Floats:
-    """(k, m) the most likely clock, scale and factor at u (k, d), linear in it as in known simulations."""
-    good = np.isfinite(known.value)
-    z, value = target.camera.z(known.residual[good]), known.value[good]
-    weight = np.exp(0.5 * tempered(value - np.max(value), 2.0 * u.shape[1]))[:, None]
-    off, here = weight * (known.u[good] - mode.u), target.camera.z(mode.residual)
-    slope = np.linalg.lstsq(off, weight * (z - here), rcond=1e-3)[0]
-    return np.clip(here + (u - mode.u) @ slope, -_FARTHEST, _FARTHEST)
 
 
 def _begun(near: TwoFidelityTarget, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:

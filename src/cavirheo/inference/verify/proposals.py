@@ -48,11 +48,6 @@ class GuardedProposal:
         return np.logaddexp(*parts)
 
 
-def log_mean(log_value: Floats) -> float:
-    """log of the mean of exp(log_value)."""
-    return float(log_sum(log_value) - np.log(len(log_value)))
-
-
 class AdaptiveProposal:
     """Proposals for the posterior of a shot that learn from every simulation, from its modes on. follow: simulate
     around the modes and along their ridges before. network: knows the whole posterior roughly, where modes know a
@@ -231,7 +226,6 @@ class AdaptiveProposal:
         self.mixture = self._through(found, rng).widened(TUNING.flat_share, TUNING.flat_factor)
         return SurrogateDraws(surrogate, found)
 
-    def _wide(self, *weighted: Floats) -> Mixture:
-        """The mixture, fitted to draws and their log weights if these are given, with the modes beside it, widened."""
-        self.mixture = self.mixture.fitted(*weighted) if weighted else self.mixture
+    def _wide(self) -> Mixture:
+        """The mixture with the modes beside it, widened."""
         return self.mixture.beside(self.start, TUNING.modes_share).widened()

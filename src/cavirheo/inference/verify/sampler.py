@@ -128,17 +128,6 @@ class Sample:
     def ess(self) -> float:
         return effective_size(self.log_weight)
 
-    def beside(self, other: Sample | None) -> Sample:
-        """The draws of both, each with its own weight."""
-        if other is None:
-            return self
-        return Sample(
-            np.concatenate([self.u, other.u]),
-            np.concatenate([self.log_target, other.log_target]),
-            np.concatenate([self.log_q, other.log_q]),
-            float(np.hypot(self.common, other.common)),
-        )
-
     @property
     def log_evidence(self) -> tuple[float, float]:
         """Log of the mean weight and its standard error, that of the scatter of the weights and what is common to

@@ -24,7 +24,6 @@ class Tuning:
     secant_steps: int = 4  # to the maximum, at most
     secant_firm: float = 0.03  # how firmly a direction that the draws do not tell stays
     auto_draws: int = 1600  # most further simulations whose weights count,
-    auto_per_round: int = 40
     auto_learning: int = 0  # after so many rounds of rough ones
     auto_enough: float = 300.0  # effective draws at which it ends
     lost: float = 0.06  # effective draws over draws, below which the search
