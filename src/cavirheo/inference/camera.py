@@ -105,7 +105,13 @@ class CameraNuisances:
 
     @cached_property
     def frames(self) -> Frames:
+        """For simulations."""
         return self._frames(INSTANTS)
+
+    @cached_property
+    def shape_frames(self) -> Frames:
+        """For shapes."""
+        return self._frames(SHAPE_INSTANTS)
 
     def _frames(self, count: int) -> Frames:
         """With so many instants in an exposure."""
@@ -132,14 +138,13 @@ class CameraNuisances:
         """(k, n + m + 1) extended residuals of bubbles of these shapes (k, numbers), without shapes."""
         shapes, size = np.ascontiguousarray(shapes), len(self.grid)
         how = noise.covariances, noise.constants, noise.power
-        frames = self._frames(SHAPE_INSTANTS)
-        return np.asarray(_of_shapes(shapes, self.collapses, size, frames, self.starts, *how))
+        return np.asarray(_of_shapes(shapes, self.collapses, size, self.shape_frames, self.starts, *how))
 
     def radius_of(self, shape: Floats) -> Floats:
         """R/R_max on `grid` of a bubble of this shape (numbers,)."""
         return np.asarray(_curve(shape, self.collapses, len(self.grid))[0])
 
-    @property
+    @cached_property
     def starts(self) -> Floats:
         """(k, m) where the steps to the most likely clock, scale and factor begin."""
         m = len(self.free)

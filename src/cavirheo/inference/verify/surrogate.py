@@ -41,7 +41,7 @@ class Kernel(NamedTuple):
         return np.asarray(self.matern * matern + (product / self.scale + 1.0) ** self.degree)
 
 
-KERNELS = (Kernel(1.0, 2, 30.0, 1e-3), Kernel(0.0, 2, 16.0, 1e-4))
+KERNELS = (Kernel(1.0, 2, 30.0, 1e-3), Kernel(0.0, 2, 16.0, 1e-4))  # a smooth posterior takes the second
 
 
 class Surrogate:
@@ -92,14 +92,19 @@ class Surrogate:
         return np.concatenate(each(self._expected, blocks, self.target.workers))
 
     def _expected(self, u: Floats) -> Floats:
-        value, near = np.full(len(u), -np.inf), np.sum(self._whitened(u) ** 2, axis=1) <= self.limit
+        z, value = self._whitened(u), np.full(len(u), -np.inf)
+        near = np.sum(z**2, axis=1) <= self.limit
         if np.any(near):
-            value[near] = self.noise.log_density(self.residuals(u[near])) + log_normal(u[near])
+            value[near] = self.noise.log_density(self._residuals(self._along(z[near]))) + log_normal(u[near])
         return value
 
     def residuals(self, u: Floats) -> Floats:
         """(k, size) extended residuals at u (k, d)."""
-        return self._residuals(self.kernel(self._whitened(u), self.z) @ self.coefficients)
+        return self._residuals(self._along(self._whitened(u)))
+
+    def _along(self, z: Floats) -> Floats:
+        """(k, directions) how far the bubbles at whitened places z (k, d) are from the best."""
+        return np.asarray(self.kernel(z, self.z) @ self.coefficients)
 
     def _residuals(self, along: Floats) -> Floats:
         """(k, size) of bubbles that are `along` (k, directions) the directions from the best."""
