@@ -510,8 +510,7 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
 def test_a_law_that_the_network_knows_is_weighed_as_by_infer():
     curve = shot()
     ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], bubble="field", seed=3)
-    there, here = found.answers["nhkv"].evidence, infer(curve, material="nhkv", bubble="field", seed=3).evidence
-    assert there.log == pytest.approx(here.log, abs=4.0 * np.hypot(there.error, here.error))
+    assert found.answers["nhkv"].evidence == infer(curve, material="nhkv", bubble="field", seed=3).evidence
     assert found.chosen == "nhkv"
 
 
