@@ -37,4 +37,4 @@ class Budget:
 
 
 POSTERIOR = Budget()  # of an answer
-EVIDENCE = Budget(draws=400, patience=120, learning=1, least=60.0)  # of one law among many
+EVIDENCE = Budget(draws=600, patience=120, learning=1, least=60.0)  # of one law among many

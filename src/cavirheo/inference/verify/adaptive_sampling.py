@@ -253,6 +253,7 @@ class AdaptiveSampling:
     ) -> Sample:  # fmt: skip
         """Draws that are worth `enough` independent ones, of a good surrogate. Where there is none, or it is not to be
         trusted, more simulations, if it may be thorough; else draws of a mixture, `most` simulations at most."""
+        enough = min(enough, budget.draws / TUNING.emulated_draws)
         if thorough:
             self.search_windows()
         self.failed = self.failed or self.emulate(enough) is None
@@ -264,7 +265,6 @@ class AdaptiveSampling:
     def mixture_draws(self, enough: float, budget: Budget, most: int) -> Sample:
         """Draws of a mixture until all are worth `enough` independent ones, or until it is plain that they will not
         be."""
-        enough = min(enough, budget.draws / 2)
         sizes: dict[str, Any] = {"most": min(most, budget.draws), "fewest": 1, "least": enough}
         sizes |= {"each": TUNING.settled_per_round, "enough": enough, "patience": budget.patience}
         self.drawn = self.explorer.after(self.following.run(**sizes), self.seed + 3, **sizes)
