@@ -20,7 +20,7 @@ from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.io.shots import check_max_radius
-from cavirheo.io.subprocess_reader import Found, Reader
+from cavirheo.io.subprocess_reader import Reader
 from cavirheo.io.videos import Camera
 from cavirheo.parallel import Stoppable
 from cavirheo.physics.media import Medium, medium
@@ -249,7 +249,7 @@ class Session:
         self.files = [path for path in files if path.name in read or path in self.files]
         self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
 
-    def _read(self, files: Sequence[Path], settings: PageSettings) -> Found:
+    def _read(self, files: Sequence[Path], settings: PageSettings) -> tuple[list[RadiusCurve], list[str]]:
         """Each shot as its own density has it read, which counts where a file has no seconds."""
         confirmed = {film.path: film.curve for film in self.films.values()}
         sources = [confirmed.get(path) or path for path in files]

@@ -318,7 +318,7 @@ def _intervals(table: Table) -> Iterator[tuple[str, Table]]:
 
 def _sweeps(table: Table, label: str) -> Iterator[Sweep]:
     """The sweep that a table holds, or each of its repetitions."""
-    rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.cells)]
+    rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
     invalid, table = len(table.rows) - len(rows), table.part(rows)
     moduli = [table.column("storage"), table.column("loss")]
     settings = {"frequency": table.all("omega") + table.all("frequency")}

@@ -277,7 +277,7 @@ def _stated_rates(lines: Iterable[str]) -> list[float]:
 
 def _without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
     """Curves separated by rows of -1000; else two columns (or one time and two radii) whose units prove themselves."""
-    width = max(len(row.cells) for row in table.rows)
+    width = max(len(row.texts) for row in table.rows)
     values = [Column(table, at, "", Name()).numbers for at in range(width)]
     while len(values) > 2 and np.isnan(values[-1]).all():  # each line ends with a separator
         values.pop()
@@ -321,5 +321,5 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     columns = {name: 1e6 * values for name, values in columns.items()}
     for name, value in (("stretch", curve.stretch), ("stretch_std", curve.stretch_std)):
         columns |= {} if value is None else {name: np.full(len(curve.time), value)}
-    cells = zip(*([f"{value:.10g}" for value in values] for values in columns.values()), strict=True)
-    write_rows(path, list(columns), (dict(zip(columns, row, strict=True)) for row in cells), remark)
+    rows = zip(*([f"{value:.10g}" for value in values] for values in columns.values()), strict=True)
+    write_rows(path, list(columns), (dict(zip(columns, row, strict=True)) for row in rows), remark)

@@ -29,8 +29,8 @@ from cavirheo.errors import InputError, require, without_unseen
 from cavirheo.files import from_cell
 from cavirheo.io import limits
 
-Cells = list[str]
-IsHeader = Callable[[Cells], bool]
+CellTexts = list[str]
+IsHeader = Callable[[CellTexts], bool]
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6}
@@ -65,7 +65,7 @@ class Row(NamedTuple):
     """One row that is not empty; `number`: of its line in the file or row in the sheet, from 1."""
 
     number: int
-    cells: Cells
+    texts: CellTexts
 
 
 class Sheet(NamedTuple):
@@ -103,7 +103,7 @@ def read_sheets(path: Path, is_header: IsHeader, *, most: int | None = None, mar
 
         sheets = [_sheet(name, [Row(*row) for row in rows]) for name, rows in read_workbook(path, most)]
     for sheet in sheets:
-        limits.few(max((len(row.cells) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
+        limits.few(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
     return sheets
 
 
@@ -153,18 +153,18 @@ def text_sheet(text: str, is_header: IsHeader, *, marks: str = "#%") -> Sheet:
 def _rows_below_header(lines: list[str], is_header: IsHeader, marks: str) -> list[Row] | None:
     """The rows by the first separator that makes a header of one of them; None where none does."""
 
-    def names_columns(cells: Cells) -> bool:
-        return not all(map(is_number, cells)) and is_header(cells)
+    def names_columns(texts: CellTexts) -> bool:
+        return not all(map(is_number, texts)) and is_header(texts)
 
     unclear = False
     with_words = [line.lstrip(marks + " ") for line in lines if re.search(r"[^\W\d]", line)]
     for separator in _SEPARATORS:
         candidates = with_words if separator is None or any(separator in line for line in lines) else []
-        if any(names_columns(cells) for _, cells in _split(candidates, separator)):
+        if any(names_columns(texts) for _, texts in _split(candidates, separator)):
             rows = list(_rows(lines, separator, is_header, marks))
             spaced = separator in (None, "  ")
-            below = ((row, after) for row, after in pairwise([*rows, *rows[-1:]]) if names_columns(row.cells))
-            if any(row is after or len(after.cells) >= (len(row.cells) if spaced else 2) for row, after in below):
+            below = ((row, after) for row, after in pairwise([*rows, *rows[-1:]]) if names_columns(row.texts))
+            if any(row is after or len(after.texts) >= (len(row.texts) if spaced else 2) for row, after in below):
                 return rows
             unclear |= spaced
     message = "titles with spaces in them over columns separated by spaces; separate the columns by commas"
@@ -173,8 +173,8 @@ def _rows_below_header(lines: list[str], is_header: IsHeader, marks: str) -> lis
 
 
 def _sheet(name: str, rows: list[Row], notes: tuple[str, ...] = (), comments: tuple[str, ...] = ()) -> Sheet:
-    cells, number_notes = with_points([row.cells for row in rows])
-    rows = [row._replace(cells=changed) for row, changed in zip(rows, cells, strict=True)] if number_notes else rows
+    texts, number_notes = with_points([row.texts for row in rows])
+    rows = [row._replace(texts=changed) for row, changed in zip(rows, texts, strict=True)] if number_notes else rows
     return Sheet(name, rows, (*notes, *number_notes), comments)
 
 
@@ -182,19 +182,19 @@ def _rows(lines: list[str], separator: str | None, is_header: IsHeader, marks: s
     comments = {k for k, line in enumerate(lines, 1) if line.lstrip().startswith(tuple(marks))}
     data = ["" if k in comments else line for k, line in enumerate(lines, 1)]
     above: list[Row] = []  # the comments since the last row
-    for number, cells in _split(data, separator):
+    for number, texts in _split(data, separator):
         if number in comments:
             bare = lines[number - 1].lstrip().lstrip(marks + " ")
-            above += [Row(number, cells) for _, cells in _split([bare], separator)]
-        elif any(cells):
-            if above and not is_header(cells):
-                first = next((k for k, row in enumerate(above) if is_header(row.cells)), len(above))
-                yield from (row for row in above[first:] if len(row.cells) == len(above[first].cells))
+            above += [Row(number, texts) for _, texts in _split([bare], separator)]
+        elif any(texts):
+            if above and not is_header(texts):
+                first = next((k for k, row in enumerate(above) if is_header(row.texts)), len(above))
+                yield from (row for row in above[first:] if len(row.texts) == len(above[first].texts))
             above = []
-            yield Row(number, cells)
+            yield Row(number, texts)
 
 
-def _split(lines: list[str], separator: str | None) -> Iterator[tuple[int, Cells]]:
+def _split(lines: list[str], separator: str | None) -> Iterator[tuple[int, CellTexts]]:
     if separator is None:
         lines = [re.sub(r"\s+", " ", line).strip() for line in lines]
         lines = [re.sub(r" (?=[\[(][^\s\[\]()]+[\])]( |$))", "_", line) for line in lines]  # "R (um)" is one title
@@ -205,27 +205,27 @@ def _split(lines: list[str], separator: str | None) -> Iterator[tuple[int, Cells
     reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     total = 0
     try:
-        for cells in reader:
-            total += len(cells)
+        for texts in reader:
+            total += len(texts)
             limits.few(total, limits.SAMPLES, "cells")
-            yield reader.line_num, [from_cell(cell.strip()) for cell in cells]
+            yield reader.line_num, [from_cell(cell.strip()) for cell in texts]
     except csv.Error as error:
         raise InputError(f"line {reader.line_num}: {error}", "tabular.csv") from None
 
 
-def with_points(rows: list[Cells]) -> tuple[list[Cells], list[str]]:
+def with_points(rows: list[CellTexts]) -> tuple[list[CellTexts], list[str]]:
     """(the rows, their numbers with decimal points and without marks between thousands; how many were changed)."""
-    if not any(_MARK.search(cell) for cells in rows for cell in cells):
+    if not any(_MARK.search(cell) for texts in rows for cell in texts):
         return rows, []
-    tidy = {cell: _SPACED.sub("", cell.replace("−", "-")) for cells in rows for cell in cells}
+    tidy = {cell: _SPACED.sub("", cell.replace("−", "-")) for texts in rows for cell in texts}
     tidy = {cell: text for cell, text in tidy.items() if _NUMBER.fullmatch(text)}
-    data = [cells for cells in rows if all(map(is_number, cells))] or rows  # what stands above a table says nothing
-    decimal = _decimal_mark([tidy[cell] for cells in data for cell in cells if cell in tidy])
+    data = [texts for texts in rows if all(map(is_number, texts))] or rows  # what stands above a table says nothing
+    decimal = _decimal_mark([tidy[cell] for texts in data for cell in texts if cell in tidy])
     if decimal:
         thousands = "." if decimal == "," else ","
         tidy = {cell: text.replace(thousands, "").replace(",", ".") for cell, text in tidy.items()}
     new = {cell: text for cell, text in tidy.items() if text != cell and _is_float(text)}
-    changed = [cell for cells in rows for cell in cells if cell in new]
+    changed = [cell for texts in rows for cell in texts if cell in new]
     commas = sum(decimal == "," and "," in cell for cell in changed)
     groups = sum(len(re.findall(rf"[,.{_SPACES}]", cell)) > new[cell].count(".") for cell in changed)
     notes = {f"{commas} decimal commas": commas, f"marks between the thousands of {groups} numbers left out": groups}

@@ -21,7 +21,7 @@ FILE = 4_000_000_000  # bytes of any file
 TEXT = 100_000_000  # bytes of a text file
 SHEET = 60_000_000  # bytes of a workbook
 UNPACKED = 150_000_000  # bytes of all parts of a workbook
-CELLS = 1_000_000  # of the sheets of a workbook that are read, empty ones included
+WORKBOOK_CELLS = 1_000_000  # of the sheets of a workbook that are read, empty ones included
 INFLATED = 500_000_000  # bytes of all variables of a .mat, unpacked
 
 

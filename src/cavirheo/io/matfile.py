@@ -103,13 +103,13 @@ def _array(data: bytes, order: str, names_wanted: Container[str] | None) -> tupl
     if names_wanted is not None and name not in names_wanted:
         return name, None
     if array_class == _CELL and names_wanted is not None:  # cells in cells hold nothing that is read
-        cells: list[Any] = []
+        arrays: list[Any] = []
         for kind, part in parts:
             if kind == _MATRIX:
                 value = _array(part, order, None)[1]
-                cells.append(np.empty(0) if value is None else value.ravel(order="F"))
-                limits.few(len(cells), limits.CURVES, f"cells of {name}")
-        return name, cells
+                arrays.append(np.empty(0) if value is None else value.ravel(order="F"))
+                limits.few(len(arrays), limits.CURVES, f"cells of {name}")
+        return name, arrays
     if array_class not in _NUMERIC:
         return name, None
     kind, numbers = next(parts, (9, b""))

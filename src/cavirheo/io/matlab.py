@@ -25,9 +25,9 @@ from cavirheo.io.matfile import read_matfile
 from cavirheo.io.samples import make_curve, unusable
 from cavirheo.messages import Message
 
-_CELLS = ("R_nondim_All", "t_nondim_All")
+_CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
-VARIABLES = (*_CELLS, *_ONE_EACH.split())
+VARIABLES = (*_CELL_ARRAYS, *_ONE_EACH.split())
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 _REAL = "fiub"  # kinds of numpy's types
@@ -56,13 +56,13 @@ def read_hdf5(path: Path, names: Iterable[str]) -> tuple[Variables, list[str]]:
             if not isinstance(item, h5py.Dataset):
                 continue
             limits.arrays([item])
-            if name in _CELLS and h5py.check_ref_dtype(item.dtype) is not None:
+            if name in _CELL_ARRAYS and h5py.check_ref_dtype(item.dtype) is not None:
                 limits.few(item.size, limits.CURVES, "curves")
-                cells = [file[reference] if reference else None for reference in np.ravel(item[()])]
-                arrays = all(isinstance(cell, h5py.Dataset) for cell in cells)
+                items = [file[reference] if reference else None for reference in np.ravel(item[()])]
+                arrays = all(isinstance(cell, h5py.Dataset) for cell in items)
                 require(arrays, f"a cell of {name} refers to no array", "matlab.cells")
-                limits.arrays(cells)
-                variables[name] = [_plain(cell).ravel(order="F") for cell in cells]
+                limits.arrays(items)
+                variables[name] = [_plain(cell).ravel(order="F") for cell in items]
             elif item.dtype.kind in _REAL:
                 variables[name] = _plain(item)
     return variables, all_names
@@ -81,10 +81,10 @@ def curves(variables: Variables, names: list[str], density: float, pressure: flo
     Raises:
         InputError: they make none.
     """
-    cell_arrays = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELLS]
+    cell_arrays = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELL_ARRAYS]
     message = f"{', '.join(cell_arrays)}: a cell array; expected an array of numbers, as cell2mat makes it"
     require(not cell_arrays, message, "matlab.cells")
-    if variables.keys() >= {*_CELLS}:
+    if variables.keys() >= {*_CELL_ARRAYS}:
         return _bdt(variables, density, pressure)
     if variables.keys() >= {"shift_normRnew", "Rmax", "t"}:
         return _shifted(variables)
@@ -107,7 +107,7 @@ def _scalar(variables: Variables, name: str) -> float | None:
 
 
 def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCurve]:
-    radii, times = ([v] if isinstance(v, np.ndarray) else v for v in (variables[name] for name in _CELLS))
+    radii, times = ([v] if isinstance(v, np.ndarray) else v for v in (variables[name] for name in _CELL_ARRAYS))
     count = len(radii)
     require(count == len(times), f"R_nondim_All has {count} cells but t_nondim_All {len(times)}")
     require(count > 0, "R_nondim_All has no cells: no curve", "matlab.cells")

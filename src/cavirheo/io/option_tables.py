@@ -22,7 +22,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io.files import guarded
-from cavirheo.io.formats import TIME_UNITS, Cells, is_number
+from cavirheo.io.formats import TIME_UNITS, CellTexts, is_number
 from cavirheo.io.tables import Name, Term, Vocabulary, read_columns
 
 SIZE = "R_max"  # the word
@@ -115,16 +115,16 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
         (table,) = read_columns(path, _DECLARED, _are_titles)
         names, numbers = table.columns
         values: dict[str, float] = {}
-        for (line, cells), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
-            message = f"line {line}: expected a name and a number, found {listed(cells)}"
-            require(len(cells) == 2 and bool(np.isfinite(value)), message, "column.number")
+        for (line, texts), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
+            message = f"line {line}: expected a name and a number, found {listed(texts)}"
+            require(len(texts) == 2 and bool(np.isfinite(value)), message, "column.number")
             require(name not in values, f"line {line}: {name} is there twice", "column.twice")
             values[name] = float(value)
     return numbers.title, values
 
 
-def _are_titles(cells: Cells) -> bool:
-    return len(cells) == 2 and all(cells) and not any(map(is_number, cells))
+def _are_titles(texts: CellTexts) -> bool:
+    return len(texts) == 2 and all(texts) and not any(map(is_number, texts))
 
 
 def listed(names: Sequence[str]) -> str:

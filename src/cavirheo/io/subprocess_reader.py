@@ -38,7 +38,6 @@ KINDS: dict[str, Any] = {
 }
 _SPAWN = multiprocessing.get_context("spawn")
 
-Found = tuple[list[RadiusCurve], list[str]]
 Report = Callable[[float, str], Any]
 
 
@@ -57,8 +56,8 @@ class Reader:
             child.begin()
             self._free.put(child)
 
-    def read(self, files: Sequence[Path | RadiusCurve], **options: Any) -> Found:
-        """As `read_shots`, with file names instead of paths in curves and problems.
+    def read(self, files: Sequence[Path | RadiusCurve], **options: Any) -> tuple[list[RadiusCurve], list[str]]:
+        """(the curves, why files could not be read and other remarks) of `read_shots`, without the names of folders.
 
         Raises:
             InputError: reading took too long or too much memory, or broke the process.

@@ -22,7 +22,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.io.formats import (
     ALIASES,
-    Cells,
+    CellTexts,
     Row,
     Sheet,
     is_number,
@@ -34,7 +34,7 @@ from cavirheo.io.formats import (
     unit_of,
 )
 
-Need = Sequence[str] | Callable[[Cells], bool]
+Need = Sequence[str] | Callable[[CellTexts], bool]
 _LONGEST = 120  # characters of a title; more is a sentence, and takes time
 _SUMMARIES = {  # as `plain_title` writes them
     word
@@ -154,7 +154,7 @@ class Column:
     @property
     def text(self) -> list[str]:
         """(rows,) cells; "" where there is none."""
-        return [cells[self.at] if self.at < len(cells) else "" for _, cells in self.table.rows]
+        return [texts[self.at] if self.at < len(texts) else "" for _, texts in self.table.rows]
 
     @cached_property
     def numbers(self) -> Floats:
@@ -204,7 +204,7 @@ class Table:
     """A table below its titles."""
 
     vocabulary: Vocabulary  # that it is read with
-    titles: Cells  # as they are written, with units from the row below
+    titles: CellTexts  # as they are written, with units from the row below
     rows: list[Row]  # of data
     notes: list[str]  # what was left out or recognised
     above: list[str]  # the lines over the titles, and comments
@@ -262,15 +262,15 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
             units ("units"); with the codes of the vocabulary.
     """
 
-    def is_header(cells: Cells) -> bool:
+    def is_header(texts: CellTexts) -> bool:
         if callable(need):
-            return need(cells)
-        kinds = {vocabulary.name(cell).kind for cell in cells}
+            return need(texts)
+        kinds = {vocabulary.name(cell).kind for cell in texts}
         return all(not kinds.isdisjoint(needed.split("|")) for needed in need)
 
     sheets = read_sheets(path, is_header, most=None if vocabulary.sections else 1, marks=vocabulary.marks)
     tables = [table for sheet in sheets for table in _tables(sheet, vocabulary, is_header)]
-    rows = [row.cells for sheet in sheets for row in sheet.rows]
+    rows = [row.texts for sheet in sheets for row in sheet.rows]
     if not tables and vocabulary.bare and rows and all(map(is_number, rows[0])):
         return [Table(vocabulary, [], sheets[0].rows, list(sheets[0].notes), [], sheet=sheets[0].name)]
     if not tables:
@@ -280,7 +280,7 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
     return tables
 
 
-def _no_titles(rows: list[Cells], vocabulary: Vocabulary, need: Need) -> InputError:
+def _no_titles(rows: list[CellTexts], vocabulary: Vocabulary, need: Need) -> InputError:
     """That no row is a header: the row that is closest to one, and what it lacks."""
     if not rows:
         return InputError(f"no rows of data; {vocabulary.expected}", vocabulary.code("empty"))
@@ -295,33 +295,33 @@ def _no_titles(rows: list[Cells], vocabulary: Vocabulary, need: Need) -> InputEr
     return InputError(f"{lack}; {vocabulary.expected}", vocabulary.code("columns"))
 
 
-def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[Cells], bool]) -> Iterator[Table]:
+def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[CellTexts], bool]) -> Iterator[Table]:
     """The tables of a sheet: one declared in its first line, the first one, or with sections each one."""
-    headers = (k for k, row in enumerate(sheet.rows) if not all(map(is_number, row.cells)) and is_header(row.cells))
+    headers = (k for k, row in enumerate(sheet.rows) if not all(map(is_number, row.texts)) and is_header(row.texts))
     starts = list(headers if vocabulary.sections else islice(headers, 1))
     for at, end in zip(starts, [*starts[1:], None], strict=False):
-        titles, rows, notes = sheet.rows[at].cells, sheet.rows[at + 1 : end], list(sheet.notes)
+        titles, rows, notes = sheet.rows[at].texts, sheet.rows[at + 1 : end], list(sheet.notes)
         if vocabulary.declared:
             if at:
                 return
             if len(titles) == 1:  # nothing separates columns
-                rows = [Row(row.number, [" ".join(row.cells)]) for row in rows]
+                rows = [Row(row.number, [" ".join(row.texts)]) for row in rows]
         else:
             notes += [f"{_lines(at)} above the titles left out"] if at and not vocabulary.sections else []
             titles, rows, more = _measured(titles, rows, vocabulary)
             notes += more
-        if wide := next((row for row in rows if any(row.cells[len(titles) :])), None):
-            message = f"row {wide.number} has {len(wide.cells)} cells, the header {len(titles)}"
+        if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
+            message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
             message += ": is a comma decimal, or part of a text that needs quotes?"
             raise InputError(message, vocabulary.code("width"))
-        above = [*sheet.comments, *(" ".join(row.cells) for row in sheet.rows[: min(at, 1000)])]
+        above = [*sheet.comments, *(" ".join(row.texts) for row in sheet.rows[: min(at, 1000)])]
         yield Table(vocabulary, titles, rows, notes, above, sheet.rows[at].number, sheet.name)
 
 
-def _measured(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple[Cells, list[Row], list[str]]:
+def _measured(titles: CellTexts, rows: list[Row], vocabulary: Vocabulary) -> tuple[CellTexts, list[Row], list[str]]:
     """(titles with units, the rows that are measurements, notes) of what stands below the titles."""
     titles, below = _with_units(titles, rows, vocabulary)
-    units = ", ".join(cell for row in below for cell in row.cells if cell)
+    units = ", ".join(cell for row in below for cell in row.texts if cell)
     notes, rows = [f"units from the row below the titles: {units}"] if units else [], rows[len(below) :]
     if vocabulary.sections:
         rows = list(takewhile(lambda row: not _begins_section(row), rows))
@@ -338,18 +338,18 @@ def _lines(count: int) -> str:
 
 def _begins_section(row: Row) -> bool:
     """Whether a row ends a table: "[step]", "Result:", "Frequency sweep - 2"."""
-    filled = [cell for cell in row.cells if cell]
+    filled = [cell for cell in row.texts if cell]
     return filled[0].startswith("[") or filled[0].endswith(":") or not any(map(is_number, filled))
 
 
-def _with_units(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple[Cells, list[Row]]:
+def _with_units(titles: CellTexts, rows: list[Row], vocabulary: Vocabulary) -> tuple[CellTexts, list[Row]]:
     """(the titles with the units of the rows of words below them, these rows).
 
     Raises InputError: a title names one unit and a row below it another, or the two make another title.
     """
-    titles, units = list(titles), list(takewhile(lambda row: _are_words(titles, row.cells, vocabulary), rows))
-    for _, cells in units:
-        for k, (title, cell) in enumerate(zip(titles, cells, strict=False)):
+    titles, units = list(titles), list(takewhile(lambda row: _are_words(titles, row.texts, vocabulary), rows))
+    for _, texts in units:
+        for k, (title, cell) in enumerate(zip(titles, texts, strict=False)):
             kind, unit, _ = vocabulary.name(title)
             units_of_kind, bare = vocabulary.units(kind), cell.strip("[]() ")
             below = unit_of(bare, units_of_kind)
@@ -364,12 +364,12 @@ def _with_units(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple
     return titles, units
 
 
-def _are_words(titles: Cells, cells: Cells, vocabulary: Vocabulary) -> bool:
+def _are_words(titles: CellTexts, texts: CellTexts, vocabulary: Vocabulary) -> bool:
     """Whether a row has words and units, not numbers, in the columns that have units."""
     units = [vocabulary.units(vocabulary.name(title).kind) for title in titles]
-    measured = [(cell, of_kind) for cell, of_kind in zip(cells, units, strict=False) if of_kind and cell]
+    measured = [(cell, of_kind) for cell, of_kind in zip(texts, units, strict=False) if of_kind and cell]
     words = [cell for cell, of_kind in measured if unit_of(cell.strip("[]() "), of_kind) is None or not is_number(cell)]
-    words = words or (cells if vocabulary.sections else [])
+    words = words or (texts if vocabulary.sections else [])
     return not all(map(is_number, words)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in words)
 
 
@@ -380,7 +380,7 @@ def _without_summary(rows: list[Row]) -> tuple[list[Row], list[str]]:
     """
     words: list[str] = []
     for row in reversed(rows):
-        word = next((cell for cell in row.cells if plain_title(cell) in _SUMMARIES), None)
+        word = next((cell for cell in row.texts if plain_title(cell) in _SUMMARIES), None)
         if word is None:
             break
         words.insert(0, word)
@@ -389,13 +389,13 @@ def _without_summary(rows: list[Row]) -> tuple[list[Row], list[str]]:
     return rows[: -len(words)], [f"{_lines(len(words))} of {', '.join(words)} at the end left out"]
 
 
-def _first_numbers_rows(titles: Cells, rows: list[Row]) -> bool:
+def _first_numbers_rows(titles: CellTexts, rows: list[Row]) -> bool:
     """Whether each row has one cell more than there are titles, and the first ones count the rows.
 
     Without any decimal point the further cell may as well come from decimal commas.
     """
-    if len(rows) < 2 or not all(len(row.cells) == len(titles) + 1 for row in rows):
+    if len(rows) < 2 or not all(len(row.texts) == len(titles) + 1 for row in rows):
         return False
-    firsts = [int(row.cells[0]) if row.cells[0].isdecimal() else -9 for row in rows]
+    firsts = [int(row.texts[0]) if row.texts[0].isdecimal() else -9 for row in rows]
     counted = firsts == list(range(firsts[0], firsts[0] + len(rows))) and firsts[0] in (0, 1)
-    return counted and any(row.cells[-1] for row in rows) and any("." in cell for row in rows for cell in row.cells)
+    return counted and any(row.texts[-1] for row in rows) and any("." in cell for row in rows for cell in row.texts)

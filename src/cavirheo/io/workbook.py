@@ -32,7 +32,7 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
     from cavirheo.errors import InputError, require, without_unseen
     from cavirheo.io import limits
 
-    most_of = (most or 0, MEMORY, limits.SHEET, limits.UNPACKED, limits.CELLS, limits.TEXT)
+    most_of = (most or 0, MEMORY, limits.SHEET, limits.UNPACKED, limits.WORKBOOK_CELLS, limits.TEXT)
     command = [sys.executable, "-P", __file__, str(path), *map(str, most_of)]
     try:
         child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
@@ -51,16 +51,16 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
     damaged = f"the workbook cannot be read, it may be damaged ({answer[:300]})"
     require(child.returncode == 0, damaged, "tabular.workbook")
     sheets: list[tuple[str, list[tuple[int, list[str]]]]] = []
-    for number, cells in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
-        cells = [cell if cell.isprintable() else without_unseen(cell)[0] for cell in cells]
+    for number, texts in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
+        texts = [text if text.isprintable() else without_unseen(text)[0] for text in texts]
         if number:
-            sheets[-1][1].append((number, cells))
+            sheets[-1][1].append((number, texts))
         else:
-            sheets.append((cells[0], []))
+            sheets.append((texts[0], []))
     return sheets
 
 
-def _write_rows(path: str, most: int, size: int, unpacked: int, cells: int, text: int) -> None:
+def _write_rows(path: str, most: int, size: int, unpacked: int, most_cells: int, text: int) -> None:
     """What the child says: lines of JSON, each a list of (number of a row, its cells); (0, [name]) begins a sheet."""
     import zipfile
 
@@ -86,7 +86,7 @@ def _write_rows(path: str, most: int, size: int, unpacked: int, cells: int, text
     for metadata in visible[: most or None]:
         sheet = book.get_sheet_by_name(metadata.name)
         total += sheet.height * sheet.width
-        _few(total, cells, "limits.cells has", "cells")
+        _few(total, most_cells, "limits.cells has", "cells")
         rows = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), (sheet.start or (0, 0))[0] + 1)
         chunk = [(0, [metadata.name])]
         while chunk:

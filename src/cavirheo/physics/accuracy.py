@@ -61,11 +61,11 @@ NO_SHELLS = Grid(*(np.zeros(0) for _ in Grid._fields))  # for contents without f
 
 
 @lru_cache(maxsize=16)
-def wall_clustered(cells: int, first: float = 1e-4) -> Grid:
-    """`cells` shells, tanh-spaced so that the one at the wall is `first` thick."""
-    why = f"a clustered grid needs at least 8 cells and a wall cell thinner than 1/cells, got {cells} and {first}"
-    require(cells >= 8 and 0 < first < 1 / cells, why, "physics.cells")
-    s = np.linspace(0.0, 1.0, cells + 1)
+def wall_clustered(shells: int, first: float = 1e-4) -> Grid:
+    """`shells` shells, tanh-spaced so that the one at the wall is `first` thick."""
+    why = f"a clustered grid needs at least 8 cells and a wall cell thinner than 1/cells, got {shells} and {first}"
+    require(shells >= 8 and 0 < first < 1 / shells, why, "physics.cells")
+    s = np.linspace(0.0, 1.0, shells + 1)
     low, high = 1e-3, 18.0
     for _ in range(60):  # bisection: importing a solver takes longer than a simulation
         steepness = (low + high) / 2

@@ -98,9 +98,9 @@ class Bubble:
     exponent: float | None = None
 
     def __post_init__(self) -> None:
-        for name, known in (("motion", MOTIONS), ("contents", CONTENTS)):
+        for name, choices in (("motion", MOTIONS), ("contents", CONTENTS)):
             value = getattr(self, name)
-            require(value in known, f"{name} must be one of {', '.join(known)}, got {value!r}", f"physics.{name}")
+            require(value in choices, f"{name} must be one of {', '.join(choices)}, got {value!r}", f"physics.{name}")
         message = f"damage must be {', '.join(DAMAGES)} or a Damage, got {self.damage!r}"
         require(isinstance(self.damage, Damage) or self.damage in DAMAGES, message, "option.damage")
         for name, allowed in _DOMAINS.items():
@@ -192,7 +192,11 @@ def bubbles_of(requested: Requested) -> tuple[Bubble, ...]:
     if isinstance(requested, str):
         require(requested in BUBBLES, message, "option.bubble")
         return (BUBBLES[requested],)
-    fine = isinstance(requested, Sequence) and len(requested) > 0 and all(isinstance(one, Bubble) for one in requested)
+    fine = (
+        isinstance(requested, Sequence)
+        and len(requested) > 0
+        and all(isinstance(bubble, Bubble) for bubble in requested)
+    )
     require(fine, message, "option.bubble")
     return tuple(dict.fromkeys(requested))
 

@@ -40,7 +40,7 @@ def compiled(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
-def kept(function: Any) -> list[Path]:
+def stored_files(function: Any) -> list[Path]:
     """Files with the compiled code of a `compiled` function as its source is now, of any Python and machine."""
     store = function._cache
     if not isinstance(store, StoredCode):
@@ -54,12 +54,14 @@ class StoredCode(caching.NullCache):
     def __init__(self, function: Callable[..., Any]) -> None:
         file = Path(inspect.getfile(function)).absolute()
         caches = [getattr(value, "_cache", None) for value in function.__globals__.values()]
-        called = sorted({one.source for one in caches if isinstance(one, StoredCode)})  # of functions that it may call
+        called = sorted(
+            {cached.source for cached in caches if isinstance(cached, StoredCode)}
+        )  # of functions that it may call
         self.begin: str = f"{file.stem}.{function.__name__}"
         self.source: str = _source(file, *called)
-        given, of_user = getattr(config, "CACHE_DIR", ""), AppDirs("numba", appauthor=False).user_cache_dir
+        chosen, of_user = getattr(config, "CACHE_DIR", ""), AppDirs("numba", appauthor=False).user_cache_dir
         part = f"{file.parent.name}_{hashlib.sha256(str(file.parent).encode()).hexdigest()[:16]}"
-        self.folders = [Path(given, part)] if given else []
+        self.folders = [Path(chosen, part)] if chosen else []
         self.folders += [file.parent / "__pycache__", Path(of_user, part)]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

@@ -108,19 +108,19 @@ def simulated_time(
     late = _LATEST * rayleigh_time(R, medium)
     # the analytic answer says how far to look first
     guess = np.minimum(1.3 * analytic_time(R, stretches, G, mu, medium), late)
-    found = np.full(R.shape, np.inf)
+    times = np.full(R.shape, np.inf)
     for end in (guess, late):
-        missing = np.flatnonzero(np.isinf(found))
+        missing = np.flatnonzero(np.isinf(times))
         if missing.size == 0:
             break
         materials = [NeoHookeanKelvinVoigt(float(G[i]), float(mu[i])) for i in missing]
         time = np.linspace(0.0, end[missing], _SAMPLES, axis=1)
         of: Any = {"max_radius": R[missing], "stretch": stretches[missing], "time": time, "medium": medium}
         for i, run in zip(missing, simulate_many(materials, **of, **options), strict=True):
-            found[i] = _first_minimum(run.time, run.radius, run.velocity)
-            if not np.isfinite(found[i]) and not run.ok:
+            times[i] = _first_minimum(run.time, run.radius, run.velocity)
+            if not np.isfinite(times[i]) and not run.ok:
                 raise SolverError(f"no collapse time: {run.status}")
-    return found
+    return times
 
 
 def _first_minimum(time: Floats, radius: Floats, velocity: Floats) -> float:

@@ -52,10 +52,10 @@ class Material:
         if "name" not in cls.__dict__:
             cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower()
         names = [name for base in reversed(cls.__mro__) for name in get_annotations(base) if name in PARAMETERS]
-        known = [f"{name} ({PARAMETERS[name].symbol}, {PARAMETERS[name].unit})" for name in dict.fromkeys(names)]
-        if known:
+        described = [f"{name} ({PARAMETERS[name].symbol}, {PARAMETERS[name].unit})" for name in dict.fromkeys(names)]
+        if described:
             cls.__doc__ = (
-                f"{cleandoc(cls.__dict__.get('__doc__') or '')}\n\nParameters: {', '.join(known)}.\n\n{_RAISES}"
+                f"{cleandoc(cls.__dict__.get('__doc__') or '')}\n\nParameters: {', '.join(described)}.\n\n{_RAISES}"
             )
 
     def __post_init__(self) -> None:

@@ -234,12 +234,12 @@ def simulate_many(
         expected = f"numbers: max_radius and stretch as scalars or ({m},), time as (n,) or ({m}, n)"
         raise InputError(f"{m} materials need {expected}; got {shapes}", "physics.shapes") from error
 
-    def one(i: int) -> Simulation:
+    def simulate_one(i: int) -> Simulation:
         shot: dict[str, Any] = dict(max_radius=float(radii[i]), stretch=float(stretches[i]), time=times[i])
         return simulate(materials[i], **shot, throw=False, **options)
 
-    first = [one(0)] if m else []  # it may compile: before threads
-    return first + parallel.each(one, range(1, m), workers)
+    first = [simulate_one(0)] if m else []  # it may compile: before threads
+    return first + parallel.each(simulate_one, range(1, m), workers)
 
 
 _SLOW = 2.0  # s
@@ -299,18 +299,18 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
     impulse = whole = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure
     while high - low > exact * max(low, whole):
         radius, memories = _turn(quiet, float(np.sqrt(impulse)), exact)
-        missed = radius**3 - 1.0
-        low, high = (impulse, high) if missed < 0 else (low, impulse)
+        miss = radius**3 - 1.0
+        low, high = (impulse, high) if miss < 0 else (low, impulse)
         if radius < np.inf:
-            turns[missed] = impulse, memories
+            turns[miss] = impulse, memories
             nearest = sorted(turns, key=abs)[:4]
             if abs(nearest[0]) < exact:
                 return turns[nearest[0]][1]
             weights = np.array(_at_zero(nearest))
             # the error of a cubic through four is about the product of what they missed by
             if abs(nearest[0]) < GROWTH_NEAR and len(nearest) == 4 and prod(map(abs, nearest)) < exact:
-                return np.asarray(weights @ np.array([turns[one][1] for one in nearest]))
-            impulse = float(weights @ np.array([turns[one][0] for one in nearest]))
+                return np.asarray(weights @ np.array([turns[miss][1] for miss in nearest]))
+            impulse = float(weights @ np.array([turns[miss][0] for miss in nearest]))
         if not low < impulse < high:
             impulse = 2.0 * low if high == np.inf else 0.5 * (low + high)
         if impulse > LARGEST_IMPULSE * numbers.stretch**3:

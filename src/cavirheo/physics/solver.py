@@ -556,17 +556,17 @@ def add(x, weights, scale, u, count):
 
 
 @compiled
-def reach(table, t):
+def longest_step(table, t):
     """The longest step from t that passes over no piece of the table unseen: to the end of the next one."""
     return table[min(piece(table, t) + 2, table.shape[0] - 1), 0] - t
 
 
 @compiled
-def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):
-    """Row k of the results, a fraction x of the step h from y to trial."""
+def report(k, x, h, M, numbers, y, slope, next_y, next_slope, out, fields):
+    """Row k of the results, a fraction x of the step h from y to next_y."""
     # quintic Hermite in R, whose first two derivatives are known at both ends; cubic in all else
     R0, V0, A0 = y[2 * M], h * y[2 * M + 1], h * h * slope[2 * M + 1]
-    D, V1, A1 = trial[2 * M] - R0, h * trial[2 * M + 1], h * h * next_slope[2 * M + 1]
+    D, V1, A1 = next_y[2 * M] - R0, h * next_y[2 * M + 1], h * h * next_slope[2 * M + 1]
     c3 = 10 * D - 6 * V0 - 4 * V1 - 1.5 * A0 + 0.5 * A1
     c4 = -15 * D + 8 * V0 + 7 * V1 + 1.5 * A0 - A1
     c5 = 6 * D - 3 * V0 - 3 * V1 - 0.5 * A0 + 0.5 * A1
@@ -576,15 +576,15 @@ def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):
     s0, s1 = h * x * (1 - x) * (1 - x), h * x * x * (x - 1)
     j = 2 * M + 2
     out[k, 0], out[k, 1] = R, U
-    P = y[j] + i * (trial[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
+    P = y[j] + i * (next_y[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
     out[k, 2] = numbers.base + P / (R * R * R)
     out[k, 3] = stress(numbers, R, U / R)[0]
     for m in range(numbers.memory.shape[0]):
         j = 2 * M + 3 + m
-        out[k, 4 + m] = y[j] + i * (trial[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
+        out[k, 4 + m] = y[j] + i * (next_y[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
         out[k, 3] += numbers.memory[m, 0] * out[k, 4 + m]
     if fields.size > 0:
-        fields[k] = trial[: 2 * M]  # steps end at the frames then
+        fields[k] = next_y[: 2 * M]  # steps end at the frames then
 
 
 @compiled
@@ -599,7 +599,7 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     M, K = grid.centre.size, numbers.memory.shape[0]
     A, C, when, drift, gamma, order = method.A, method.C, method.when, method.drift, method.gamma, method.order
     n, stages = 2 * M + 3 + K, A.shape[0]
-    y, trial, slope, next_slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    y, next_y, slope, next_slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     u = np.empty((stages, n))
     theta, gas, F, H = np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)
     cell, flux, blocks, border = np.zeros((5, M)), np.zeros((7, M + 1)), np.zeros((9, M)), np.zeros((6, M))
@@ -626,7 +626,7 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
             status = OUTSIDE_LAW if cause == OUTSIDE_LAW else STEP_TOO_SMALL
             break
         wish = h
-        h = min(h, reach(numbers.driving, t))
+        h = min(h, longest_step(numbers.driving, t))
         if fields.size > 0:  # the rates at the wall are stiff: only the ends of steps are exact enough
             h = min(h, time[k] - t)
         shift = 1 / (h * gamma)
@@ -641,14 +641,14 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
             else:
                 if s < stages - 2:
                     for j in range(n):  # an assignment of slices is three times as slow
-                        trial[j] = y[j]
-                    add(trial, A[s], 1.0, u, s)
+                        next_y[j] = y[j]
+                    add(next_y, A[s], 1.0, u, s)
                 else:  # stiffly accurate: these points are the stage before's plus its increment
-                    add(trial, A[s, s - 1 :], 1.0, u[s - 1 :], 1)
-                cause = fault(numbers, trial[2 * M], trial[2 * M + 2])
+                    add(next_y, A[s, s - 1 :], 1.0, u[s - 1 :], 1)
+                cause = fault(numbers, next_y[2 * M], next_y[2 * M + 2])
                 if cause != OK:
                     break
-                derivatives(t + when[s] * h, trial, numbers, grid, theta, gas, F, H, v)
+                derivatives(t + when[s] * h, next_y, numbers, grid, theta, gas, F, H, v)
                 add(v, C[s], 1 / h, u, s)
             v[2 * M + 1] += drift[s] * h * couplings[0]
             back_substitute(v, M, blocks, border, recall, schur, pivot, couplings, b)
@@ -656,41 +656,41 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
         if usable:
             last = u[stages - 1]
             for j in range(n):
-                trial[j] += last[j]
+                next_y[j] += last[j]
             for j in range(2 * M):
-                usable = usable and trial[j] > 0
-                e = last[j] / trial[j]
+                usable = usable and next_y[j] > 0
+                e = last[j] / next_y[j]
                 error += e * e
             error /= max(2 * M, 1)
-            e_R, e_P = last[2 * M] / trial[2 * M], last[2 * M + 2] / trial[2 * M + 2]
-            e_U = last[2 * M + 1] / (1 + abs(trial[2 * M + 1]))
+            e_R, e_P = last[2 * M] / next_y[2 * M], last[2 * M + 2] / next_y[2 * M + 2]
+            e_U = last[2 * M + 1] / (1 + abs(next_y[2 * M + 1]))
             error += e_R * e_R + e_U * e_U + e_P * e_P
             for j in range(2 * M + 3, n):  # error of stress, against the ambient pressure or the stress itself
                 modulus = numbers.memory[j - 2 * M - 3, 0]
-                e = modulus * last[j] / (1 + abs(modulus * trial[j]))
+                e = modulus * last[j] / (1 + abs(modulus * next_y[j]))
                 error += e * e
             error = math.sqrt(error / 4) / rtol
-            cause = fault(numbers, trial[2 * M], trial[2 * M + 2])
+            cause = fault(numbers, next_y[2 * M], next_y[2 * M + 2])
             usable = usable and error < 1e10 and cause == OK
         if not usable or error > 1:
             rejected, after_rejection = rejected + 1, True
             h *= max(0.2, 0.9 * error ** (-1 / order)) if usable else 0.2
             continue
-        rebounds = y[2 * M + 1] < 0 < trial[2 * M + 1] and trial[2 * M] < numbers.damage[2]
-        if rebounds and trial[2 * M + 1] > 1e-3:  # damage is then: end the step there
+        rebounds = y[2 * M + 1] < 0 < next_y[2 * M + 1] and next_y[2 * M] < numbers.damage[2]
+        if rebounds and next_y[2 * M + 1] > 1e-3:  # damage is then: end the step there
             rejected += 1
-            h *= y[2 * M + 1] / (y[2 * M + 1] - trial[2 * M + 1])
+            h *= y[2 * M + 1] / (y[2 * M + 1] - next_y[2 * M + 1])
             continue
-        p_dot, z = derivatives(t + h, trial, numbers, grid, theta, gas, F, H, next_slope)
+        p_dot, z = derivatives(t + h, next_y, numbers, grid, theta, gas, F, H, next_slope)
         end = time[k] if fields.size > 0 and h == time[k] - t else t + h
         while k < time.size and time[k] <= end:
-            report(k, (time[k] - t) / h, h, M, numbers, y, slope, trial, next_slope, out, fields)
+            report(k, (time[k] - t) / h, h, M, numbers, y, slope, next_y, next_slope, out, fields)
             k += 1
         t, steps = end, steps + 1
         if rebounds:
-            soften(numbers, trial[2 * M])
-            p_dot, z = derivatives(t, trial, numbers, grid, theta, gas, F, H, next_slope)
-        y, trial = trial, y
+            soften(numbers, next_y[2 * M])
+            p_dot, z = derivatives(t, next_y, numbers, grid, theta, gas, F, H, next_slope)
+        y, next_y = next_y, y
         slope, next_slope = next_slope, slope
         growth = 0.9 * max(error, 1e-8) ** (-1 / order)
         if steps > 1 and h == wish:  # Gustafsson's control foresees that the error goes on growing: few are rejected

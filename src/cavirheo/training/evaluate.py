@@ -143,12 +143,12 @@ def markdown(result: Mapping[str, Any]) -> str:
     text += [f"Note: {note}." for note in result["notes"]]
     text += ["Errors of log10 quantities are in decades.", ""]
     text += _table(
-        ["output", *_heads(METRICS)], [[outputs[k], *_cells(result["metrics"][k], METRICS)] for k in outputs]
+        ["output", *_heads(METRICS)], [[outputs[k], *_formatted(result["metrics"][k], METRICS)] for k in outputs]
     )
     for name, words in outputs.items():
         text += ["", f"## Where the error of {words} sits", ""]
         parameters = result["breakdown"][name]["by_parameter"]
-        lines = [[label(key), *_cells(row, _ROW)] for key, rows in parameters.items() for row in rows]
+        lines = [[label(key), *_formatted(row, _ROW)] for key, rows in parameters.items() for row in rows]
         text += _table(["true value of", *_heads(_ROW)], lines)
     if robust is None:
         return "\n".join(text) + "\n"
@@ -164,7 +164,7 @@ def markdown(result: Mapping[str, Any]) -> str:
         lines = []
         for how, row in filmed.items():
             score = row[way]
-            counts = _cells((score["metrics"] or {}).get(name), METRICS)
+            counts = _formatted((score["metrics"] or {}).get(name), METRICS)
             lines.append([how, *counts, str(score["curves"] - score["failed"])])
         text += _table(["recording", *_heads(METRICS), "answered"], lines)
     verdicts = {how: row["answer"]["verdicts"] for how, row in filmed.items()}
@@ -184,7 +184,7 @@ def _heads(columns: Mapping[str, tuple[str, str]]) -> list[str]:
     return [heading for heading, _ in columns.values()]
 
 
-def _cells(values: Mapping[str, float | None] | None, columns: Mapping[str, tuple[str, str]]) -> list[str]:
+def _formatted(values: Mapping[str, float | None] | None, columns: Mapping[str, tuple[str, str]]) -> list[str]:
     chosen = {key: values[key] if values else None for key in columns}
     return ["-" if value is None else format(value, columns[key][1]) for key, value in chosen.items()]
 

@@ -65,10 +65,10 @@ def breakdown(outputs: Sequence[str], prior: Prior, theta: Floats, error: Floats
         }
         maps = []
         for (x, (x_edges, x_masks)), (y, (y_edges, y_masks)) in combinations(fine.items(), 2):
-            cells = [[e[i & j] for j in y_masks] for i in x_masks]
+            errors = [[e[i & j] for j in y_masks] for i in x_masks]
             pair: dict[str, Any] = {"x": x, "y": y, "x_edges": x_edges, "y_edges": y_edges}
-            pair["curves"] = [[len(cell) for cell in row] for row in cells]
-            maps.append(pair | {"rmse": [[_rms(cell) for cell in row] for row in cells]})
+            pair["curves"] = [[len(part) for part in row] for row in errors]
+            maps.append(pair | {"rmse": [[_rms(part) for part in row] for row in errors]})
         result[output] = {"by_parameter": rows, "by_pair": maps}
     return result
 

@@ -1,4 +1,4 @@
-"""The posterior network: a residual network reads the cells, a chain of mixtures answers slot by slot."""
+"""The posterior network: a residual network reads the bins, a chain of mixtures answers slot by slot."""
 
 from __future__ import annotations
 
@@ -100,9 +100,9 @@ def _parts(out: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 class SequentialDraws(nn.Module):
     """Draws of one recording, slot by slot, or stated ones, and their density: what an .onnx file computes.
 
-    cells: (1, SIZE). kind: (1, kinds), zeros and a one. has: (9,) 1 for the slots of that kind, else 0. counted: (9,) 1
+    bins: (1, SIZE). kind: (1, kinds), zeros and a one. has: (9,) 1 for the slots of that kind, else 0. counted: (9,) 1
     for the slots whose density is asked for. choice: (draws, 9, parts) from Gumbel's distribution and normal: (draws,
-    9) from the standard normal one, of which draws are made. given: (draws, 9), taken instead where `take` (9,) is 1.
+    9) from the standard normal one, of which draws are made. stated: (draws, 9), taken instead where `take` (9,) is 1.
     Returns z (draws, 9), log density of the counted slots given those before them (draws,), and log odds of the kinds
     (1, kinds).
     """
@@ -113,17 +113,17 @@ class SequentialDraws(nn.Module):
 
     def forward(
         self,
-        cells: Tensor,
+        bins: Tensor,
         kind: Tensor,
         has: Tensor,
         counted: Tensor,
         choice: Tensor,
         normal: Tensor,
-        given: Tensor,
+        stated: Tensor,
         take: Tensor,
     ) -> tuple[Tensor, ...]:
         net = self.network
-        encoded, kind_score = net.encode(cells)
+        encoded, kind_score = net.encode(bins)
         encoded = encoded + torch.einsum("bk,kdh->bdh", kind, net.kind)
         earlier: list[Tensor] = []
         log_density = torch.zeros_like(normal[:, 0])
@@ -131,7 +131,7 @@ class SequentialDraws(nn.Module):
             share, mean, width = net.slot(k, encoded[:, k].expand(normal.shape[0], -1), earlier)
             part = torch.argmax(share + choice[:, k], dim=1, keepdim=True)
             centre, scale = torch.gather(mean, 1, part)[:, 0], torch.exp(torch.gather(width, 1, part)[:, 0])
-            z = take[k] * given[:, k] + (1.0 - take[k]) * (centre + scale * normal[:, k])
+            z = take[k] * stated[:, k] + (1.0 - take[k]) * (centre + scale * normal[:, k])
             log_density = log_density + counted[k] * log_mixture(share, mean, width, z)
             earlier.append(has[k] * z)
         return torch.stack(earlier, dim=1), log_density, torch.log_softmax(kind_score, dim=-1)

@@ -144,7 +144,7 @@ def _solver() -> str:
     """Whether the compiled solver is kept on this machine, and where. It is not compiled for that."""
     from cavirheo.physics import cache, solver
 
-    folders = {file.parent for file in cache.kept(solver.integrate)}
+    folders = {file.parent for file in cache.stored_files(solver.integrate)}
     if folders:
         return f"compiled, kept in {', '.join(map(str, sorted(folders)))}"
     return "not compiled yet: the first simulation takes 10 to 30 s longer"

@@ -76,8 +76,8 @@ class Measured(Document):
     columns: dict[str, str] = COLUMNS
 
 
-def describe(measurement: Measurement, curve: RadiusCurve, doubts: list[str], **head: Any) -> Measured:
-    """The document of a measurement; `doubts`: those of the curve in its medium."""
+def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:
+    """The document of a measurement; `warnings`: of the curve in its medium."""
     top: tuple[float | None, float | None] = None, None
     collapses, unusable = [], ""
     try:
@@ -104,7 +104,7 @@ def describe(measurement: Measurement, curve: RadiusCurve, doubts: list[str], **
         time_of_max_s=top[1],
         collapse_times_s=collapses,
         unusable=unusable,
-        doubts=doubts,
+        doubts=warnings,
     )
 
 

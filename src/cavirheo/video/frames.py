@@ -334,9 +334,9 @@ def _mraw(path: Path) -> Footage:
     tree = ElementTree.fromstring(text[text.index(b"<cih>") : text.rindex(b"</cih>") + 6])
 
     def number(place: str) -> int:
-        found = tree.findtext(place)
-        require(bool(found) and str(found).isdigit(), f"{header.name} lacks {place}", "video.cihx")
-        return int(found or 0)
+        text = tree.findtext(place)
+        require(bool(text) and str(text).isdigit(), f"{header.name} lacks {place}", "video.cihx")
+        return int(text or 0)
 
     width, height = (number(f"imageDataInfo/resolution/{side}") for side in ("width", "height"))
     bits, stated = number("imageDataInfo/colorInfo/bit"), number("frameInfo/totalFrame")

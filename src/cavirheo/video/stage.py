@@ -149,21 +149,21 @@ def _first_background(
         return np.asarray(np.mean([frames[i] / np.float32(gain[i]) for i in empty[:_LOOKED_AT]], axis=0), np.float32)
     chosen = normal[np.unique(np.linspace(0, len(normal) - 1, _LOOKED_AT).astype(int))]
     stack = np.stack([frames[i] / np.float32(gain[i]) for i in chosen])
-    found = np.asarray(np.percentile(stack, 80 if sign > 0 else 20, axis=0), np.float32)
+    background = np.asarray(np.percentile(stack, 80 if sign > 0 else 20, axis=0), np.float32)
     moving = np.ptp(stack, axis=0) > 0.5 * swing
-    hole = binary_fill_holes(binary_opening(moving, iterations=2)) & (sign * (usual - found) > 0.3 * swing)
+    hole = binary_fill_holes(binary_opening(moving, iterations=2)) & (sign * (usual - background) > 0.3 * swing)
     if len(empty):
-        found[hole] = np.mean([frames[i] / np.float32(gain[i]) for i in empty], axis=0)[hole]
+        background[hole] = np.mean([frames[i] / np.float32(gain[i]) for i in empty], axis=0)[hole]
     elif hole.any():
-        found[hole] = smooth_surface(found, ~hole)[hole]
-    return found
+        background[hole] = smooth_surface(background, ~hole)[hole]
+    return background
 
 
-def smooth_surface(image: Image, known: Bools) -> Image:
-    """(height, width): a quadratic surface through the known pixels, robust against dust."""
+def smooth_surface(image: Image, measured: Bools) -> Image:
+    """(height, width): a quadratic surface through the measured pixels, robust against dust."""
     y, x = np.mgrid[: image.shape[0], : image.shape[1]] / max(image.shape)
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    rows, values = terms[known][::7], image[known][::7].astype(np.float64)
+    rows, values = terms[measured][::7], image[measured][::7].astype(np.float64)
     weight = np.ones(len(values))
     for _ in range(6):
         root = np.sqrt(weight)
