@@ -100,10 +100,10 @@ def single(path, scale=1.0, frames=120):
 
 def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
     path = single(tmp_path / "one.csv")
-    run("infer", path, "-o", tmp_path, "--density", 1050, "--window", 2)
+    run("infer", path, "-o", tmp_path, "--material", "nhkv", "--density", 1050, "--window", 2)
     ours = json.loads((tmp_path / "result.json").read_text())
-    theirs = ask(client, path, density=1050, window=2)
-    assert theirs["command"] == "cavirheo infer one.csv --density 1050 --window 2"
+    theirs = ask(client, path, material="nhkv", density=1050, window=2)
+    assert theirs["command"] == "cavirheo infer one.csv --material nhkv --density 1050 --window 2"
     assert theirs["groups"] == ours["groups"]
     (mine,), (other,) = ours["curves"], theirs["curves"]
     assert other["source"] == "one.csv"
@@ -314,12 +314,13 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path):
 
 
 def test_odd_input_is_taken_where_the_visitor_vouches_for_it(session, tmp_path):
-    session.add([single(tmp_path / "my gel.csv", 0.4)], PageSettings())  # too fast for so small a bubble
+    field = {"material": "nhkv", "bubble": "field"}
+    session.add([single(tmp_path / "my gel.csv", 0.4)], PageSettings(**field))  # too fast for so small a bubble
     assert infer(session, ["my gel"]).document.curves[0].verdict == "check_input"
-    session.prepare(PageSettings(trust_input=True))
+    session.prepare(PageSettings(trust_input=True, **field))
     document = infer(session, ["my gel"]).document
     assert document.curves[0].verdict != "check_input"
-    assert document.command == "cavirheo infer 'my gel.csv' --trust-input"
+    assert document.command == "cavirheo infer 'my gel.csv' --material nhkv --bubble field --trust-input"
 
 
 def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import GEL, simulated
+from conftest import refused
 from fits import fit
 
-from cavirheo import Bubble, InputError, NeoHookeanKelvinVoigt, RadiusCurve, load, simulate
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, load, simulate
 from cavirheo.inference import experiment
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
@@ -63,13 +64,14 @@ def test_time_origin_and_scale_are_recovered_when_free():
     time = np.arange(0.0, 80e-6, 1e-6)
     at = np.sort(np.abs(time - 0.3e-6))  # the first two frames lie on both sides of the maximum
     radius = simulate(GEL, max_radius=R_MAX, stretch=7.0, time=at).radius[np.argsort(np.argsort(np.abs(time - 0.3e-6)))]
+    radius += 2e-3 * R_MAX * np.random.default_rng(1).standard_normal(len(time))
     curve = RadiusCurve(time, radius / 1.01, maximum=(0.0, R_MAX / 1.01))
     wrong = fit(curve, stretch=7.0)
     answer = fit(curve, free=("t0", "scale"), stretch=7.0)
     assert abs(np.log(wrong.median("shear_modulus") / 8e3)) > 0.05
     assert answer.median("time_origin") == pytest.approx(0.3e-6, abs=0.03e-6)
-    assert answer.median("radius_scale") == pytest.approx(1.01, abs=2e-3)
-    assert values(answer, "shear_modulus", "viscosity") == pytest.approx([8e3, 0.05], rel=0.03)
+    assert answer.median("radius_scale") == pytest.approx(1.01, abs=4e-3)
+    assert values(answer, "shear_modulus", "viscosity") == pytest.approx([8e3, 0.05], rel=0.05)
     for name, true in (("shear_modulus", 8e3), ("viscosity", 0.05), ("radius_scale", 1.01)):
         low, high = answer.interval(name)
         assert low < true < high, name
@@ -77,7 +79,7 @@ def test_time_origin_and_scale_are_recovered_when_free():
 
 
 def test_a_maximum_that_was_read_too_small_is_recovered_when_free():
-    low = shot(maximum=(0.0, 0.99 * R_MAX))
+    low = shot(maximum=(0.0, 0.99 * R_MAX), noise=0.003)
     assert fit(low, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
 
 
@@ -186,9 +188,8 @@ def test_frames_beside_a_collapse_count_less_where_their_instants_are_uncertain(
     ],
 )
 def test_bad_options_are_named(options, code):
-    with pytest.raises(InputError) as error:
+    with refused(code):
         fit(RadiusCurve(np.arange(3) * 1e-6, np.array([1e-4, 2e-4, 1e-4])), **options)
-    assert error.value.code == code
 
 
 def test_an_interval_as_wide_as_the_range_is_no_ok():

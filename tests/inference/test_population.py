@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import CENTRE, FLAT, NAMES, answer, bubble, seen, shots
-from conftest import ROOT
+from conftest import ROOT, refused
 from scipy.stats import norm
 
-from cavirheo import InputError, RadiusCurve, load, population
+from cavirheo import RadiusCurve, load, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import OUTLIERS, SPREAD, WIDE
 from cavirheo.inference.verify.evidence import ranked
@@ -145,9 +145,8 @@ def test_fewer_than_three_shots_are_no_population():
     found = population(shots(2))
     assert found.centre.size == 0
     assert found.doubts
-    with pytest.raises(InputError) as error:
+    with refused("population.no_draws"):
         found.interval("shear_modulus")
-    assert error.value.code == "population.no_draws"
 
 
 def test_two_materials_are_told_apart_and_one_is_not():
@@ -174,9 +173,8 @@ def test_a_column_has_a_slope():
     assert 0.1 < low < 0.3 < high
     assert found.scatter("shear_modulus")[1] < 0.1
     assert population(made).scatter("shear_modulus")[1] > 0.13
-    with pytest.raises(InputError) as error:
+    with refused("population.along"):
         population(made).trend("viscosity")
-    assert error.value.code == "population.along"
 
 
 def one_sided(n, viscosity, error, *, seed=0, spread=0.05, tilt=0.0) -> tuple[list[Posterior], np.ndarray]:
@@ -288,9 +286,8 @@ def test_the_seed_decides_all():
     ],
 )
 def test_what_cannot_be_is_refused(answers, how, code):
-    with pytest.raises(InputError) as told:
+    with refused(code):
         population(answers, **how)
-    assert told.value.code == code
 
 
 def test_a_group_says_its_material():
@@ -371,9 +368,8 @@ def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
     assert [bool(one.column) for one in with_column([*curves[:3], nothing], "R_max")] == [True] * 3 + [False]
     apart = [one.with_group(one.name, "in") for one in curves]
     for given, word, code in ((apart, "R_max", "column.constant"), (curves, Path("R_max"), "column.size")):
-        with pytest.raises(InputError) as error:
+        with refused(code):
             with_column(given, word)
-        assert error.value.code == code
         (tmp_path / "R_max").write_text(TABLE)
     assert with_column(curves, tmp_path / "R_max")[4].column == {"concentration": 0.5}  # by its path, a table as ever
 
@@ -402,9 +398,8 @@ def test_which_law_gives_each_law_its_slope(tmp_path):
     ],
 )
 def test_a_column_that_is_not_theirs_is_refused(tmp_path, code, text, group):
-    with pytest.raises(InputError) as error:
+    with refused(f"column.{code}"):
         declared(tmp_path / "c.csv", text, group=group)
-    assert error.value.code == f"column.{code}"
 
 
 def test_a_line_names_a_shot_before_its_file_and_its_group(tmp_path):

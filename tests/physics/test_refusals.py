@@ -7,6 +7,7 @@ from math import inf, nan
 
 import numpy as np
 import pytest
+from conftest import refused
 from test_limits import GEL, TIME
 
 from cavirheo.errors import InputError
@@ -92,9 +93,8 @@ from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, Newt
     ],
 )
 def test_what_cannot_be(make, code):
-    with pytest.raises(InputError) as error:
+    with refused(f"physics.{code}"):
         make()
-    assert error.value.code == f"physics.{code}"
 
 
 @pytest.mark.parametrize(
@@ -119,9 +119,8 @@ def test_what_cannot_be(make, code):
     ids=str,
 )
 def test_bubbles_that_cannot_be(values, code):
-    with pytest.raises(InputError) as error:
+    with refused(f"physics.{code}"):
         simulate(GEL, time=TIME, max_radius=150e-6, stretch=5.0, bubble=Bubble(**values))
-    assert error.value.code == f"physics.{code}"
 
 
 @pytest.mark.parametrize(
@@ -137,9 +136,8 @@ def test_bubbles_that_cannot_be(values, code):
     ],
 )
 def test_simulations_that_cannot_be(change, code):
-    with pytest.raises(InputError) as error:
+    with refused(f"physics.{code}"):
         simulate(GEL, **{"max_radius": 1e-4, "stretch": 5.0, "time": TIME, **change})
-    assert error.value.code == f"physics.{code}"
 
 
 @pytest.mark.parametrize("numbers", [(-0.1,), (1.1,), (0.5, 0.9), (0.5, nan), (0.5, 2.0, "age"), (0.0, 2.0, "strain")])

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import refused
 
-from cavirheo.errors import InputError
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER
 from cavirheo.prior import Prior, uniforms
@@ -56,9 +56,8 @@ def test_prior_is_uniform_and_independent(problem):
     ],
 )
 def test_a_prior_that_is_none_or_of_another_law_is_refused(material, ranges, code):
-    with pytest.raises(InputError) as caught:
+    with refused(code):
         TrainingProblem(material, Prior.uniform(ranges))
-    assert caught.value.code == code
 
 
 def test_material_from_theta(problem):
@@ -93,9 +92,8 @@ def test_identity_changes_with_every_part(problem):
     ],
 )
 def test_what_is_not_of_the_problem_is_refused(problem, call, code):
-    with pytest.raises(InputError) as caught:
+    with refused(code):
         call(problem)
-    assert caught.value.code == code
 
 
 def test_scale_keeps_cauchy_and_reynolds(problem):

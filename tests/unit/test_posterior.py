@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from answers import GEL, simulated
-from conftest import messages
+from conftest import messages, refused
 from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm, t
 
-from cavirheo import InputError, RadiusCurve, infer, simulate
+from cavirheo import RadiusCurve, infer, simulate
 from cavirheo.inference import camera, verify
 from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.analysis import Analysis
@@ -139,9 +139,8 @@ def test_exposure_is_the_mean_over_the_shutter():
     assert np.max(np.abs(seen - brute)) < 2e-3
     assert np.max(np.abs(sharp - brute)) > 10 * np.max(np.abs(seen - brute))
     for exposure in (-1.0, 2e-6):  # no time; longer than a frame
-        with pytest.raises(InputError) as error:
+        with refused("experiment.exposure"):
             target_of(shot(meta={"exposure_s": exposure}))
-        assert error.value.code == "experiment.exposure"
 
 
 # prior
@@ -455,9 +454,8 @@ def test_what_cannot_be_verified_keeps_its_answer(fitted):
     failed = replace(answer, theta=answer.theta[:0], checks=Checks("failed", messages("why")))
     assert verify.verify(curve, failed).checks.message == "why"
     for settings, code in (({"level": "some"}, "option.verify"), ({"free": ("gravity",)}, "option.free")):
-        with pytest.raises(InputError) as error:
+        with refused(code):
             verify.verify(curve, answer, **settings)
-        assert error.value.code == code
 
 
 def test_a_matrix_that_breaks_leaves_the_answer_as_it_was(fitted, monkeypatch):
