@@ -145,7 +145,7 @@ def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path
     write_csv(tmp_path / "stated.csv", replace(curve, meta={**curve.meta, "stretch": 9.0, "stretch_std": 0.4}))
     (again,) = read_curves(tmp_path / "stated.csv")
     assert (again.stretch, again.stretch_std) == (9.0, 0.4)
-    words = ["infer", "stated.csv", "--material", "nhkv", "--verify", "map", "--no-pictures"]
+    words = ["infer", "stated.csv", "--material", "nhkv", "--bubble", "field", "--verify", "map", "--no-pictures"]
     run(*words)
     (row,) = load("cavirheo-result").curves
     assert row.stretch_prior["mean"] == 9.0
@@ -156,6 +156,6 @@ def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path
     (free,) = load("free").curves
     assert free.stretch_prior == {}
     assert free.stretch.median != row.stretch.median
-    laws = ("which-law", "stated.csv", "--laws", "nhkv,newtonian", "--stretch", "free", "--no-pictures", "-o", "laws")
-    assert run(*laws)[0] in (0, 1)
+    laws = ("which-law", "stated.csv", "--laws", "nhkv,newtonian", "--bubble", "field", "--stretch", "free")
+    assert run(*laws, "--no-pictures", "-o", "laws")[0] in (0, 1)
     assert load("laws/result.json").curves[0].stretch_prior == {}

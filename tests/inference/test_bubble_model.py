@@ -179,7 +179,7 @@ def test_a_wall_within_the_bubble_fails_its_curve_alone():
 
 def test_infer_searches_where_the_network_does_not_know_the_bubble():
     """A wall beside the bubble: without it G is wrong."""
-    curve = shot(confinement_inertia=0.25)
+    curve = shot(noise=0.01, confinement_inertia=0.25)
     beside = infer(curve, bubble=Bubble(confinement_inertia=0.25), **QUICKLY)
     assert beside.bubble == Bubble(confinement_inertia=0.25)
     for name, true in (("shear_modulus", 5e3), ("viscosity", 0.01)):
