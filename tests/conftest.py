@@ -4,7 +4,7 @@ import importlib.util
 import os
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -44,6 +44,13 @@ def refused(code: str, *words: str) -> Iterator[None]:
         yield
     assert caught.value.code == code
     assert [word for word in words if word not in str(caught.value)] == []
+
+
+def code_of(use: Callable[[], object]) -> str:
+    """The code with which this is refused."""
+    with pytest.raises(InputError) as caught:
+        use()
+    return caught.value.code
 
 
 def refusal(called: tuple[int, str, str], *words: str) -> str:

@@ -314,13 +314,13 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path):
 
 
 def test_odd_input_is_taken_where_the_visitor_vouches_for_it(session, tmp_path):
-    field = {"material": "nhkv", "bubble": "field"}
-    session.add([single(tmp_path / "my gel.csv", 0.4)], PageSettings(**field))  # too fast for so small a bubble
+    quick = {"verify": "none"}
+    session.add([single(tmp_path / "my gel.csv", 0.4)], PageSettings(**quick))  # too fast for so small a bubble
     assert infer(session, ["my gel"]).document.curves[0].verdict == "check_input"
-    session.prepare(PageSettings(trust_input=True, **field))
+    session.prepare(PageSettings(trust_input=True, **quick))
     document = infer(session, ["my gel"]).document
     assert document.curves[0].verdict != "check_input"
-    assert document.command == "cavirheo infer 'my gel.csv' --material nhkv --bubble field --trust-input"
+    assert document.command == "cavirheo infer 'my gel.csv' --verify none --trust-input"
 
 
 def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):

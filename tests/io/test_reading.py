@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from conftest import code_of
 from files import (
     R_MAX,
     R_STAR,
@@ -39,13 +40,6 @@ from cavirheo.physics.media import WATER
 from cavirheo.writing.packing import decode, encode
 
 
-def refusal(use):
-    """The code with which this is refused."""
-    with pytest.raises(InputError) as error:
-        use()
-    return error.value.code
-
-
 @pytest.mark.parametrize("save", [savemat, save_v73], ids=["v5", "v7.3"])
 def test_bdt_cells_become_seconds_and_metres_with_each_shots_own_maximum(tmp_path, save):
     save(tmp_path / "gel.mat", bdt_variables())
@@ -69,7 +63,7 @@ def test_unusable_cells_do_not_stop_the_others(tmp_path, save):
     curves = read_curves(tmp_path / "gel.mat")
     assert len(curves) == 5
     codes = ["curve.unusable", "curve.few_frames", "curve.few_frames", "curve.unusable"]
-    assert [refusal(lambda curve=curve: curve.max_radius) for curve in curves[:4]] == codes
+    assert [code_of(lambda curve=curve: curve.max_radius) for curve in curves[:4]] == codes
     assert curves[4].max_radius == pytest.approx(2e-4, rel=0.01)
 
 
@@ -91,7 +85,7 @@ def test_bdt_without_maxima_waits_for_the_users(tmp_path):
     del variables["RmaxList"]
     savemat(tmp_path / "gel.mat", variables)
     curve = read_curves(tmp_path / "gel.mat")[0]
-    assert refusal(lambda: curve.max_radius) == "curve.unscaled"
+    assert code_of(lambda: curve.max_radius) == "curve.unscaled"
     scaled = curve.with_max_radius(R_MAX)
     assert np.allclose(scaled.time, TIME)
     assert scaled.collapse_times()[0] == pytest.approx(0.93 * T_C, rel=0.02)
@@ -190,7 +184,7 @@ def test_wrong_units_are_recognised(tmp_path, header, factor, says, usable):
     told = [*curve.notes, *(one.text for one in input_checks.of_scale(curve, WATER))]
     assert any(says in note for note in told)
     if not usable:
-        assert refusal(lambda: curve.max_radius) == "curve.unscaled"
+        assert code_of(lambda: curve.max_radius) == "curve.unscaled"
         curve = curve.with_max_radius(R_MAX)
         assert np.allclose(curve.radius, RADIUS, rtol=0.01)
 
@@ -222,7 +216,7 @@ def test_tables_without_a_header(tmp_path):
     assert any("1 blocks of the file hold no radius" in note for note in curves[0].notes)
     for factor in (0.36e6, 2.1e6):  # a scale that the collapse time contradicts is not assumed
         odd = text_table(tmp_path / "odd.csv", "", TIME * 1e6, RADIUS * factor)
-        assert refusal(lambda odd=odd: read_curves(odd)) == "table.header"
+        assert code_of(lambda odd=odd: read_curves(odd)) == "table.header"
 
 
 def test_hdf5_layout(tmp_path):
@@ -288,7 +282,7 @@ def test_a_pressure_trace(tmp_path, text):
 def test_bad_traces(tmp_path, text, code):
     if text is not None:
         (tmp_path / "p.csv").write_bytes(text)
-    assert refusal(lambda: Trace(*read_trace(tmp_path / "p.csv")[:2])) == code
+    assert code_of(lambda: Trace(*read_trace(tmp_path / "p.csv")[:2])) == code
 
 
 def test_csv_round_trip(tmp_path):
@@ -412,7 +406,7 @@ def test_published_file(real_data, name):
     listed = loadmat(real_data / name)["RmaxList"].ravel() if "nondim" in name else [None] * count
     for k, (curve, published) in enumerate(zip(curves, listed, strict=True)):
         if k in unusable:
-            assert refusal(lambda curve=curve: curve.max_radius) == "curve.unusable"
+            assert code_of(lambda curve=curve: curve.max_radius) == "curve.unusable"
             continue
         assert low <= curve.max_radius * 1e6 <= high
         if not name.startswith("water"):  # its recordings end in the first collapse
@@ -580,8 +574,8 @@ def test_what_the_words_of_a_command_stand_for(tmp_path, monkeypatch):
     (tmp_path / "x[1].csv").touch()
     assert [str(path) for path in expand(["x[1].csv", "n" * 300])] == ["x[1].csv", "n" * 300]
     (tmp_path / "empty").mkdir()
-    assert refusal(lambda: expand(["*.xlsx"])) == "files.no_match"
-    assert refusal(lambda: expand(["empty"])) == "files.none_in_folder"
+    assert code_of(lambda: expand(["*.xlsx"])) == "files.no_match"
+    assert code_of(lambda: expand(["empty"])) == "files.none_in_folder"
 
 
 def test_standard_input_is_a_file_for_as_long_as_the_program_runs(monkeypatch):

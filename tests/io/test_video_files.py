@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from conftest import code_of
 from PIL import Image
 from recordings import FRAMES, RATE, SCALE, film, write_cine, write_mraw
 from scipy.io import loadmat
@@ -53,13 +54,6 @@ def folder(tmp_path_factory, shot, deep):
     return place
 
 
-def refusal(use):
-    """The code with which this is refused."""
-    with pytest.raises(InputError) as raised:
-        use()
-    return raised.value.code
-
-
 DEEP = ("deep.mkv", "packed.tif", "images", "pages", "camera.mraw", "camera.cine")
 
 
@@ -96,7 +90,7 @@ def test_the_stamps_of_a_cine_count_before_its_header(tmp_path, deep):
 
 @pytest.mark.parametrize("name", ["shot.mp4", "shot.mkv", "shot.tif", "images"])
 def test_a_container_never_says_the_rate(folder, name):
-    assert refusal(lambda: measure(folder / name, um_per_px=SCALE)) == "video.frame_rate"
+    assert code_of(lambda: measure(folder / name, um_per_px=SCALE)) == "video.frame_rate"
 
 
 def test_the_users_rate_counts_before_the_cameras_and_a_difference_is_doubtful(folder):
@@ -109,7 +103,7 @@ def test_the_users_rate_counts_before_the_cameras_and_a_difference_is_doubtful(f
 def test_without_a_scale_radii_are_pixels_that_inference_refuses(folder, shot):
     curve = measure(folder / "shot.tif", frame_rate=RATE)
     assert np.nanmax(curve.radius) == pytest.approx(np.nanmax(shot.radius) * 1e-6, rel=1e-3)
-    assert refusal(lambda: curve.max_radius) == "curve.unscaled"
+    assert code_of(lambda: curve.max_radius) == "curve.unscaled"
     assert curve.with_max_radius(128e-6).max_radius == 128e-6
 
 
@@ -199,7 +193,7 @@ def test_what_is_no_recording_is_refused(tmp_path, shot, make, code):
     ],
 )
 def test_options_out_of_their_range_are_refused(folder, wrong, code):
-    assert refusal(lambda: measure(folder / "shot.tif", **{**HOW, **wrong})) == code
+    assert code_of(lambda: measure(folder / "shot.tif", **{**HOW, **wrong})) == code
 
 
 @pytest.mark.parametrize("count", [6, pytest.param(60, marks=pytest.mark.slow)])
