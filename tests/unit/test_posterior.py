@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -162,6 +162,33 @@ def test_priors_are_normalised_and_their_coordinates_normal():
 # sampling
 
 
+@dataclass(frozen=True)
+class ExactCamera:
+    """Of which nothing is free; a shape is the frames."""
+
+    time: np.ndarray
+    sized: bool = False
+    size: int = 41
+    numbers: int = 20
+    collapses: int = 0
+    free: tuple = ()
+
+    def resolves_size(self, noise):
+        return False
+
+    def z(self, residuals):
+        return residuals[..., :0]
+
+    def of_shapes(self, shapes, noise):
+        return np.column_stack([shapes, np.zeros(len(shapes))])
+
+    def missed(self, shapes, z):
+        return shapes
+
+    def radius_of(self, shape):
+        return shape
+
+
 def two_modes() -> tuple[Target, Callable[[np.ndarray], np.ndarray]]:
     """A target of two parameters with a better and a worse mode on either side of u_0 = 0, and its exact log
     posterior; the frames follow x by a formula instead of a simulation."""
@@ -172,11 +199,8 @@ def two_modes() -> tuple[Target, Callable[[np.ndarray], np.ndarray]]:
         return 0.4 * across * np.sin(7.0 * time) + 0.1 * along * np.cos(3.0 * time) + 0.025 * off * np.cos(15.0 * time)
 
     noise = Noise(np.full(20, 0.05), time, 1.0, False)
-    nothing = np.empty(0, int)
-    seen_by = SimpleNamespace(free=nothing, z=lambda residuals: residuals[..., :0], size=41, collapses=0, time=time)
-    seen_by.of_shapes = lambda shapes, noise: np.column_stack([shapes, np.zeros(len(shapes))])  # a shape is the frames
-    seen_by.radius_of = lambda shape: shape
-    seen = SimpleNamespace(law=0, steps=np.ones(2), free={}, camera=seen_by, difference=lambda x, accuracy: -frames(x))
+    seen = SimpleNamespace(law=0, steps=np.ones(2), free={}, camera=ExactCamera(time))
+    seen.difference = lambda x, accuracy: -frames(x)
 
     def extended(x, camera, noise, accuracy):
         missed = seen.difference(x, accuracy)
@@ -201,7 +225,9 @@ def test_a_surrogate_knows_what_simulations_would_say():
     taught, new = (mode.u + 1.2 * (mode.draws(n, seed) - mode.u) for n, seed in ((70, 1), (40, 2)))
     known = Simulated.at(target, np.concatenate([mode.u[None], taught]), BRISK)
     surrogate = Surrogate(target, *known)
-    told, value = surrogate(new), Simulated.at(target, new, BRISK).value
+    there = Simulated.at(target, new, BRISK)
+    z = target.camera.z(there.residual)
+    told, value = surrogate(np.hstack([new, z])), target.log_joint(new, there.residual, z)
     likely = value > np.max(value) - 6.0
     assert np.count_nonzero(likely) > 20
     assert np.std((told - value)[likely]) < 0.3
@@ -332,7 +358,7 @@ def test_a_mode_that_no_start_led_to_is_climbed_into():
     (mode,) = modes(target, [np.array([-0.4, -0.2])])
     assert mode.u[0] < 0
     explorer = AdaptiveProposal(target, [mode])
-    found = sample(explorer, explorer.propose, seed=0, each=200, most=1800, enough=400)
+    found = sample(explorer.weigh, explorer.propose, seed=0, each=200, most=1800, enough=400)
     assert max(explorer.modes, key=lambda mode: mode.log_posterior).u[0] > 0
     grid = np.stack(np.meshgrid(np.linspace(-3, 3, 121), np.linspace(-3, 3, 121)), axis=-1).reshape(-1, 2)
     density = np.exp(exact(grid))

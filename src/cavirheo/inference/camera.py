@@ -52,16 +52,20 @@ SIZE_SHARE = 0.25  # of the noise, from which such a change counts
 INSTANTS, SHAPE_INSTANTS = 9, 3  # in an exposure, of a simulation and of a shape
 NODES = 40  # of a shape between two collapses, dense at these
 ROUGH_SHARE, SHARE = 0.1, 0.01  # of a size of the discrepancy in the noise, below which these leave it out
+NOTHING = np.empty(0)
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class SimulatedCurve(NamedTuple):
     """A simulation at regular instants: R/R_max, its derivative (1/s), and the derivative of R/R_max by the logarithm
-    of the bubble's size, 0 where that does not count."""
+    of the bubble's size, 0 where that does not count; or a shape whose last instant is the `last` one: then the other
+    three are empty."""
 
     radius: Floats
     speed: Floats
     by_size: Floats
+    shape: Floats = NOTHING
+    last: float = 0.0
 
 
 class Frames(NamedTuple):
@@ -83,7 +87,8 @@ class CameraNuisances:
 
     time: (n,) s after the R_max that was read. measured: (n,) R/R_max. widths: standard deviations of t_0 (s), s and
     f; 0 for one that is exact. exposure: s of a frame.
-    step: s between the instants at which a simulation is needed. collapses: in these frames.
+    step: s between the instants at which a simulation is needed. collapses: in these frames. sized: whether the frames
+    tell what the size of the bubble changes besides time.
     """
 
     time: Floats
@@ -92,6 +97,7 @@ class CameraNuisances:
     exposure: float
     step: float
     collapses: int = 0
+    sized: bool = False
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -101,7 +107,12 @@ class CameraNuisances:
     @property
     def size(self) -> int:
         """Numbers of an extended residual."""
-        return len(self.time) + len(self.free) + 1 + self.collapses + (self.collapses + 1) * (NODES + 1)
+        return len(self.time) + len(self.free) + 1 + (2 if self.sized else 1) * self.numbers
+
+    @property
+    def numbers(self) -> int:
+        """Of the shape of one bubble."""
+        return self.collapses + (self.collapses + 1) * (NODES + 1)
 
     @cached_property
     def frames(self) -> Frames:
@@ -132,17 +143,39 @@ class CameraNuisances:
         """(size,) extended residual of a simulation on `grid` and the curvature H (m, m) in units of the prior."""
         how = noise.covariances, noise.constants, noise.power
         residual, curvature = _integrated(run, self.frames, self.starts, GAIN, *how)
-        return np.concatenate([residual, _shape(run.radius, run.speed * self.step, self.collapses)]), curvature
+        shape = _shape(run, self.step, self.collapses)
+        if not self.sized:
+            return np.concatenate([residual, shape]), curvature
+        radius = run.radius + SIZE_STEP * run.by_size
+        larger = SimulatedCurve(radius, np.gradient(radius, self.step), run.by_size)
+        return np.concatenate([residual, shape, _shape(larger, self.step, self.collapses) - shape]), curvature
+
+    def filmed(self, run: SimulatedCurve, z: Floats) -> Floats:
+        """(n,) measured minus simulated of a simulation on `grid` by a camera z (m,)."""
+        return np.asarray(_simulated_frames(run, self.frames, z)[:, -1])
 
     def of_shapes(self, shapes: Floats, noise: Noise) -> Floats:
         """(k, n + m + 1) extended residuals of bubbles of these shapes (k, numbers), without shapes."""
-        shapes, size = np.ascontiguousarray(shapes), len(self.grid)
         how = noise.covariances, noise.constants, noise.power
-        return np.asarray(_of_shapes(shapes, self.collapses, size, self.shape_frames, self.starts, *how))
+        shapes, last = np.ascontiguousarray(shapes[:, : self.numbers]), len(self.grid) - 1.0
+        return np.asarray(_of_shapes(shapes, last, self.shape_frames, self.starts, *how))
+
+    def missed(self, shapes: Floats, z: Floats, later: float = 1.0) -> Floats:
+        """(k, n) measured minus simulated of bubbles of these shapes (k, numbers), by a camera z (k, m). later: factor
+        of the frames' times."""
+        if self.sized:
+            values = self.natural(z)
+            grown = values["radius_scale"] * values["max_radius_factor"] - 1.0
+            shapes = shapes[:, : self.numbers] + (grown / SIZE_STEP)[:, None] * shapes[:, self.numbers :]
+        shapes, z = np.ascontiguousarray(shapes), np.ascontiguousarray(z)
+        frames = self.shape_frames._replace(time=later * self.time)
+        return np.asarray(_missed(shapes, z, len(self.grid) - 1.0, frames))
 
     def radius_of(self, shape: Floats) -> Floats:
         """R/R_max on `grid` of a bubble of this shape (numbers,)."""
-        return np.asarray(_curve(shape, self.collapses, len(self.grid))[0])
+        return np.asarray(
+            _radius(SimulatedCurve(NOTHING, NOTHING, NOTHING, shape[: self.numbers], len(self.grid) - 1.0))
+        )
 
     @cached_property
     def starts(self) -> Floats:
@@ -197,8 +230,8 @@ def _integrated(
     run: SimulatedCurve, frames: Frames, starts: Floats, finest: float, covariances: Covariances, constants: Floats,
     power: float,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """What `CameraNuisances.extended` gives, from starts z (k, m) of steps, the last of which gain less than `finest`,
-    and the noise's covariances."""
+    """What `CameraNuisances.extended` gives but for the shape, from starts z (k, m) of steps, the last of which gain
+    less than `finest`, and the noise's covariances."""
     weight, moved, rank, factor = covariances
     m, residuals = len(frames.free), np.empty((len(frames.time), len(starts)))
     for k in range(len(starts)):
@@ -268,9 +301,9 @@ def _solved(curvature: Floats, vector: Floats) -> tuple[Floats, float]:
 def _simulated_frames(run: SimulatedCurve, frames: Frames, z: Floats) -> Floats:
     """(n, m + 1) the simulated frames' derivatives by z (m,), and measured minus simulated.
 
-    A simulation is even about 0: cubic Hermite pieces of regular instants, and lines of what size changes.
+    A bubble is even about 0. What size changes is a line between two instants.
     """
-    free, widths, step, radius = frames.free, frames.widths, frames.step, run.radius
+    free, widths, step = frames.free, frames.widths, frames.step
     p, m = np.array([0.0, 1.0, 1.0]), len(free)
     p[free] += widths[free] * z
     clock, scale, factor = p[0], p[1], p[2]
@@ -281,14 +314,15 @@ def _simulated_frames(run: SimulatedCurve, frames: Frames, z: Floats) -> Floats:
         for instant, share in zip(frames.instants, frames.shares):  # noqa: B905 (the compiler knows no strict)
             since = (frames.time[n] + instant - clock) / (scale * factor)
             away = abs(since) / step
-            i = min(int(away), len(radius) - 2)
-            t = min(away - i, 1.0)
-            rise, begin, end = radius[i + 1] - radius[i], run.speed[i] * step, run.speed[i + 1] * step
-            square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
-            rise_by_size = run.by_size[i + 1] - run.by_size[i]
-            larger = run.by_size[i] + t * rise_by_size
-            height = radius[i] + t * (begin + t * (square + t * cube)) + grown * larger
-            slope = (begin + t * (2.0 * square + 3.0 * t * cube) + grown * rise_by_size) / step
+            height, slope = _radius_at(run, away, step)
+            larger = 0.0
+            if len(run.by_size):
+                i = min(int(away), len(run.by_size) - 2)
+                rise_by_size = run.by_size[i + 1] - run.by_size[i]
+                larger = run.by_size[i] + min(away - i, 1.0) * rise_by_size
+                height += grown * larger
+                slope += grown * rise_by_size
+            slope /= step
             if since < 0.0:
                 slope = -slope
             moved = slope * since
@@ -303,74 +337,116 @@ def _simulated_frames(run: SimulatedCurve, frames: Frames, z: Floats) -> Floats:
 
 
 @compiled
-def _shape(radius: Floats, speed: Floats, collapses: int) -> Floats:
-    """Shape of a simulation at (k,) regular instants. A collapse that it has not is put where the one before and the
-    end tell it."""
-    last, knots, found = len(radius) - 1, np.empty(collapses + 2), 0
+def _radius_at(run: SimulatedCurve, away: float, step: float) -> tuple[float, float]:
+    """R/R_max `away` steps of the grid after it was largest, and its derivative by these: cubic Hermite pieces between
+    regular instants, or between the nodes of a shape."""
+    if not len(run.shape):
+        i = min(int(away), len(run.radius) - 2)
+        begin, end = run.speed[i] * step, run.speed[i + 1] * step
+        return _cubic(run.radius[i], run.radius[i + 1], begin, end, min(away - i, 1.0))
+    shape = run.shape
+    collapses, part, knot = (len(shape) - NODES - 1) // (NODES + 2), 0, 0.0
+    while part < collapses and away > shape[part] * run.last:
+        knot = shape[part] * run.last
+        part += 1
+    length = max((shape[part] * run.last if part < collapses else run.last) - knot, 1e-9)
+    share = min(max((away - knot) / length, 0.0), 1.0)
+    place, place_rate = _place(share, part, collapses)
+    i = min(int(place), NODES - 1)
+    at = collapses + part * (NODES + 1) + i
+    low, high = shape[at], shape[at + 1]
+    rise = high - low
+    begin = 0.5 * (high - shape[at - 1]) if i > 0 else 1.5 * rise - 0.5 * (shape[at + 2] - high)
+    end = 0.5 * (shape[at + 2] - low) if i < NODES - 1 else 1.5 * rise - 0.5 * (low - shape[at - 1])
+    height, slope = _cubic(low, high, begin, end, place - i)
+    return height, slope * place_rate / length
+
+
+@compiled
+def _cubic(low: float, high: float, begin: float, end: float, t: float) -> tuple[float, float]:
+    """Value and derivative at t, from 0 to 1, of the cubic with these values and derivatives at both ends."""
+    rise = high - low
+    square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
+    return low + t * (begin + t * (square + t * cube)), begin + t * (2.0 * square + 3.0 * t * cube)
+
+
+@compiled
+def _place(share: float, part: int, collapses: int) -> tuple[float, float]:
+    """Where a share of the way from one collapse to the next is among the nodes, from 0 to NODES, and the derivative,
+    as it is a quarter of the way to the next node at a collapse. After the last collapse the nodes are dense at its
+    side alone."""
+    near = (0.25 / NODES) ** 2
+    if part == collapses:
+        return NODES * np.sqrt(share), 0.5 * NODES / np.sqrt(max(share, near))
+    both = max(share * (1.0 - share), near)
+    return NODES * np.arcsin(np.sqrt(share)) / (0.5 * np.pi), NODES / (np.pi * np.sqrt(both))
+
+
+@compiled
+def _share(place: float, part: int, collapses: int) -> float:
+    """Of the way from one collapse to the next, at a place among the nodes."""
+    way = place / NODES
+    return way**2 if part == collapses else np.sin(0.5 * np.pi * way) ** 2
+
+
+@compiled
+def _shape(run: SimulatedCurve, step: float, collapses: int) -> Floats:
+    """Shape of a simulation at regular instants, `step` s from each other. A collapse that it has not is put where the
+    one before and the end tell it."""
+    last, knots, found = len(run.radius) - 1, np.empty(collapses + 2), 0
     knots[0], knots[-1] = 0.0, last
     for i in range(1, last):
-        if found < collapses and speed[i] < 0.0 <= speed[i + 1]:
+        if found < collapses and run.speed[i] < 0.0 <= run.speed[i + 1]:
             found += 1
-            knots[found] = i + speed[i] / (speed[i] - speed[i + 1])
+            knots[found] = i + run.speed[i] / (run.speed[i] - run.speed[i + 1])
     for k in range(found + 1, collapses + 1):
         knots[k] = knots[k - 1] + (last - knots[k - 1]) / (collapses + 2 - k)
     shape = np.empty(collapses + (collapses + 1) * (NODES + 1))
     shape[:collapses] = knots[1:-1] / last
     for k in range(collapses + 1):
         for j in range(NODES + 1):
-            share = _share(j / NODES, k, collapses)
-            away = knots[k] + share * (knots[k + 1] - knots[k])
-            i = min(int(away), last - 1)
-            t, rise = away - i, radius[i + 1] - radius[i]
-            begin, end = speed[i], speed[i + 1]
-            height = radius[i] + t * (begin + t * (3.0 * rise - 2.0 * begin - end + t * (begin + end - 2.0 * rise)))
-            shape[collapses + k * (NODES + 1) + j] = height
+            away = knots[k] + _share(float(j), k, collapses) * (knots[k + 1] - knots[k])
+            shape[collapses + k * (NODES + 1) + j] = _radius_at(run, away, step)[0]
     return shape
 
 
 @compiled
-def _share(place: float, part: int, collapses: int) -> float:
-    """Of the way from one collapse to the next, at a place of the nodes from 0 to 1; after the last collapse the nodes
-    are dense at its side alone."""
-    return place**2 if part == collapses else np.sin(0.5 * np.pi * place) ** 2
-
-
-@compiled
 def _of_shapes(
-    shapes: Floats, collapses: int, size: int, frames: Frames, starts: Floats, covariances: Covariances,
-    constants: Floats, power: float,
+    shapes: Floats, last: float, frames: Frames, starts: Floats, covariances: Covariances, constants: Floats,
+    power: float,
 ) -> Floats:  # fmt: skip
-    """What `CameraNuisances.of_shapes` gives; the grid has `size` instants."""
-    found = np.empty((len(shapes), len(frames.time) + len(frames.free) + 1))
+    """What `CameraNuisances.of_shapes` gives."""
+    found, nothing = np.empty((len(shapes), len(frames.time) + len(frames.free) + 1)), np.empty(0)
     for k in range(len(shapes)):
-        radius, speed = _curve(shapes[k], collapses, size)
-        run = SimulatedCurve(radius, speed / frames.step, np.zeros(size))
+        run = SimulatedCurve(nothing, nothing, nothing, shapes[k], last)
         found[k] = _integrated(run, frames, starts, SHAPE_GAIN, covariances, constants, power)[0]
     return found
 
 
 @compiled
-def _curve(shape: Floats, collapses: int, size: int) -> tuple[Floats, Floats]:
-    """Radius and its change from one instant to the next, at (size,) regular instants, of a shape: cubic pieces between
-    its nodes."""
-    radius, speed, knots = np.empty(size), np.empty(size), np.empty(collapses + 2)
-    knots[0], knots[1:-1], knots[-1] = 0.0, shape[:collapses] * (size - 1), size - 1.0
-    part = 0
-    for n in range(size):
-        while part < collapses and n > knots[part + 1]:
-            part += 1
-        length = max(knots[part + 1] - knots[part], 1e-9)
-        share = min(max((n - knots[part]) / length, 0.0), 1.0)
-        away = NODES * (np.sqrt(share) if part == collapses else np.arcsin(np.sqrt(share)) / (0.5 * np.pi))
-        i = min(int(away), NODES - 1)
-        t, at = away - i, collapses + part * (NODES + 1) + i
-        low, high = shape[at], shape[at + 1]
-        rise = high - low
-        begin = 0.5 * (high - shape[at - 1]) if i > 0 else 1.5 * rise - 0.5 * (shape[at + 2] - high)
-        end = 0.5 * (shape[at + 2] - low) if i < NODES - 1 else 1.5 * rise - 0.5 * (low - shape[at - 1])
-        square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
-        radius[n] = low + t * (begin + t * (square + t * cube))
-    for n in range(1, size - 1):
-        speed[n] = 0.5 * (radius[n + 1] - radius[n - 1])
-    speed[0], speed[-1] = 0.0, radius[-1] - radius[-2]
-    return radius, speed
+def _missed(shapes: Floats, z: Floats, last: float, frames: Frames) -> Floats:
+    """What `CameraNuisances.missed` gives."""
+    free, widths, nothing = frames.free, frames.widths, np.empty(0)
+    found, p = np.empty((len(shapes), len(frames.time))), np.empty(3)
+    z = z if len(free) else np.empty((len(shapes), 0))
+    for k in range(len(shapes)):
+        run = SimulatedCurve(nothing, nothing, nothing, shapes[k], last)
+        p[0], p[1], p[2] = 0.0, 1.0, 1.0
+        p[free] += widths[free] * z[k]
+        clock, factor, rate = p[0], p[2], 1.0 / (p[1] * p[2] * frames.step)
+        for n in range(len(frames.time)):
+            radius = 0.0
+            for instant, share in zip(frames.instants, frames.shares):  # noqa: B905 (the compiler knows no strict)
+                away = abs(frames.time[n] + instant - clock) * rate
+                radius += share * _radius_at(run, away, frames.step)[0]
+            found[k, n] = frames.measured[n] - factor * radius
+    return found
+
+
+@compiled
+def _radius(run: SimulatedCurve) -> Floats:
+    """R/R_max at the instants of the grid of a shape."""
+    radius = np.empty(int(run.last) + 1)
+    for n in range(len(radius)):
+        radius[n] = _radius_at(run, float(n), 1.0)[0]
+    return radius

@@ -402,7 +402,7 @@ class Experiment:
         run = self._run(x, natural, self.max_radius, camera.grid, accuracy)
         if run is None:
             return None
-        if camera.resolves_size(noise):
+        if camera.sized or camera.resolves_size(noise):
             size = 1.0 + SIZE_STEP
             law = rescaled(self.family.parameters, x[None, : self.law], np.array([size]))[0]
             x = np.concatenate([law, x[self.law :]])

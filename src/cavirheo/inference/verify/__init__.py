@@ -184,6 +184,7 @@ def _again(
         estimation = Estimation(settings, curve, other)
         if settings.level == "map":
             return [estimation.posterior()]
+        estimation.sampling.search_windows()
         return answers_of([estimation], settings.budget) if estimation.sampling.log_laplace >= least else []
     except ERRORS as error:
         _log.debug("%s has no answer of the %s", curve.name, bubble.title, exc_info=error)

@@ -20,6 +20,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.errors import SolverError
@@ -105,7 +106,7 @@ class TwoFidelityTarget(Target):
         wrong, error = np.array([]), np.inf
         if count > 1:
             some = rng.choice(len(weight), count, replace=False, p=chance / np.sum(chance))
-            wrong = Simulated.at(self.exact, drawn.u[some]).value - drawn.log_target[some]
+            wrong = self._exact_value(drawn, some) - drawn.log_target[some]
             error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
         if error <= TUNING.mended_enough:
             common = float(np.hypot(drawn.common, error / np.sqrt(count)))
@@ -113,8 +114,14 @@ class TwoFidelityTarget(Target):
         heaviest = np.argsort(-weight)
         counted = 1 + np.searchsorted(np.cumsum(weight[heaviest]), TUNING.mended_heavy * np.sum(weight))
         again, value = heaviest[:counted] if np.isfinite(error) else heaviest, drawn.log_target.copy()
-        value[again] = Simulated.at(self.exact, drawn.u[again]).value
+        value[again] = self._exact_value(drawn, again)
         return replace(drawn, log_target=value), error
+
+    def _exact_value(self, drawn: Sample, which: NDArray[np.int64]) -> Floats:
+        """Log target of some of the draws by default simulations."""
+        u, camera = drawn.u[which], None if drawn.camera is None else drawn.camera[which]
+        found = Simulated.at(self.exact, u)
+        return self.exact.integrated(found).value if camera is None else self.exact.log_joint(*found[:2], camera)
 
     def highest(self, start: Floats, surrogate: Surrogate | None) -> Mode | None:
         """The maximum reached from u (d,), by a surrogate if there is one, with the default simulation there; None if
@@ -136,7 +143,8 @@ class Emulated(Target):
 
     def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
         """(k, size) at u (k, d)."""
-        return self.surrogate.residuals(u)
+        shapes = self.surrogate.shapes(u)
+        return np.hstack([self.camera.of_shapes(shapes, self.noise.frames), shapes])
 
 
 class Preview(NamedTuple):
@@ -152,8 +160,8 @@ class AdaptiveSampling:
     """The posterior of one model from few simulations: its modes first, then draws of what the simulations teach.
 
     network: draws of it show the way. starts: where to climb from without one; scanned: the same from all over the
-    ranges; windowed: where a search over windows that grow ends, for modes that leave more than noise. log_laplace:
-    Laplace's log evidence of the modes. Raises SolverError: no start could be simulated.
+    ranges; windowed: where a search over windows that grow ends, for modes that leave more than noise. Raises
+    SolverError: no start could be simulated.
     """
 
     def __init__(
@@ -174,7 +182,6 @@ class AdaptiveSampling:
             raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
         near.correct(_likely(near, found[0], None if searched else known, seed))
         self.modes = near.lifted(found)
-        self.log_laplace = float(log_sum(np.array([mode.log_evidence for mode in self.modes])))
         self.explorer = AdaptiveProposal(near, self.modes, TUNING.auto_learning, follow=searched, network=network)
         self.own: Sample | None = None
         self.drawn: Sample | None = None
@@ -183,59 +190,72 @@ class AdaptiveSampling:
         self.error = 0.0
         self.trusted = self.searched = self.ended = self.failed = False  # failed: no surrogate was good enough
         if network and known:
-            known = near.again(known.u, known.residual)
+            known = near.integrated(near.again(known.u, known.residual))
             self.explorer.learn(*known)
             self.own = Sample(u, known.value[: len(u)], network.log_density(u))
+
+    @property
+    def log_laplace(self) -> float:
+        """Laplace's log evidence of the modes so far."""
+        return float(log_sum(np.array([mode.log_evidence for mode in self.explorer.modes])))
 
     def emulate(self, enough: float) -> Sample | None:
         """Draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own draws
         that check it; None where it is not good enough."""
-        target, explorer, found = self.near.exact, self.explorer, None
-        self.emulated = None
+        target, explorer = self.near.exact, self.explorer
+        found, self.emulated = None, None
         rng = np.random.Generator(np.random.Philox(self.seed))
-        before = np.inf
+        error = 0.0
         for turn in range(TUNING.emulated_rounds):
             found = explorer.emulated(rng)
             if found is None:
                 return None
-            some = found.chosen(TUNING.emulated_checked, rng)
+            often = TUNING.emulated_more if error > TUNING.emulated_wrong else 1
+            drawn, some = found.sample, found.chosen(often * TUNING.emulated_checked, rng)
             explorer(found.sample.u[found.chosen(TUNING.emulated_flatter, rng, TUNING.flatter)])
-            checked = Simulated.at(target, found.sample.u[some])
+            assert drawn.camera is not None
+            checked, value = target.checks(drawn.u[some], drawn.camera[some])
             explorer.learn(*checked)
             explorer.climb_higher()
-            wrong = checked.value - found.sample.log_target[some]
+            wrong = value - drawn.log_target[some]
             error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
             if error <= TUNING.emulated_enough * (1.0 + turn / TUNING.emulated_patience):
                 break  # what more simulations do not mend is how rough the posterior is
-            if turn > 1 and error > TUNING.emulated_hopeful * before:
-                return self._weighed(enough, rng)
-            before = error
         else:
             return self._weighed(enough, rng)
         for _ in range(TUNING.emulated_last):  # a mode that is a shelf is walked along more than once
-            earlier, found = found, explorer.emulated(rng, int(TUNING.emulated_draws * enough))
+            count = int(TUNING.emulated_draws * enough)
+            earlier, found = found, explorer.emulated(rng, count, TUNING.stage_moved_last)
             if found is None:
                 return None
             if abs(found.sample.log_evidence[0] - earlier.sample.log_evidence[0]) < TUNING.emulated_alike:
                 break
         self.emulated, self.error = found, error
-        self.drawn = replace(found.sample, common=error / np.sqrt(len(wrong)) * (1.0 + error))
+        unsure = float(np.hypot(error / np.sqrt(len(wrong)) * (1.0 + error), TUNING.emulated_alike))
+        self.drawn = replace(found.sample, common=unsure)
         self.trusted = self._agrees(self.drawn)
         return self.drawn
 
     def _weighed(self, enough: float, rng: np.random.Generator) -> Sample | None:
         """Draws of a surrogate that is wrong in places, each simulated and weighed; None where they are worth too
         little."""
-        found = self.explorer.emulated(rng, TUNING.emulated_weighed)
+        found = self.explorer.emulated(rng, TUNING.emulated_weighed, TUNING.stage_moved_last)
         if found is None:
             return None
         order, needed = rng.permutation(len(found.sample.u)), min(enough, TUNING.effective_fewest)
-        u, log_q, value = found.sample.u[order], found.sample.log_q[order], np.empty(0)
+        assert found.sample.camera is not None
+        u, log_q, camera = (values[order] for values in (found.sample.u, found.sample.log_q, found.sample.camera))
+        value = np.empty(0)
         while len(value) < len(u):
-            value = np.append(value, self.explorer(u[len(value) : len(value) + TUNING.draws_per_round]))
-            drawn = Sample(u[: len(value)], value, log_q[: len(value)])
+            some = slice(len(value), len(value) + TUNING.draws_per_round)
+            self.explorer(u[some])
+            residual = self.explorer.residuals_of(u[some])
+            value = np.append(value, self.near.log_joint(u[some], residual, camera[some]))
+            drawn = Sample(u[: len(value)], value, log_q[: len(value)], camera=camera[: len(value)])
             if drawn.ess >= needed and drawn.reliable:
                 break
+            if drawn.ess / len(value) * len(u) < 0.5 * needed:
+                return None
         else:
             return None
         self.drawn, self.trusted = drawn, self._agrees(drawn)
@@ -253,10 +273,11 @@ class AdaptiveSampling:
     ) -> Sample:  # fmt: skip
         """Draws that are worth `enough` independent ones, of a good surrogate. Where there is none, or it is not to be
         trusted, more simulations, if it may be thorough; else draws of a mixture, `most` simulations at most."""
-        enough = min(enough, budget.draws / TUNING.emulated_draws)
+        most_worth = budget.draws / TUNING.emulated_draws
+        enough = min(enough, most_worth)
         if thorough:
             self.search_windows()
-        self.failed = self.failed or self.emulate(enough) is None
+        self.failed = self.failed or self.emulate(min(max(enough, TUNING.effective_fewest), most_worth)) is None
         if self.failed or (thorough and not self.trusted):
             return self.thorough(budget) if thorough else self.mixture_draws(enough, budget, most)
         assert self.drawn is not None
@@ -289,7 +310,7 @@ class AdaptiveSampling:
                 counted = known.sample if known else counted
             return explorer.settled(counted, rng) if counted else explorer.start
 
-        return Sampling(explorer, proposal, seed=self.seed + 2)
+        return Sampling(explorer.weigh, proposal, seed=self.seed + 2)
 
     def thorough(self, budget: Budget) -> Sample:
         """Draws of a surrogate, or as level "full" has them but of rough simulations, where few cannot be trusted:
@@ -311,7 +332,10 @@ class AdaptiveSampling:
         assert self.drawn is not None
         explorer, known = self.explorer, self.emulated
         drawn, error = (self.drawn, self.error) if known else self.near.checked(self.drawn, self.seed)
-        residual = known.surrogate.residuals(drawn.u) if known else explorer.residuals_of(drawn.u)
+        residual = explorer.residuals_of(drawn.u)
+        if drawn.camera is not None:
+            shapes = known.surrogate.shapes(drawn.u) if known else self.target.noise.shapes(residual)
+            residual = self.target.filmed(shapes, drawn.camera)
         best = self.near.highest(explorer.highest, known.surrogate if known else None)
         return WeightedDraws(drawn, residual, best, explorer.modes, self.trusted, self.apart, error)
 
@@ -358,4 +382,4 @@ def _standard_errors(own: Sample, rest: Sample) -> float:
     """By how much the network's evidence is larger than that of the others, which then miss a part of the posterior.
     A smaller one says that the network misses a part: they have it."""
     (a, of_a), (b, of_b) = own.log_evidence, rest.log_evidence
-    return (a - b) / float(np.hypot(of_a, of_b) + 1e-9)
+    return (a - b) / float(np.hypot(max(of_a, TUNING.own_error), of_b))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, anneale
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
+from cavirheo.prior import log_normal
 
 
 class SurrogateDraws(NamedTuple):
@@ -48,6 +50,36 @@ class GuardedProposal:
         return np.logaddexp(*parts)
 
 
+class CameraProposal:
+    """u from a mixture and, beside it, (k, m) z of the camera from its prior."""
+
+    def __init__(self, mixture: Mixture, size: int) -> None:
+        self.mixture, self.size = mixture, size
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """(count, d + m)"""
+        return np.hstack([self.mixture.draw(count, rng), rng.standard_normal((count, self.size))])
+
+    def log_density(self, w: Floats) -> Floats:
+        """(k,) at w (k, d + m)."""
+        u, z = np.split(w, [w.shape[1] - self.size], axis=1)
+        return self.mixture.log_density(u) + log_normal(z)
+
+
+def shelves(counted: Sample, size: int) -> Mixture:
+    """Through weighted draws, but that one of the first `size` coordinates, another in each component, does not depend
+    on the others and is as wide as its prior: frames may bound it from one side only."""
+    log_weight = tempered(counted.log_weight, 0.25 * len(counted.u))
+    weight, d = np.exp(log_weight - log_sum(log_weight)), counted.u.shape[1]
+    mean = weight @ counted.u
+    covariance = ((counted.u - mean).T * weight) @ (counted.u - mean) + 1e-12 * np.eye(d)
+    means, covariances = np.tile(mean, (size, 1)), np.tile(covariance, (size, 1, 1))
+    for j in range(size):
+        means[j, j], covariances[j, j], covariances[j, :, j] = 0.0, 0.0, 0.0
+        covariances[j, j, j] = 1.0
+    return Mixture(np.full(size, 1.0 / size), means, covariances)
+
+
 class AdaptiveProposal:
     """Proposals for the posterior of a shot that learn from every simulation, from its modes on. follow: simulate
     around the modes and along their ridges before. network: knows the whole posterior roughly, where modes know a
@@ -68,6 +100,7 @@ class AdaptiveProposal:
         for mode in modes:
             self._settle(mode)  # best first
         self.mixture = self.start
+        self.joint: Mixture | None = None  # of u and camera, through the draws of the last surrogate
 
     def _settle(self, mode: Mode) -> None:
         """A mode and the ridge through it become places to draw about, each known a standard deviation around."""
@@ -89,6 +122,12 @@ class AdaptiveProposal:
         self.learn(*found)
         return found.value
 
+    def weigh(self, u: Floats) -> Floats:
+        """The same with the camera integrated as well as a weight asks for."""
+        found = self.target.integrated(Simulated.at(self.target, u))
+        self.learn(*found)
+        return found.value
+
     def learn(self, u: Floats, residual: Floats, value: Floats) -> None:
         """Know simulations at u (k, d) with residuals (k, n) and log posterior (k,)."""
         good = np.isfinite(value)
@@ -106,7 +145,7 @@ class AdaptiveProposal:
             self.modes = found or self.modes
             for mode in self.modes:
                 self._settle(mode)
-            self.mixture = self.start
+            self.mixture, self.joint = self.start, None
 
     @property
     def highest(self) -> Floats:
@@ -161,7 +200,7 @@ class AdaptiveProposal:
     def sample(self, seed: int, first: tuple[Proposal, Sample] | None = None, **sizes: Any) -> Sample:
         """Weighted draws of the proposals; where these had to follow the draws, of a last one that does not. sizes: of
         `Sampling.run`."""
-        drawn = sample(self, self.propose, seed=seed, first=first, **sizes)
+        drawn = sample(self.weigh, self.propose, seed=seed, first=first, **sizes)
         return self.after(drawn, seed + 1, **sizes) if self.surrogates_fail else drawn
 
     def after(self, drawn: Sample, seed: int, **sizes: Any) -> Sample:
@@ -169,7 +208,7 @@ class AdaptiveProposal:
         weighs takes their tails for too heavy, and makes intervals too narrow by a tenth. Where they are worth too
         little for an interval, and those that it follows are not, these."""
         last = self.settled(drawn, np.random.Generator(np.random.Philox(seed)))
-        found = sample(self, lambda *_: last, seed=seed, **sizes)
+        found = sample(self.weigh, lambda *_: last, seed=seed, **sizes)
         return drawn if found.ess < TUNING.effective_fewest <= drawn.ess else found
 
     @property
@@ -181,9 +220,10 @@ class AdaptiveProposal:
     def _check_surrogate(self) -> None:
         """Count the last surrogate if it was wrong about draws that were made by it."""
         if self.surrogate is not None:
-            u, value = self.u[self.known :], self.value[self.known :]
+            u, residual, value = self.u[self.known :], self.residual[self.known :], self.value[self.known :]
             good = value > np.max(self.value) - TUNING.flat_height
-            off = self.surrogate(u[good]) - value[good]
+            camera = self.target.camera.z(residual[good])
+            off = self.surrogate(np.hstack([u[good], camera])) - self.target.log_joint(u[good], residual[good], camera)
             if len(off) >= TUNING.wrong_fewest:
                 scatter = 1.4826 * float(np.median(np.abs(off - np.median(off))))
                 self.wrong_surrogates += scatter > TUNING.wrong_scatter
@@ -197,11 +237,14 @@ class AdaptiveProposal:
 
     def _through(self, counted: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture that follows weighted draws, with as many components as they are worth."""
+        return self._followed(counted, rng).beside(self.start, TUNING.adapted_modes).widened()
+
+    def _followed(self, counted: Sample, rng: np.random.Generator) -> Mixture:
+        """The same without the modes."""
         d = counted.u.shape[1]
         log_weight = tempered(counted.log_weight, min(TUNING.adapted * d, 0.25 * len(counted.u)))
         count = int(np.clip(effective_size(log_weight) / (2.0 * d), 1, TUNING.adapted_components))
-        mixture = Mixture.through(counted.u, log_weight, count, rng)
-        return mixture.beside(self.start, TUNING.adapted_modes).widened()
+        return Mixture.through(counted.u, log_weight, count, rng)
 
     def climb_higher(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
@@ -214,15 +257,22 @@ class AdaptiveProposal:
             self.modes.append(mode)
             self._settle(mode)
 
-    def emulated(self, rng: np.random.Generator, count: int = TUNING.pool) -> SurrogateDraws | None:
-        """`count` draws of a surrogate of all simulations so far; None where the simulations are too few for one, or
-        nothing that is drawn is likely."""
+    def emulated(
+        self, rng: np.random.Generator, count: int = TUNING.pool, moved: float = TUNING.stage_moved
+    ) -> SurrogateDraws | None:
+        """`count` draws, as `annealed` has them, of a surrogate of all simulations so far; None where the simulations
+        are too few for one, or nothing that is drawn is likely."""
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
             return None
         surrogate = Surrogate(self.target, self.u, self.residual, self.value)
-        found = annealed(surrogate, self.mixture, count, rng)
+        size = self.target.noise.pulls
+        found = annealed(surrogate, self.joint or CameraProposal(self.mixture, size), count, rng, moved)
         if not np.any(np.isfinite(found.log_weight)):
             return None
+        wide = shelves(found, self.u.shape[1])
+        self.joint = self._followed(found, rng).widened().beside(wide, TUNING.shelf_share)
+        u, camera = np.split(found.u, [found.u.shape[1] - size], axis=1)
+        found = replace(found, u=u, camera=camera)
         self.mixture = self._through(found, rng).widened(TUNING.flat_share, TUNING.flat_factor)
         return SurrogateDraws(surrogate, found)
 

@@ -12,15 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.special import gammaln
+from scipy.special import gammaln, ndtri
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.messages import Message
+from cavirheo.prior import log_normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,13 +113,14 @@ class Mixture:
 class Sample:
     """Draws u (k, d), log density of target and proposal (k,); the mean of exp(log_weight) is the evidence.
     common: standard error of what all log weights share, a correction of the target. annealed: whether they were moved
-    to where they are, so that no large weight is missing."""
+    to where they are, so that no large weight is missing. camera: (k, m) z that was drawn with u, if it was."""
 
     u: Floats
     log_target: Floats
     log_q: Floats
     common: float = 0.0
     annealed: bool = False
+    camera: Floats | None = None
 
     @property
     def log_weight(self) -> Floats:
@@ -260,8 +262,11 @@ def sample(
     return Sampling(target, propose, seed=seed, first=first).run(**sizes)
 
 
-def annealed(target: Density, proposal: Proposal, count: int, rng: np.random.Generator) -> Sample:
-    """`count` draws of a density that is quick to know, however unlike the proposal it is.
+def annealed(
+    target: Density, proposal: Proposal, count: int, rng: np.random.Generator, moved: float = TUNING.stage_moved
+) -> Sample:
+    """`count` draws of a density that is quick to know, however unlike the proposal it is. moved: accepted moves of a
+    draw in each stage, in the mean.
 
     Sequential Monte Carlo (Del Moral, Doucet and Jasra 2006, doi:10.1111/j.1467-9868.2006.00553.x): draws of the
     proposal are moved towards the target in stages, each as large as keeps their weights alike; after each they are
@@ -270,7 +275,7 @@ def annealed(target: Density, proposal: Proposal, count: int, rng: np.random.Gen
     """
     u = proposal.draw(count, rng)
     log_target, log_q = target(u), proposal.log_density(u)
-    power, log_norm = 0.0, 0.0
+    power, log_norm, length = 0.0, 0.0, TUNING.stage_length / np.sqrt(2.0 * u.shape[1])
     while True:
         log_ratio, left = np.where(np.isfinite(log_target), log_target - log_q, -np.inf), 1.0 - power
         if not np.any(np.isfinite(log_ratio)) or effective_size(left * log_ratio) >= TUNING.stage_last * count:
@@ -286,18 +291,63 @@ def annealed(target: Density, proposal: Proposal, count: int, rng: np.random.Gen
         weight = np.exp(log_weight - log_sum(log_weight))
         kept = np.searchsorted(np.cumsum(weight), (rng.uniform() + np.arange(count)) / count * (1.0 - 1e-12))
         u, log_target, log_q = u[kept], log_target[kept], log_q[kept]
-        for _ in range(TUNING.stage_moves):
+        accepted = 0.0  # moves of a draw, in the mean
+        for _ in range(int(TUNING.stage_moves * moved)):
             first, second = rng.permutation(count), rng.permutation(count)
-            length = TUNING.stage_length / np.sqrt(2.0 * u.shape[1]) * rng.uniform(0.5, 1.5, (count, 1))
-            moved = u + length * (u[first] - u[second]) + 1e-6 * rng.standard_normal(u.shape)
-            new_target, new_q = target(moved), proposal.log_density(moved)
+            there = u + length * rng.uniform(0.5, 1.5, (count, 1)) * (u[first] - u[second])
+            there += 1e-6 * rng.standard_normal(u.shape)
+            new_target, new_q = target(there), proposal.log_density(there)
             gain = power * (new_target - log_target) + (1.0 - power) * (new_q - log_q)
             taken = np.log(rng.uniform(size=count)) < gain
-            u = np.where(taken[:, None], moved, u)
+            u = np.where(taken[:, None], there, u)
             log_target, log_q = np.where(taken, new_target, log_target), np.where(taken, new_q, log_q)
+            accepted += float(np.mean(taken))
+            length *= np.exp(np.mean(taken) - TUNING.stage_accepted)
+            if accepted >= moved:
+                break
     good = np.isfinite(log_ratio)
     log_q = np.where(good, log_target - (left * np.where(good, log_ratio, 0.0) + log_norm), 0.0)
     return Sample(u, np.where(good, log_target, -np.inf), log_q, annealed=True)
+
+
+def integral_about(log_density: Density, middle: Floats, scale: float, counts: Sequence[int]) -> float:
+    """Log of the integral of a density of a few coordinates about `middle` (d,), by importance sampling in stages of so
+    many points: Gaussians, the first this wide, each other one through the weighted points so far. All points are
+    weighted against the mixture of the Gaussians.
+
+    The points are the same at each call (Roberts' sequence, extremelearning.com.au/unreasonable-effectiveness-of-
+    quasirandom-sequences), so that the integral changes smoothly with the density.
+    """
+    d = len(middle)
+    points, log_value, root = np.empty((0, d)), np.empty(0), scale * np.eye(d)
+    gaussians: list[tuple[float, Floats, Floats]] = []  # log number of points, middle and root of the covariance
+    log_weight = np.empty(0)
+    for count in counts:
+        if len(points):
+            flat = tempered(log_weight, TUNING.integrated_kept)
+            weight = np.exp(flat - log_sum(flat))
+            middle = np.asarray(weight @ points)
+            spread = ((points - middle).T * weight) @ (points - middle) + 1e-4 * np.eye(d)
+            root = np.asarray(TUNING.integrated_wider * np.linalg.cholesky(spread))
+        gaussians.append((float(np.log(count)), middle, root))
+        new = middle + _normal_points(count, d) @ root.T
+        points, log_value = np.concatenate([points, new]), np.append(log_value, log_density(new))
+        log_q = [
+            size - np.sum(np.log(np.diag(root))) + log_normal(np.asarray(np.linalg.solve(root, (points - middle).T).T))
+            for size, middle, root in gaussians
+        ]
+        log_weight = log_value - log_sum(np.array(log_q), axis=0)  # of the sum, not the mean, over the points
+    return float(log_sum(log_weight))
+
+
+@cache
+def _normal_points(count: int, d: int) -> Floats:
+    """(count, d) that fill the standard normal evenly."""
+    ratio = 2.0
+    for _ in range(50):
+        ratio = (1.0 + ratio) ** (1.0 / (d + 1.0))
+    steps = ratio ** -np.arange(1.0, d + 1.0)
+    return np.asarray(ndtri((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0))
 
 
 def _needed(found: Sample, each: int, enough: float) -> int:

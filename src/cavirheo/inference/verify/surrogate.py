@@ -25,10 +25,11 @@ from cavirheo.prior import log_normal
 
 
 class Kernel(NamedTuple):
-    """Matern function of order 5/2 times `matern`, and (1 + z z'/scale)^degree; nugget: of a likely simulation."""
+    """Matern function of order 5/2 with this length times `matern`, and (1 + z z'/scale)^2; nugget: of a likely
+    simulation. Lengths are in standard deviations of the (flattened) posterior."""
 
     matern: float
-    degree: int
+    length: float
     scale: float
     nugget: float
 
@@ -36,19 +37,21 @@ class Kernel(NamedTuple):
         """(k, m) of z (k, d) and others (m, d)."""
         product = z @ other.T
         distance = np.sum(z**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * product
-        distance = np.sqrt(np.maximum(distance, 0.0)) * (np.sqrt(5.0) / TUNING.kernel_length)
+        distance = np.sqrt(np.maximum(distance, 0.0)) * (np.sqrt(5.0) / self.length)
         matern = ((distance / 3.0 + 1.0) * distance + 1.0) * np.exp(-distance)
-        return np.asarray(self.matern * matern + (product / self.scale + 1.0) ** self.degree)
+        return np.asarray(self.matern * matern + (product / self.scale + 1.0) ** 2)
 
 
-KERNELS = (Kernel(1.0, 2, 30.0, 1e-3), Kernel(0.0, 2, 16.0, 1e-4))  # a smooth posterior takes the second
+# a smooth posterior takes the last, one where the law changes what the bubble does the first
+KERNELS = (Kernel(1.0, 4.0, 30.0, 1e-4), Kernel(1.0, 8.0, 30.0, 1e-4), Kernel(0.0, 8.0, 16.0, 1e-4))
 
 
 class Surrogate:
-    """log of the posterior at u (k, d), from simulations at u (m, d) with extended residuals (m, size) and log
-    posterior value (m,), all finite and more than 2 (d + 1).
+    """log of the posterior of u and the camera's z, from simulations at u (k, d) with extended residuals (k, size) and
+    log posterior value (k,), all finite and more than 2 (d + 1).
 
-    scatter: of the log posterior of likely simulations about what the others tell of each.
+    scatter: of the log posterior of likely simulations, each with its most likely camera, about what the others tell of
+    it.
     """
 
     def __init__(self, target: Target, u: Floats, residual: Floats, value: Floats) -> None:
@@ -73,6 +76,8 @@ class Surrogate:
         shapes = target.noise.shapes(residual)
         self.best: Floats = shapes[0]
         self.axes, along = _directions(shapes - self.best, self._metric(), trust / np.sum(trust))
+        camera = target.camera.z(residual)[likely]
+        known = self._log_density(u[likely], camera, shapes[likely])
         grown = np.minimum((1.0 + below / TUNING.nugget_height) ** 3, TUNING.nugget_most)
         self.scatter = np.inf
         for kernel in KERNELS:
@@ -81,40 +86,45 @@ class Surrogate:
             inverse = np.linalg.inv(matrix)
             coefficients = inverse @ along
             missed = coefficients / np.diag(inverse)[:, None]  # of each, by the others
-            told = self.noise.log_density(self._residuals(along[likely] - missed[likely])) + log_normal(u[likely])
-            scatter = _scatter(told - value[likely], trust[likely])
+            told = self._log_density(u[likely], camera, self._shapes(along[likely] - missed[likely]))
+            scatter = _scatter(told - known, trust[likely])
             if scatter < self.scatter:
                 self.scatter, self.kernel, self.coefficients = scatter, kernel, coefficients
 
-    def __call__(self, u: Floats) -> Floats:
-        """(k,) at u (k, d), in blocks that do not depend on the number of threads: last digits would."""
-        blocks = np.array_split(u, max(len(u) // 100, 1))
+    def __call__(self, w: Floats) -> Floats:
+        """(k,) at w (k, d + m), u and z beside each other, in blocks that do not depend on the number of threads: last
+        digits would."""
+        blocks = np.array_split(w, max(len(w) // 250, 1))
         return np.concatenate(each(self._expected, blocks, self.target.workers))
 
-    def _expected(self, u: Floats) -> Floats:
+    def _expected(self, w: Floats) -> Floats:
+        u, camera = np.split(w, [len(self.centre)], axis=1)
         z, value = self._whitened(u), np.full(len(u), -np.inf)
         near = np.sum(z**2, axis=1) <= self.limit
         if np.any(near):
-            value[near] = self.noise.log_density(self._residuals(self._along(z[near]))) + log_normal(u[near])
+            value[near] = self._log_density(u[near], camera[near], self._shapes(self._along(z[near])))
         return value
 
-    def residuals(self, u: Floats) -> Floats:
-        """(k, size) extended residuals at u (k, d)."""
-        return self._residuals(self._along(self._whitened(u)))
+    def _log_density(self, u: Floats, camera: Floats, shapes: Floats) -> Floats:
+        """(k,) of u (k, d) and a camera z (k, m) for bubbles of these shapes (k, numbers)."""
+        return self.noise.log_density(self.target.filmed(shapes, camera)) + log_normal(u)
+
+    def shapes(self, u: Floats) -> Floats:
+        """(k, numbers) of the bubbles at u (k, d)."""
+        return self._shapes(self._along(self._whitened(u)))
 
     def _along(self, z: Floats) -> Floats:
         """(k, directions) how far the bubbles at whitened places z (k, d) are from the best."""
         return np.asarray(self.kernel(z, self.z) @ self.coefficients)
 
-    def _residuals(self, along: Floats) -> Floats:
-        """(k, size) of bubbles that are `along` (k, directions) the directions from the best."""
-        shapes = self.best + along @ self.axes
-        return np.hstack([self.target.camera.of_shapes(shapes, self.noise.frames), shapes])
+    def _shapes(self, along: Floats) -> Floats:
+        """(k, numbers) of bubbles that are `along` (k, directions) the directions from the best."""
+        return self.best + along @ self.axes
 
     def _metric(self) -> Floats:
         """(numbers,) what each number of a shape counts, over the noise."""
         camera, deviation = self.target.camera, self.noise.frames.typical
-        metric = np.full(len(self.best), np.sqrt(len(camera.time) / len(self.best)))
+        metric = np.full(len(self.best), np.sqrt(len(camera.time) / camera.numbers))
         radius = np.abs(np.diff(camera.radius_of(self.best)))
         metric[: camera.collapses] = np.sqrt(len(camera.time) * np.mean(radius**2)) * len(radius)
         return metric / deviation

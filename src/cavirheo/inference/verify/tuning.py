@@ -20,7 +20,8 @@ class Tuning:
     # level "auto": as few simulations as a good start allows, else those of "full"
     own_draws: int = 48  # of a network's draws that are simulated: the way to the maximum, and an evidence
     own_unexpected: float = 6.0  # height of one over the Gaussian about the maximum, from which it is on another hill
-    own_worth: float = 5.0  # effective size of them, from which their evidence says something
+    own_worth: float = 5.0  # effective size of them, from which their evidence says something,
+    own_error: float = 0.6  # whose log has this standard error at least
     secant_steps: int = 4  # to the maximum, at most
     secant_firm: float = 0.03  # how firmly a direction that the draws do not tell stays
     auto_draws: int = 1600  # most further simulations whose weights count,
@@ -37,7 +38,7 @@ class Tuning:
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
     # draws of a surrogate
-    emulated_rounds: int = 5  # of simulations that check it, at most
+    emulated_rounds: int = 12  # of simulations that check it, at most
     emulated_checked: int = 20  # of its draws in each, by default simulations,
     emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
     emulated_weighed: int = 1200  # of its draws that are simulated where it is never trusted, at most
@@ -45,8 +46,16 @@ class Tuning:
     emulated_alike: float = 0.3  # until the log evidence changes by less
     emulated_draws: float = 2.0  # over effective ones that are asked for
     emulated_enough: float = 0.3  # standard deviation of what they find wrong in log weights: then it is trusted,
-    emulated_hopeful: float = 0.7  # of what was found wrong a round before, above which no more rounds follow
-    emulated_patience: float = 3.0  # or after so many more rounds twice as much
+    emulated_wrong: float = 3.0  # from which
+    emulated_more: int = 3  # times as many check the next one
+    emulated_patience: float = 8.0  # or after so many more rounds twice as much
+
+    # the camera of a simulation that counts, integrated by points
+    integrated_points: tuple[int, ...] = (32, 32, 48)  # in stages,
+    integrated_scale: float = 0.4  # standard deviation of the first, in that of the prior,
+    integrated_kept: float = 6.0  # effective points that the next stage goes through,
+    integrated_wider: float = 1.4  # so much wider
+    integrated_height: float = 12.0  # below the best, from which it is not worth it
 
     # models of one curve, each with its part in the answer
     part_small: float = 0.05  # of the answer, below which few simulations tell a part well enough,
@@ -97,10 +106,14 @@ class Tuning:
     pool: int = 200  # draws of a surrogate while it learns
     stage_kept: float = 0.4  # effective draws over draws after each stage towards it,
     stage_last: float = 0.4  # and after the last one
-    stage_moves: int = 4  # of each draw after a stage,
-    stage_length: float = 1.7  # of the usual length in so many dimensions
+    stage_moved: float = 1.0  # accepted moves of a draw after a stage, in the mean,
+    stage_moved_last: float = 3.0  # where the draws are the answer,
+    stage_moves: int = 16  # of so many times more that are tried, at most,
+    stage_length: float = 1.7  # of the usual length in so many dimensions at first,
+    stage_accepted: float = 0.25  # share of them that the length is changed for
     flat_share: float = 0.5  # of a mixture through its draws that is
     flat_factor: float = 4.0  # so much wider, where the next ones begin
+    shelf_share: float = 0.5  # of a mixture of u and camera in which one coordinate is as wide as its prior
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
     wrong_scatter: float = 1.0  # of surrogate minus log posterior of its own draws, from which it is wrong,
     wrong_fewest: int = 8  # told by so many draws
@@ -116,7 +129,6 @@ class Tuning:
     modes_climbed: int = 3  # climbed into at most
 
     # the surrogate, a Gaussian process of the bubble
-    kernel_length: float = 8.0  # in standard deviations of the (flattened) posterior
     flat_height: float = 10.0  # below the best, at which a simulation counts 1/e in them
     whitened: float = 4.0  # effective simulations for each coordinate, at least, that give its units
     nugget_height: float = 3.0  # below the best, in which the nugget of a simulation grows,
@@ -124,8 +136,8 @@ class Tuning:
     direction_share: float = 0.05  # of the noise, below which a direction is left out
     grid_share: float = 1e-2  # of a grid point of the noise in a likely simulation, below which it is left out
     left_out: int = 40  # likely simulations, told by the others, that choose the kernel
-    surrogate_latest: int = 80  # simulations that it knows, those that checked the last ones among them,
-    surrogate_likely: int = 220  # and the most likely others: time grows with their square
+    surrogate_latest: int = 160  # simulations that it knows, those that checked the last ones among them,
+    surrogate_likely: int = 340  # and the most likely others: time grows with their square
     surrogate_reach: float = 1.5  # distance over the farthest simulation's, to which it claims
 
     # what is said of an answer

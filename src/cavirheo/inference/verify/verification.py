@@ -177,14 +177,16 @@ class Estimation:
     def as_part(self, found: WeightedDraws) -> Preview:
         """Weighted draws in the form of a preview."""
         drawn, best = found.drawn, found.best or found.modes[0]
-        x, _ = self.target.completed(drawn.u, self.target.camera.z(found.residual), best.u, self.settings.seed)
+        z, known = self.target.camera.z(found.residual), drawn.camera is not None
+        x, _ = self.target.completed(drawn.u, z, best.u, self.settings.seed, drawn=known)
         told, evidence = intervals(*self.shot.answer(x), drawn.log_weight), Evidence(*drawn.log_evidence)
         other = replace(answer_at(self.target, best), intervals=told, evidence=evidence)
         return Preview(other, x, drawn.log_weight)
 
     def at_maximum(self) -> Preview:
         """What the Gaussian about the maximum answers."""
-        target, mode, sampling = self.target, self.sampling.modes[0], self.sampling
+        target, sampling = self.target, self.sampling
+        mode = max(sampling.explorer.modes, key=lambda mode: mode.log_posterior)
         u, z = mode.draws(TUNING.draws, self.settings.seed), target.camera.z(mode.residual)
         other = replace(answer_at(target, mode), evidence=Evidence(sampling.log_laplace, LAPLACE))
         x = target.with_camera(u, np.tile(z, (len(u), 1)))
@@ -287,9 +289,10 @@ class Estimation:
         (at,) = target.with_camera(best.u[None], z[None])
         x, log_camera = at[None], np.zeros(1)
         if len(u) > 1:
-            x, log_camera = target.completed(u, target.camera.z(residuals), best.u, settings.seed)
+            by_target = drawn is not None and drawn.camera is not None
+            x, log_camera = target.completed(u, target.camera.z(residuals), best.u, settings.seed, drawn=by_target)
         if drawn is not None and len(u) > 1:
-            over_scale = self._moved_modulus(best, u, residuals, drawn.log_weight)
+            over_scale = self._moved_modulus(best, u, residuals, drawn.log_weight, drawn.camera is None)
         else:
             over_scale = self._moved_gaussian(best)
         log_q = log_weight = None
@@ -357,17 +360,20 @@ class Estimation:
     def modulus_over_scale(self, found: WeightedDraws) -> float | None:
         """Relative change of G over that of R_max, of weighted draws."""
         drawn = found.drawn
-        return self._moved_modulus(found.best or found.modes[0], drawn.u, found.residual, drawn.log_weight)
+        best, integrated = found.best or found.modes[0], drawn.camera is None
+        return self._moved_modulus(best, drawn.u, found.residual, drawn.log_weight, integrated)
 
     def _moved_gaussian(self, best: Mode) -> float | None:
         """As `_moved_modulus`, of draws of the Gaussian about the maximum, whose frames are linear in u."""
         u = best.draws(TUNING.draws, self.settings.seed)
         return self._moved_modulus(best, u, best.residual - (u - best.u) @ best.jacobian.T, np.zeros(len(u)))
 
-    def _moved_modulus(self, best: Mode, u: Floats, residuals: Floats, log_weight: Floats) -> float | None:
+    def _moved_modulus(
+        self, best: Mode, u: Floats, residuals: Floats, log_weight: Floats, integrated: bool = True
+    ) -> float | None:
         """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in t_c, and the draws
-        u (k, d) with extended residuals (k, size) are weighted anew by frames that are moved so. None for a law
-        without G, or where a simulation failed."""
+        u (k, d) with extended residuals (k, size) are weighted anew by frames that are moved so. integrated: whether
+        the camera is, so that it follows. None for a law without G, or where a simulation failed."""
         shot, target, names = self.shot, self.target, self.prior.names
         if "shear_modulus" not in names:
             return None
@@ -375,8 +381,14 @@ class Estimation:
         bubble = shot.sampled(target.with_camera(best.u[None])[0], camera, noise)
         if bubble is None:
             return None
-        sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
-        nearer, farther = (one.extended(bubble, noise)[0] for one in sides)
+        sides = (1.0 - 0.5 * SCALED, 1.0 + 0.5 * SCALED)
+        if integrated:
+            cameras = [replace(camera, time=camera.time * side) for side in sides]
+            nearer, farther = (one.extended(bubble, noise)[0] for one in cameras)
+        else:
+            nearer, farther = np.zeros((2, residuals.shape[1]))
+            shape, z = target.noise.shapes(best.residual)[None], camera.z(best.residual)[None]
+            nearer[: noise.size], farther[: noise.size] = (camera.missed(shape, z, side)[0] for side in sides)
         counted = np.isfinite(log_weight)
         u, residuals, weight = u[counted], residuals[counted], unscaled(log_weight[counted])
         gain = target.log_posterior(u, residuals + nearer - farther) - target.log_posterior(u, residuals)
