@@ -100,10 +100,10 @@ def single(path, scale=1.0, frames=120):
 
 def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
     path = single(tmp_path / "one.csv")
-    run("infer", path, "-o", tmp_path, "--material", "nhkv", "--density", 1050, "--window", 2)
+    run("infer", path, "-o", tmp_path, "--density", 1050, "--window", 2)
     ours = json.loads((tmp_path / "result.json").read_text())
-    theirs = ask(client, path, material="nhkv", density=1050, window=2)
-    assert theirs["command"] == "cavirheo infer one.csv --material nhkv --density 1050 --window 2"
+    theirs = ask(client, path, density=1050, window=2)
+    assert theirs["command"] == "cavirheo infer one.csv --density 1050 --window 2"
     assert theirs["groups"] == ours["groups"]
     (mine,), (other,) = ours["curves"], theirs["curves"]
     assert other["source"] == "one.csv"
