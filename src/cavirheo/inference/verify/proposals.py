@@ -239,11 +239,11 @@ class AdaptiveProposal:
         """A mixture that follows weighted draws, with as many components as they are worth."""
         return self._followed(counted, rng).beside(self.start, TUNING.adapted_modes).widened()
 
-    def _followed(self, counted: Sample, rng: np.random.Generator) -> Mixture:
-        """The same without the modes."""
+    def _followed(self, counted: Sample, rng: np.random.Generator, each: float = TUNING.adapted_each) -> Mixture:
+        """The same without the modes. each: effective draws for each coordinate that a component takes."""
         d = counted.u.shape[1]
         log_weight = tempered(counted.log_weight, min(TUNING.adapted * d, 0.25 * len(counted.u)))
-        count = int(np.clip(effective_size(log_weight) / (2.0 * d), 1, TUNING.adapted_components))
+        count = int(np.clip(effective_size(log_weight) / (each * d), 1, TUNING.adapted_components))
         return Mixture.through(counted.u, log_weight, count, rng)
 
     def climb_higher(self) -> None:
@@ -270,7 +270,9 @@ class AdaptiveProposal:
         if not np.any(np.isfinite(found.log_weight)):
             return None
         wide = shelves(found, self.u.shape[1])
-        self.joint = self._followed(found, rng).widened().beside(wide, TUNING.shelf_share)
+        self.joint = (
+            self._followed(found, rng, TUNING.stage_component).widened(0.5, 1.5).beside(wide, TUNING.shelf_share)
+        )
         u, camera = np.split(found.u, [found.u.shape[1] - size], axis=1)
         found = replace(found, u=u, camera=camera)
         self.mixture = self._through(found, rng).widened(TUNING.flat_share, TUNING.flat_factor)

@@ -104,7 +104,7 @@ class Mixture:
                 off = u - mean[c]
                 effective = share[c] ** 2 / np.sum(resp[c] ** 2)
                 old = (d + 2.0) / (effective + d + 2.0)
-                scale[c] = (1.0 - old) * (off.T * gamma[c]) @ off / share[c] + old * scale[c]
+                scale[c] = (1.0 - old) * (off.T * gamma[c]) @ off / share[c] + old * scale[c] + 1e-12 * np.eye(d)
             found = Mixture(share[kept] / np.sum(share[kept]), mean[kept], scale[kept])
         return found
 
@@ -271,43 +271,66 @@ def annealed(
     Sequential Monte Carlo (Del Moral, Doucet and Jasra 2006, doi:10.1111/j.1467-9868.2006.00553.x): draws of the
     proposal are moved towards the target in stages, each as large as keeps their weights alike; after each they are
     drawn anew by their weights, and walk by differences of each other (ter Braak 2006,
-    doi:10.1007/s11222-006-8769-1).
+    doi:10.1007/s11222-006-8769-1) and jump to where a mixture through all of them is, in turn. Every step of the last
+    walks counts as a draw.
     """
     u = proposal.draw(count, rng)
     log_target, log_q = target(u), proposal.log_density(u)
     power, log_norm, length = 0.0, 0.0, TUNING.stage_length / np.sqrt(2.0 * u.shape[1])
+    walk = [(u, log_target, log_q)]
     while True:
         log_ratio, left = np.where(np.isfinite(log_target), log_target - log_q, -np.inf), 1.0 - power
-        if not np.any(np.isfinite(log_ratio)) or effective_size(left * log_ratio) >= TUNING.stage_last * count:
+        if not np.any(np.isfinite(log_ratio)) or effective_size(left * log_ratio) >= TUNING.stage_last * len(u):
             break
         low, high = 0.0, left
         for _ in range(20):
             middle = 0.5 * (low + high)
-            enough = effective_size(middle * log_ratio) >= TUNING.stage_kept * count
+            enough = effective_size(middle * log_ratio) >= TUNING.stage_kept * len(u)
             low, high = (middle, high) if enough else (low, middle)
         log_weight = high * log_ratio
-        log_norm += float(log_sum(log_weight) - np.log(count))
+        log_norm += float(log_sum(log_weight) - np.log(len(u)))
         power += high
         weight = np.exp(log_weight - log_sum(log_weight))
-        kept = np.searchsorted(np.cumsum(weight), (rng.uniform() + np.arange(count)) / count * (1.0 - 1e-12))
-        u, log_target, log_q = u[kept], log_target[kept], log_q[kept]
-        accepted = 0.0  # moves of a draw, in the mean
-        for _ in range(int(TUNING.stage_moves * moved)):
-            first, second = rng.permutation(count), rng.permutation(count)
-            there = u + length * rng.uniform(0.5, 1.5, (count, 1)) * (u[first] - u[second])
-            there += 1e-6 * rng.standard_normal(u.shape)
+        ends = np.cumsum(weight) * (1.0 + 1e-12)
+        chosen = np.minimum(np.searchsorted(ends, (rng.uniform() + np.arange(count)) / count), len(u) - 1)
+        u, log_target, log_q = u[chosen], log_target[chosen], log_q[chosen]
+        # each half moves by what the other is, which must not depend on it: those drawn from one are in one half
+        halves = np.array_split(np.arange(count), 2)
+        jumps = [_through_all(u[half], rng) for half in reversed(halves)]
+        walk, accepted = [(u, log_target, log_q)], 0.0  # moves of a draw, in the mean
+        for turn in range(int(2 * TUNING.stage_moves * moved)):
+            half, others, jump = halves[turn % 2], halves[(turn + 1) % 2], jumps[turn % 2]
+            here, gain = u[half], np.zeros(len(half))
+            if turn % 4 > 1:
+                there = jump.draw(len(half), rng)
+                gain += jump.log_density(here) - jump.log_density(there)
+            else:
+                first, second = (rng.choice(others, len(half)) for _ in range(2))
+                there = here + length * rng.uniform(0.5, 1.5, (len(half), 1)) * (u[first] - u[second])
+                there += 1e-6 * rng.standard_normal(here.shape)
             new_target, new_q = target(there), proposal.log_density(there)
-            gain = power * (new_target - log_target) + (1.0 - power) * (new_q - log_q)
-            taken = np.log(rng.uniform(size=count)) < gain
-            u = np.where(taken[:, None], there, u)
-            log_target, log_q = np.where(taken, new_target, log_target), np.where(taken, new_q, log_q)
-            accepted += float(np.mean(taken))
-            length *= np.exp(np.mean(taken) - TUNING.stage_accepted)
+            gain += power * (new_target - log_target[half]) + (1.0 - power) * (new_q - log_q[half])
+            taken = np.log(rng.uniform(size=len(half))) < gain
+            u, log_target, log_q = u.copy(), log_target.copy(), log_q.copy()
+            u[half[taken]], log_target[half[taken]], log_q[half[taken]] = there[taken], new_target[taken], new_q[taken]
+            walk.append((u, log_target, log_q))
+            accepted += 0.5 * float(np.mean(taken))
+            if turn % 4 < 2:
+                length *= np.exp(0.5 * (np.mean(taken) - TUNING.stage_accepted))
             if accepted >= moved:
                 break
-    good = np.isfinite(log_ratio)
-    log_q = np.where(good, log_target - (left * np.where(good, log_ratio, 0.0) + log_norm), 0.0)
-    return Sample(u, np.where(good, log_target, -np.inf), log_q, annealed=True)
+    u, log_target, log_q = (np.concatenate(values) for values in zip(*walk, strict=True))
+    some = rng.choice(len(u), count, replace=False)
+    u, log_target, log_q = u[some], log_target[some], log_q[some]
+    good = np.isfinite(log_target)
+    log_weight = np.where(good, left * (log_target - np.where(good, log_q, 0.0)) + log_norm, 0.0)
+    return Sample(u, np.where(good, log_target, -np.inf), np.where(good, log_target - log_weight, 0.0), annealed=True)
+
+
+def _through_all(u: Floats, rng: np.random.Generator) -> Mixture:
+    """A mixture through draws u (k, d) that count alike."""
+    count = int(np.clip(len(u) / (TUNING.stage_component * u.shape[1]), 1, TUNING.adapted_components))
+    return Mixture.through(u, np.zeros(len(u)), count, rng).widened()
 
 
 def integral_about(log_density: Density, middle: Floats, scale: float, counts: Sequence[int]) -> float:

@@ -109,6 +109,7 @@ class Tuning:
     stage_moved: float = 1.0  # accepted moves of a draw after a stage, in the mean,
     stage_moved_last: float = 3.0  # where the draws are the answer,
     stage_moves: int = 16  # of so many times more that are tried, at most,
+    stage_component: float = 12.0  # draws for each coordinate that a component takes of the mixture that they jump to
     stage_length: float = 1.7  # of the usual length in so many dimensions at first,
     stage_accepted: float = 0.25  # share of them that the length is changed for
     flat_share: float = 0.5  # of a mixture through its draws that is
@@ -122,6 +123,7 @@ class Tuning:
     settled_per_round: int = 100  # so many at a time
     adapted: float = 6.0  # effective draws for each coordinate that a mixture is then fitted to,
     adapted_components: int = 10  # with so many components at most,
+    adapted_each: float = 2.0  # for each of its coordinates,
     adapted_fits: int = 4  # in so many calls of the fit,
     adapted_modes: float = 0.1  # and so much of it stays with the modes
     modes_share: float = 0.3  # of the mixture's draws that stay with the modes
