@@ -83,7 +83,6 @@ ANSWERS = Page(
                 "cavirheo.reporting.material": "PopulationRecord GroupDifference Apart",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw ComparedLaws",
                 "cavirheo.companions.design_document": "Design DesignedSetting CheckedSetting",
-                "cavirheo.companions.network_design": "NetworkDesign WeakRange",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
                 "cavirheo.companions.rheometer_document": "Rheometry",
                 "cavirheo.video.document": "Measured",

@@ -33,7 +33,6 @@ KINDS = {
     "collapse-time": Kind("companions.collapse_times", "CollapseTimes", "companions.collapse_times.print_table"),
     "measure": Kind("video.document", "Measured", "video.document.print_table"),
     "design": Kind("companions.design_document", "Design", "companions.design_document.print_table"),
-    "network-design": Kind("companions.network_design", "NetworkDesign", "companions.network_design.print_table"),
     "metrics": Kind("training.documents", "Metrics", "training.documents.print_metrics"),
     "training": Kind("training.documents", "TrainingRun", "training.documents.print_run"),
 }

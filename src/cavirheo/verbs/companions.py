@@ -19,7 +19,6 @@ _FIT = "least squares with this law (nhkv, ...) instead of networks"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
 _TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin"
 _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
-_FIND = "find where this posterior network is least sure, and write a recipe for it"
 
 
 @dataclass(kw_only=True)
@@ -186,26 +185,9 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
     sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
     draws: Annotated[int, option("simulated recordings for each setting", SEARCH, min=2)] = 12
     check: Annotated[int, option("recordings of a recommended setting that `infer` answers", SEARCH, min=0)] = 6
-    for_training: Annotated[
-        str | None, option(_FIND, SEARCH, metavar="MODEL", autocompletion=completion.model_names)
-    ] = None
-    recordings: Annotated[int | None, option("number of them for --for-training  [default: 120]", SEARCH, min=30)] = (
-        None
-    )
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
-        if self.for_training is not None:
-            message = "--for-training looks at a network over its own training: give no result.json"
-            require(self.known is None, message, "design.for_training")
-            return self._network(self.for_training, run)
-        message = "--recordings is of --for-training: give that too, or --draws for the recordings of each setting"
-        require(self.recordings is None, message, "design.for_training")
-        message = "--group names a group of a result.json: give the file, or leave out --group"
-        require(self.known is not None or self.group is None, message, "design.group")
-        return self._shots(run)
-
-    def _shots(self, run: Run) -> None:
         from cavirheo.companions.design import Rig, design
         from cavirheo.companions.design_document import picture, print_table
         from cavirheo.parallel import aside
@@ -213,6 +195,8 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
 
+        message = "--group names a group of a result.json: give the file, or leave out --group"
+        require(self.known is not None or self.group is None, message, "design.group")
         rig = Rig(
             max_radius=[1e-6 * end for end in self.rmax_um],
             frame_rate=_numbers("--fps", self.fps),
@@ -249,26 +233,6 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
         outputs.finish()
         run.show(document, print_table)
         run.end(f"written to {self.out} in {{seconds}}")
-
-    def _network(self, model: str, run: Run) -> None:
-        from cavirheo.companions.network_design import network_design, print_table, recipe
-        from cavirheo.inference.posterior_network import load_posterior
-        from cavirheo.parallel import aside
-        from cavirheo.physics.simulate import load_solver
-        from cavirheo.writing.document import Outputs, write_json
-
-        network, recordings = load_posterior(model), self.recordings or 120
-        outputs = Outputs(self.out, "network-design.json", "recipe.toml")
-        aside(load_solver)
-        with run.bar("simulating", recordings) as advance:
-            document = network_design(
-                network, self.material, recordings=recordings, seed=self.seed, done=advance, **run.head
-            )
-        outputs.write("network-design.json", write_json, document)
-        outputs.write("recipe.toml", Path.write_text, recipe(document, network), encoding="utf-8")
-        outputs.finish()
-        run.show(document, print_table)
-        run.end(f"{document.recordings} recordings in {{seconds}}; recipe: {self.out / 'recipe.toml'}")
 
 
 def _numbers(option: str, text: str) -> list[float]:
