@@ -80,7 +80,7 @@ ANSWERS = Page(
                 "cavirheo.reporting.record": "Result",
                 "cavirheo.reporting.answer": "CurveRecord Sentence OtherModel Compared",
                 "cavirheo.reporting.group": "GroupModel GroupRecord PublishedValue Slope",
-                "cavirheo.reporting.material": "PopulationRecord GroupDifference Apart",
+                "cavirheo.reporting.material": "PopulationRecord GroupDifference MaterialRatio",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw ComparedLaws",
                 "cavirheo.companions.design_document": "Design DesignedSetting CheckedSetting",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",

@@ -198,7 +198,7 @@ def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path, 
     assert status == 0, err
     document = cavirheo.load(tmp_path / "plan")
     assert document.notes == []
-    assert document.said[0] in out.replace("\n", " ")
+    assert document.sentences[0] in out.replace("\n", " ")
     assert (tmp_path / "plan" / "design.png").exists()
     assert {one.shots for one in document.settings} == shots
 

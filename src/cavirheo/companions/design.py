@@ -282,7 +282,7 @@ def _quantity(logs: Floats) -> Quantity:
 
 
 def _knowledge(
-    known: Result | str | Path | None,
+    result: Result | str | Path | None,
     group: str | None,
     family: Family,
     ranges: dict[str, Sequence[float]],
@@ -299,14 +299,14 @@ def _knowledge(
     low, high = np.log10(ranges.get("stretch", STRETCHES)).tolist()
     size = len(family.parameters)
     scatter = None if spread is None else spread**2 * np.eye(size)
-    if known is None:
+    if result is None:
         searched = zip(family.parameters, family.bounds(started=True), strict=True)
         logs = np.array([np.log10(ranges[name]) if name in ranges else ends for name, ends in searched])
         wide = np.diag(np.ptp(logs, axis=1) ** 2 / 12.0)
         return _Knowledge(logs.mean(axis=1), wide, np.zeros((size, size)) if scatter is None else scatter, (low, high))
-    if not isinstance(known, Result):
-        known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
-    chosen, rows = _answers(known, group, family)
+    if not isinstance(result, Result):
+        result = read_json(Path(result) / "result.json" if Path(result).is_dir() else result)
+    chosen, rows = _answers(result, group, family)
     mean, covariance, scatter, shots = _material(chosen, rows, family, scatter)
     logs = np.log10([row.stretch.median for row in rows if row.stretch.median])
     measured = "stretch" not in ranges and len(logs) > 0
@@ -340,8 +340,8 @@ def _material(
     Where there is none (two shots), from the answers: the scatter, if it is not given, is that of the parameter that
     scatters most, beyond what intervals explain (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2)."""
     pooled = group.population
-    if pooled and pooled.found and pooled.model.startswith(f"{family.name},"):
-        mean, covariance, between = pooled.known(family.parameters)
+    if pooled and pooled.has_material and pooled.model.startswith(f"{family.name},"):
+        mean, covariance, between = pooled.log_moments(family.parameters)
         return mean, covariance, between if scatter is None else scatter, pooled.n - len(pooled.strays)
     logs = np.array([row.logs(family.parameters) for row in rows])  # (shots, l, 3)
     middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])

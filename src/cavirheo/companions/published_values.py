@@ -126,8 +126,8 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
         require(len(table.all(kind)) == 1, f"{place}: {len(table.all(kind))} times; expected once", "references.head")
     sets: dict[str, ReferenceSet] = {}
     methods: dict[str, tuple[str, str]] = {}
-    for number, cells in table.rows:
-        row = {name.kind: cell for name, cell in zip(names, cells, strict=False) if cell}
+    for number, texts in table.rows:
+        row = {name.kind: cell for name, cell in zip(names, texts, strict=False) if cell}
         _add_line(row, f"{path}, line {number}", sets, methods)
     message = f"{path}: {len(sets)} sets; more than {_MOST} are not compared in one picture; split the file"
     require(len(sets) <= _MOST, message, "references.sets")

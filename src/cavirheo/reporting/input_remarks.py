@@ -28,7 +28,7 @@ _LONGEST = 300  # letters of a command that is worth to be written again
 WIDE = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has less
 
 
-def cells(curve: RadiusCurve) -> tuple[str, ...]:
+def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
     """R_max, frame rate, frames with a radius, time that was recorded, collapses."""
     rate, top, collapses = curve.frame_rate, digits.MISSING, digits.MISSING
     with suppress(InputError):
@@ -71,12 +71,9 @@ def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
 
 def unexplained(records: Sequence[CurveRecord]) -> int:
     """How many answers ask for another law: their simulation does not follow, or no stiffness is seen."""
-    soft = [
-        record
-        for record in records
-        if record.verdict == "undetermined" and record.shear_modulus_Pa.bound in _NO_STIFFNESS
-    ]
-    return len(soft) + sum(record.verdict == "model_does_not_fit" for record in records)
+    unlike = sum(record.verdict == "model_does_not_fit" for record in records)
+    undetermined = [record.shear_modulus_Pa.bound for record in records if record.verdict == "undetermined"]
+    return unlike + sum(bound in _NO_STIFFNESS for bound in undetermined)
 
 
 def at_fault(record: CurveRecord) -> bool:

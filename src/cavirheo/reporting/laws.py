@@ -98,7 +98,7 @@ def records(
 ) -> tuple[list[WeighedLaws], list[WeighedLaws]]:
     """The rankings of the curves and of their groups, as the document has them."""
     by_curve = [
-        _weighed(ranking, {law: {"answer": curve_record(curve, answer)} for law, answer in ranking.answers.items()})
+        _record_of(ranking, {law: {"answer": curve_record(curve, answer)} for law, answer in ranking.answers.items()})
         for curve, ranking in zip(curves, singles, strict=True)
     ]
     by_group = []
@@ -108,12 +108,12 @@ def records(
             shots = [answer for i in group.members if (answer := by_curve[i].laws[law].answer)]
             material = population_record(group.populations.get(law), group.column)
             fields[law] = {"slopes": slopes(shots), "population": material}
-        by_group.append(_weighed(group, fields))
+        by_group.append(_record_of(group, fields))
     return by_curve, by_group
 
 
-def _weighed(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> WeighedLaws:
-    """about: what a law has besides its evidence."""
+def _record_of(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> WeighedLaws:
+    """The document's record of a ranking. fields: by law, what its record has besides the evidence."""
     laws = {
         law: WeighedLaw(
             log_evidence=value,
@@ -123,15 +123,9 @@ def _weighed(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> Weigh
         )
         for law, value in ranking.log_evidence.items()
     }
+    names = ("name", "shots", "chosen", "contenders")
     pairs = [ComparedLaws(**vars(pair)) for pair in ranking.pairs]
-    return WeighedLaws(
-        name=ranking.name,
-        shots=ranking.shots,
-        chosen=ranking.chosen,
-        contenders=ranking.contenders,
-        laws=laws,
-        pairs=pairs,
-    )
+    return WeighedLaws(**{name: getattr(ranking, name) for name in names}, laws=laws, pairs=pairs)
 
 
 def print_table(document: Laws) -> None:
@@ -147,7 +141,7 @@ def print_table(document: Laws) -> None:
         best = max((law.log_evidence for law in laws.laws.values() if law.log_evidence is not None), default=0.0)
         for law, entry in laws.laws.items():
             mark = ("→ " if law == laws.chosen else "") + law + ("*" if law in laws.contenders else "")
-            table.add_row(name, mark, *_cells(entry, best), style=style)
+            table.add_row(name, mark, *_texts(entry, best), style=style)
             name = ""
         table.add_section()
     console = terminal.console()
@@ -184,13 +178,13 @@ def _materials(group: WeighedLaws) -> list[tuple[str, str]]:
     return lines
 
 
-def _cells(law: WeighedLaw, best: float) -> list[str]:
-    cells = [digits.MISSING, digits.MISSING]
+def _texts(law: WeighedLaw, best: float) -> list[str]:
+    texts = [digits.MISSING, digits.MISSING]
     if law.log_evidence is not None:
         error = "" if law.standard_error is None else f" ± {law.standard_error:.1f}"
-        cells = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
+        texts = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
     if (answer := law.answer) is not None:
         medians = (answer.shear_modulus_Pa.median, answer.viscosity.median)
-        cells += [digits.MISSING if value is None else digits.significant(value) for value in medians]
-        cells += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
-    return cells
+        texts += [digits.MISSING if value is None else digits.significant(value) for value in medians]
+        texts += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
+    return texts

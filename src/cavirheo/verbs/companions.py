@@ -149,12 +149,12 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
                 shear_modulus=self.shear_modulus,
                 viscosity=self.viscosity,
             )
-        drawn = [group for group in groups if group.best] if self.drawing(run) else []
+        answered_groups = [group for group in groups if group.best] if self.drawing(run) else []
         document = collapse_times.CollapseTimes(
             material=self.material, medium=asdict(liquid), groups=groups, **run.head
         )
         outputs.write("shots.csv", collapse_times.write_csv, document)
-        for group, stem in zip(drawn, file_names([group.name for group in drawn]), strict=True):
+        for group, stem in zip(answered_groups, file_names([group.name for group in answered_groups]), strict=True):
             document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
         outputs.write("collapse-time.json", write_json, document)
         outputs.finish()
@@ -166,7 +166,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
 class Design(options.Printing, options.Documents, options.Pictures, options.Seed, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
-    known: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
+    result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
     group: Annotated[str | None, option("group of the result.json whose material is meant")] = None
     shear_modulus: Annotated[_Range | None, option("range in Pa, if there is no result.json", metavar="LOW HIGH")] = (
         None
@@ -196,7 +196,7 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
         from cavirheo.writing.document import Outputs, write_json
 
         message = "--group names a group of a result.json: give the file, or leave out --group"
-        require(self.known is not None or self.group is None, message, "design.group")
+        require(self.result is not None or self.group is None, message, "design.group")
         rig = Rig(
             max_radius=[1e-6 * end for end in self.rmax_um],
             frame_rate=_numbers("--fps", self.fps),
@@ -209,12 +209,12 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
             bubble=self.bubbles or "real",
         )
         drawing, names = self.drawing(run), ("shear_modulus", "viscosity", "stretch")
-        inputs = [self.known] if self.known else []
+        inputs = [self.result] if self.result else []
         outputs = Outputs(self.out, "design.json", *(["design.png"] if drawing else []), inputs=inputs)
         aside(load_solver)
         with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
             document = design(
-                self.known,
+                self.result,
                 rig,
                 group=self.group,
                 ranges={name: ends for name in names if (ends := getattr(self, name))},
