@@ -102,10 +102,10 @@ class Watch:
         self.records = Store(self.out / "watched" / how, most=0)
         self.files: dict[str, WatchedFile] = {}
         self.owner: dict[bytes, str] = {}  # the file of each recording
-        self._seen: dict[Path, tuple[State, float]] = {}
+        self._states: dict[Path, tuple[State, float]] = {}  # of each file, and s since when it has not changed
         self._retries: dict[Path, Retry] = {}
         self._latest: Posterior | None = None
-        self._told: set[str] = set()
+        self._messages: set[str] = set()  # that were said, each once
         self._unwritten, self._due = False, 0.0  # whether the documents lack anything, and from when on they may follow
         for record in self.records.values(dict):
             self._count(WatchedFile(**record))
@@ -128,7 +128,7 @@ class Watch:
     def pause(self) -> bool:
         """Wait until the next look. Whether anything is still to come: a file in the making, or documents."""
         time.sleep(LOOK)
-        moving = any(self._is_news(path, state) for path, (state, _) in self._seen.items())
+        moving = any(self._is_news(path, state) for path, (state, _) in self._states.items())
         return moving or bool(self._retries) or self._unwritten
 
     def once(self) -> bool:
@@ -210,16 +210,16 @@ class Watch:
                     states[path] = state
         except OSError as error:  # a file that is gone again, a share that is away for a moment
             self._say_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
-        before, self._seen = self._seen, {}
+        before, self._states = self._states, {}
         for path, state in states.items():
             same = path in before and before[path][0] == state
-            self._seen[path] = before[path] if same else (state, now)
+            self._states[path] = before[path] if same else (state, now)
         self._retries = {path: retry for path, retry in self._retries.items() if path in states}
         for file in [file for file in self.files.values() if file.unreadable and pixels_of(Path(file.path)) in states]:
             del self.files[file.path]  # a header whose pixels came later than was waited for
             self.records.remove([key_of(file.path)])
             self._discount(set(map(samples_of, file.curves)), file.path)
-        stable = [(path, state) for path, (state, since) in self._seen.items() if now - since >= LOOK]
+        stable = [(path, state) for path, (state, since) in self._states.items() if now - since >= LOOK]
         news = [(path, state) for path, state in stable if self._is_news(path, state)]
         return sorted(news, key=lambda pair: (pair[1][1], pair[0]))
 
@@ -285,8 +285,8 @@ class Watch:
         return sorted(self.files.values(), key=lambda file: (file.order, file.path))
 
     def _say_once(self, text: str) -> None:
-        if text not in self._told:
-            self._told.add(text)
+        if text not in self._messages:
+            self._messages.add(text)
             self.say(text)
 
 

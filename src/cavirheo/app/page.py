@@ -211,8 +211,10 @@ class Page(film.FilmPart):
         zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
         self.tabs[3].select(None, js=_RESIZE, api_visibility="private")  # drawn in a hidden tab it has another width
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
-        self._kept = sorted(self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox))  # choices first
-        everything = [*outputs, *(self.fields[name] for name in self._kept), self.checked, *check]
+        self._field_names = sorted(
+            self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox)
+        )  # choices first
+        everything = [*outputs, *(self.fields[name] for name in self._field_names), self.checked, *check]
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
 
@@ -241,7 +243,7 @@ class Page(film.FilmPart):
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
             values = {name: value for name, value in vars(session.settings).items() if value is not None}
             choices = {"window": 0, "material": "nhkv"} | values
-            shown_values = [choices.get(name, gr.skip()) for name in self._kept]
+            shown_values = [choices.get(name, gr.skip()) for name in self._field_names]
             settings = [f"{value:.10g}" if isinstance(value, float) else value for value in shown_values]
             checked = gr.Dropdown(choices=names, value=next(iter(names), None))
             check = self._show(session, names[0]) if names and not session.stale else [gr.skip()] * 6

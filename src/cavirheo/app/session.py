@@ -192,8 +192,8 @@ class Session:
         self.film = ""  # the name of that which is looked at
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
-        self.named: dict[str, str] = {}  # materials that were typed, by shot
-        self.densities: dict[str, float] = {}  # kg/m3 that were typed, by shot
+        self.materials: dict[str, str] = {}  # by shot, as the visitor typed them
+        self.densities: dict[str, float] = {}  # kg/m3 by shot, as the visitor typed them
         self.published: list[dict[str, Published]] = []  # values of other methods, by set, of each upload
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
@@ -266,8 +266,10 @@ class Session:
 
     def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Curves as shots of the materials that were typed, or else of those that their files say."""
-        groups = {curve.name: (curve.group, curve.group if self.named else curve.group_source) for curve in self.curves}
-        groups |= {shot: (name, name) for shot, name in self.named.items()}
+        groups = {
+            curve.name: (curve.group, curve.group if self.materials else curve.group_source) for curve in self.curves
+        }
+        groups |= {shot: (name, name) for shot, name in self.materials.items()}
         membership = [groups.get(curve.name, (curve.group, curve.group_source)) for curve, _ in pairs]
         return [(curve.with_group(*group), answer) for (curve, answer), group in zip(pairs, membership, strict=True)]
 

@@ -106,7 +106,7 @@ def _pooled(
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
     by_group = dict.fromkeys((curve.group, densities[curve.name]) for curve, _ in pairs if curve.name in densities)
     command += "".join(f" ({shlex.quote(group)}: --density {density:g})" for group, density in by_group)
-    materials = ", ".join(f"{shot} = {material}" for shot, material in session.named.items())
+    materials = ", ".join(f"{shot} = {material}" for shot, material in session.materials.items())
     document = result(pairs, command, notes=[f"materials that were typed: {materials}"] if materials else [])
     for values in session.published:
         with suppress(InputError):  # other groups than when they were given
@@ -124,7 +124,7 @@ def name_materials(session: Session, names: Sequence[str], densities: Sequence[s
         numbers = {shot: number_of(text, "density") for shot, text in zip(shots, densities, strict=True)}
         session.weigh({shot: density for shot, density in numbers.items() if density is not None})
     groups = zip(session.curves, map(str.strip, names), strict=True)
-    session.named = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
+    session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:
         pooled = _pooled(session, old.pairs, old.not_run, old.settings, old.densities)
         session.answers = replace(pooled, fits=old.fits)

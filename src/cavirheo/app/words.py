@@ -131,7 +131,7 @@ def files_table(session: Session) -> str:
     curves = session.curves
     rows = []
     for curve in curves:
-        material, density = session.named.get(curve.name, curve.group), session.densities.get(curve.name)
+        material, density = session.materials.get(curve.name, curve.group), session.densities.get(curve.name)
         density_text = "" if density is None else f"{density:.10g}"
         rows.append((curve, digits.elide(curve.name, 36), material, density_text, summary_cells(curve)))
     pooled = sum(curve.group == YOURS for curve in curves)

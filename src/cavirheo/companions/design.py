@@ -23,8 +23,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.bubble import Requested, bubbles_of
-from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.media import medium as named
+from cavirheo.physics.media import WATER, Medium, medium
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result, read_json
@@ -67,7 +66,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         Family(self.material)
-        named(self.medium)
+        medium(self.medium)
         bubbles, radii, rates = bubbles_of(self.bubble), self.max_radius, self.frame_rate
         message = f"design is about one bubble, got {', '.join(bubble.name for bubble in bubbles)}"
         require(len(bubbles) == 1, message, "option.bubble")
@@ -124,7 +123,7 @@ def design(
     require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
     require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
-    family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), named(rig.medium)
+    family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), medium(rig.medium)
     goal = _Goal(family, float(np.log10(1.0 + wanted)), _knowledge(known, group, family, dict(ranges or {}), spread))
     settings = _settings(rig, sizes)
     law, stretches = goal.knowledge.draw(draws, seed)

@@ -125,7 +125,8 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
     group by group."""
     pairs = CurveAnswers.of(pairs)
     curves, answers = pairs.curves, pairs.answers
-    rows, materials = dict[int, CurveRecord](), list[Population | None]()
+    rows: dict[int, CurveRecord] = {}
+    materials: list[Population | None] = []
     for indices in _members(curves).values():
         of_group = [answers[i] for i in indices]
         shots = [curve_record(curves[i], answer) for i, answer in zip(indices, of_group, strict=True)]
