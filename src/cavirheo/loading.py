@@ -100,9 +100,6 @@ def kind_of(path: Path) -> Kind:
         message = f"{path} does not say of which kind it is, as those of an older version: name it as it was written"
         raise InputError(f"{message} ({', '.join(NAMES)})", "document.kind")
     kind = content.get("kind", path.stem if "command" in content else "")
-    require(
-        isinstance(kind, str) and kind in KINDS,
-        f"{path}: no document of cavirheo ({', '.join(NAMES)})",
-        "document.other",
-    )
+    message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
+    require(isinstance(kind, str) and kind in KINDS, message, "document.other")
     return KINDS[kind]

@@ -133,7 +133,7 @@ def each(
     return [outputs[index] for index in range(len(outputs))]
 
 
-def aside(function: Callable[[], Output]) -> Output:
+def run_in_thread(function: Callable[[], Output]) -> Output:
     """function() in a thread of its own: this one only waits, so that Ctrl-C ends a long compilation, too."""
     pool = ThreadPoolExecutor(1)
     try:

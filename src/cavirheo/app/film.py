@@ -27,7 +27,7 @@ from cavirheo.video.measurement import Measurement
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
-from cavirheo.writing.terminal import once
+from cavirheo.writing.terminal import by_message
 
 _CAMERA = {"Frames per second": "as the camera was set", "µm per pixel": "4.0", "Exposure of a frame (µs)": "if known"}
 
@@ -132,7 +132,7 @@ def summary(film: Clip) -> str:
     radii = curve(film)
     cut = f"{film.measurement.cut}: the radius rests on that part alone" * bool(film.measurement.cut)
     texts = (*filter(None, [cut]), *(warning.text for warning in radii.warnings))
-    doubtful = once((film.path.name, words.for_page(text)) for text in texts)
+    doubtful = by_message((film.path.name, words.for_page(text)) for text in texts)
     state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
     return words.part("film", summary_cells(radii), warnings([radii]) | doubtful, notes([radii]), state)
 

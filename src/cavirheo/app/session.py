@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
 from typing import Any, TypeVar
 
-from cavirheo.companions.published_values import published, set_beside, values_of
+from cavirheo.companions.published_values import add_to_groups, published, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
@@ -301,7 +301,7 @@ class Session:
         """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
         material for `cavirheo rheometer`. Raises InputError."""
         values = published(self.reader.ask(paths, (values_of, *map(str, paths))))
-        set_beside(self.answers.document.groups if self.answers else [], values)
+        add_to_groups(self.answers.document.groups if self.answers else [], values)
         self.published.append(values)
 
     @property

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cavirheo.app.session import Answers, PageSettings, Session
-from cavirheo.companions.published_values import set_beside
+from cavirheo.companions.published_values import add_to_groups
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT
@@ -110,7 +110,7 @@ def _pooled(
     document = result(pairs, command, notes=[f"materials that were typed: {materials}"] if materials else [])
     for values in session.published:
         with suppress(InputError):  # other groups than when they were given
-            set_beside(document.groups, values)
+            add_to_groups(document.groups, values)
     return Answers(pairs, document, left, settings, densities)
 
 

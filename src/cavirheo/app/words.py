@@ -21,7 +21,7 @@ from cavirheo.reporting.input_remarks import causes, notes, pooled, summary_cell
 from cavirheo.reporting.record import result_of
 from cavirheo.reporting.svg import curve_svg
 from cavirheo.writing import digits
-from cavirheo.writing.terminal import once
+from cavirheo.writing.terminal import by_message
 
 VERSION = version("cavirheo")
 LEVELS = [  # label and value of each choice of the page
@@ -187,7 +187,7 @@ def facts(session: Session, name: str) -> str:
         rows = {"answer": record, "least squares": curve_record(curve, posterior)}
         records = [row.model_copy(update={"name": what}) for what, row in rows.items()]
         table = html.part("curves_table", records, factor, unit, "Answer and conventional fit", False)
-        failed = once((row.name, row.message) for row in records[1:] if not row.has_answer)
+        failed = by_message((row.name, row.message) for row in records[1:] if not row.has_answer)
         times = (posterior.checks.compared_time for posterior in (answer, posterior))
         frames = [len(time) for time in times if time is not None]
     key = parameter_key(record.other_parameters)

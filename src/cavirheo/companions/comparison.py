@@ -19,7 +19,7 @@ from cavirheo.inference.model import Network
 from cavirheo.inference.posterior_network import network_of
 from cavirheo.io.files import expand
 from cavirheo.io.shots import read_shots, shot_numbers
-from cavirheo.parallel import aside
+from cavirheo.parallel import run_in_thread
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import DOCUMENTS, html, outputs, read_json, result, table, write_report
@@ -167,7 +167,7 @@ def compare(
     if source.is_file():
         message = f"{source} is not answered again: leave out --model, --material, --bubble, --fit and --trust-input"
         require(how in (None, Answering()), message, "compare.answered")
-        document = _beside_result(source, Outputs(out, *DOCUMENTS, inputs=inputs), published, against, notes, head)
+        document = _with_published(source, Outputs(out, *DOCUMENTS, inputs=inputs), published, against, notes, head)
         _write_tables(table_outputs(), document, drawing)
         return ComparisonRun(document)
     how = how or Answering()
@@ -177,7 +177,7 @@ def compare(
     notes = [f"{name}: {note}" for name, read in shots.items() for note in read.notes] + notes
     curves, unread = [curve for read in shots.values() for curve in read.curves], sum(r.unread for r in shots.values())
     unfinished, report = Unfinished(out, visible=progress), outputs(out, curves)
-    aside(load_solver)
+    run_in_thread(load_solver)
     answers = {name: unfinished.answers(read.curves, how.analysis(sets[name])) for name, read in shots.items()}
     pairs = [(shots[name].curves[i], answer) for name, of in answers.items() for i, answer in of.numbered()]
     note = unfinished.note(len(pairs), len(curves))
@@ -218,7 +218,7 @@ def _write_tables(outputs: Outputs, document: Result, drawing: bool) -> None:
     outputs.finish()
 
 
-def _beside_result(
+def _with_published(
     source: Path,
     outputs: Outputs,
     sets: Mapping[str, Published],
@@ -229,7 +229,7 @@ def _beside_result(
     """The answers that are there, with the values beside them: the same documents, without pictures of shots."""
     earlier = read_json(source)
     document = earlier.model_copy(update={**head, "notes": [*earlier.notes, *notes]})
-    document.put_beside(by_group((group.name for group in document.groups), sets), against)
+    document.add_published(by_group((group.name for group in document.groups), sets), against)
     outputs.write("result.json", write_json, document)
     outputs.write("result.csv", table.write_csv, document)
     outputs.write("report.html", html.write, document)
@@ -272,12 +272,9 @@ def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> Shots:
         curves, problems, repeated, hints = read_shots(files, max_radius=scale, shots=shots, **constants)
     except InputError as error:  # a scale that is none of these shots
         return Shots((), 1, [str(error), *notes])
-    words = [
-        f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}"
-        for key, value in settings.items()
-        if key != "files"
-    ]
-    notes += [*repeated, *hints, *([f"with {', '.join(words)}"] if words else [])]
+    values = {key: f"{value:g}" if isinstance(value, float) else value for key, value in settings.items()}
+    words = ", ".join(f"{key} {value}" for key, value in values.items() if key != "files")
+    notes += [*repeated, *hints, *([f"with {words}"] if words else [])]
     return Shots(curves, len(problems), [*problems, *notes])
 
 

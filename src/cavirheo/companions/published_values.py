@@ -218,8 +218,8 @@ def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, P
     return dict(sets) if shared else {name: values for name in names for values in sets.values()}
 
 
-def set_beside(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
+def add_to_groups(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
     """Each group gets the values that `by_group` finds for it. Raises as this."""
     values = by_group((group.name for group in groups), sets)
     for group in groups:
-        group.put_beside(values.get(group.name, {}))
+        group.add_published(values.get(group.name, {}))

@@ -148,10 +148,8 @@ def regimes(document: Rheometry, result: Result) -> str:
     """That rheometer and bubbles measure in different regimes, in their own numbers."""
     (method,) = document.published
     counted = [curve for curve in result.curves if curve.trusted]
-    rates, stretches = (
-        _span((getattr(record, name) for record in of), 2)
-        for name, of in (("strain_rate_per_s", counted), ("median", [curve.stretch for curve in counted]))
-    )
+    rates = _span((curve.strain_rate_per_s for curve in counted), 2)
+    stretches = _span((curve.stretch.median for curve in counted), 2)
     return (
         f"The regimes differ: the rheometer measures at {method.removeprefix('rheometer, ')}, the bubble at {rates} "
         f"1/s and λ = {stretches}. G and µ depend on both: unequal values are not a contradiction."
@@ -164,23 +162,24 @@ def print_rheometry(document: Rheometry) -> None:
 
     console, frequency = terminal.console(), bool(document.of("frequency"))
     for kind in ("strain", "frequency"):
-        sweeps, columns = document.of(kind), columns_of(document, kind)
+        if not (sweeps := document.of(kind)):
+            continue
+        columns = columns_of(document, kind)
         table = terminal.table(f"{kind} sweep", [column.head for column in columns])
         for sweep in sweeps:
             table.add_row(sweep.name, *(_cell(sweep, column) for column in columns))
         table.add_section()
-        means = [
-            digits.spread(spread_of([getattr(of, column.field) for of in sweeps]), column.factor) for column in columns
-        ]
-        for row in [["mean ± std", *means]] if len(sweeps) > 1 else []:
-            table.add_row(*row, style="bold")
-        console.print(table) if sweeps else None
+        if len(sweeps) > 1:
+            means = [spread_of([getattr(sweep, column.field) for sweep in sweeps]) for column in columns]
+            texts = [digits.spread(mean, column.factor) for mean, column in zip(means, columns, strict=True)]
+            table.add_row("mean ± std", *texts, style="bold")
+        console.print(table)
     at = f"{document.at_rad_per_s:g} rad/s"
     answer = f": G = {_with_unit(document.shear_modulus_Pa, *document.unit)} ({document.shear_modulus_from})"
     answer += f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {at}" * frequency
     console.print(Text.assemble((digits.printable(document.material), "bold"), answer))
-    remarks = terminal.once((sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes))
-    terminal.print_remarks(console, remarks, document.notes)
+    remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]
+    terminal.print_remarks(console, terminal.by_message(remarks), document.notes)
 
 
 def _cell(sweep: Sweep, column: Column) -> str:

@@ -86,7 +86,7 @@ def write_report(
     with claim.held(claim.Claim(command, {"command": command, "curves": sources}, replace)):
         folder = outputs(directory, pairs.curves, figures)
         document = result(pairs, command, date=date, notes=notes)
-        document.put_beside(published or {}, references)
+        document.add_published(published or {}, references)
         pictures = _pictures(pairs, document) if draw and complete else ([], [])
         if complete and len(pairs) > MANY:
             try:

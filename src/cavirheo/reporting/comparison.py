@@ -94,7 +94,7 @@ def remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     lines = [group.population.line] if group.population and group.population.has_material else []
     if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
-    reasons = terminal.once((shot.name, shot.message) for shot in shots if not shot.has_answer)
+    reasons = terminal.by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
     return lines + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
 
 
@@ -109,7 +109,7 @@ def print_comparison(result: Result) -> None:
     terminal.print_remarks(console, {}, result.notes)
 
 
-def print_beside(result: Result, warning: str) -> None:
+def print_with_published(result: Result, warning: str) -> None:
     """The table and what must be known of it, below what is printed of another method."""
     console = terminal.console()
     console.print()

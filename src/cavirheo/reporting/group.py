@@ -103,12 +103,9 @@ class GroupModel(Record):
         from cavirheo.inference.alternatives import equal
 
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
-        parameters = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
-        values = [
-            f"{symbol} {digits.spread(value, by)} {of}"
-            for symbol, value, by, of in parameters
-            if value.mean is not None
-        ]
+        modulus = f"G {digits.spread(self.shear_modulus_Pa, factor)} {unit}"
+        viscosity = f"µ {digits.spread(self.viscosity_Pa_s)} Pa s"
+        values = [text for text in (modulus, viscosity) if digits.MISSING not in text]
         sentence = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
         if self.log_evidence is None:
             return sentence
@@ -119,7 +116,7 @@ class GroupModel(Record):
 
     @property
     def preferred(self) -> bool:
-        """Whether the evidence of all shots together rejects the answers beside it; that of each is of a glance."""
+        """Whether the evidence of all shots together rejects the answers for this model."""
         from cavirheo.inference.alternatives import rejects
 
         averaged = self.weight > 0.5  # the answers are mostly this model's
@@ -182,7 +179,7 @@ class GroupRecord(Record):
         means = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
         return {**self.published, **({OURS: means} if self.n and self.published else {})}
 
-    def put_beside(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
+    def add_published(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
         """Add values of other methods, and the errors of all methods to those of the references."""
         self.published |= {method: dict(values) for method, values in published.items()}
         for reference in references:

@@ -110,14 +110,14 @@ class Result(Document):
         members = iter(_members(self.curves).values())
         return [(group, next(members) if group.n + group.n_failed else []) for group in self.groups]
 
-    def put_beside(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCES) -> None:
+    def add_published(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCES) -> None:
         """Add values of other methods to the groups of these names; a name that is no group's becomes a group without
         shots, in the order of the names."""
         for k, name in enumerate(published):
             if name not in [group.name for group in self.groups]:
                 self.groups.insert(k, group_of(name, []))
         for group in self.groups:
-            group.put_beside(published.get(group.name, {}), references)
+            group.add_published(published.get(group.name, {}), references)
 
 
 def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = ()) -> Result:

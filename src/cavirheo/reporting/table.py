@@ -171,11 +171,8 @@ def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     counts = [f"{n} other model preferred" for n in [sum(group.preferred.values())] if n]
     counts += TOGETHER if group.preferred_together else []  # in two lines
     counts += [group.basis or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
-    G, mu = (
-        group.mean(value, scale).replace(" (", "\n(")
-        for value, scale in ((group.shear_modulus_Pa, factor), (group.viscosity, 1.0))
-    )
-    return ["", "", G, mu, "", "", "\n".join(counts)]
+    means = [group.mean(group.shear_modulus_Pa, factor), group.mean(group.viscosity)]
+    return ["", "", *(mean.replace(" (", "\n(") for mean in means), "", "", "\n".join(counts)]
 
 
 def write_csv(path: str | Path, result: Result) -> None:
@@ -217,11 +214,8 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
 def parameters_table(result: Result) -> Table | None:
     """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
     of_law = parameters_of(result.curves)
-    names = [
-        name
-        for name in result.parameters
-        if name not in (*CAMERA, AT_RATE) and (name in of_law or not of_the_law(name))
-    ]
+    names = [name for name in result.parameters if name in of_law or not of_the_law(name)]
+    names = [name for name in names if name not in (*CAMERA, AT_RATE)]
     if not names:
         return None
     table = terminal.table("curve", ["\n".join(filter(None, digits.described(name))) for name in names])

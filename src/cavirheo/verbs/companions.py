@@ -70,7 +70,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import rheometer
         from cavirheo.companions import rheometer_document as document
-        from cavirheo.companions.published_values import set_beside
+        from cavirheo.companions.published_values import add_to_groups
         from cavirheo.reporting import comparison, read_json
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
@@ -92,7 +92,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         rheometry = document.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.head)
         outputs.write("rheometer.csv", document.write_csv, rheometry)
         if result:
-            set_beside(result.groups, {material: rheometry.published})
+            add_to_groups(result.groups, {material: rheometry.published})
             outputs.write("table.csv", comparison.write_csv, result)
         for kind in ("strain", "frequency") if drawing else ():
             if rheometry.of(kind):
@@ -101,7 +101,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         outputs.finish()
         run.show(rheometry, document.print_rheometry)
         if result and not run.quiet:
-            comparison.print_beside(result, document.regimes(rheometry, result))
+            comparison.print_with_published(result, document.regimes(rheometry, result))
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
 
@@ -190,7 +190,7 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.design import Rig, design
         from cavirheo.companions.design_document import picture, print_table
-        from cavirheo.parallel import aside
+        from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
@@ -211,7 +211,7 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
         drawing, names = self.drawing(run), ("shear_modulus", "viscosity", "stretch")
         inputs = [self.result] if self.result else []
         outputs = Outputs(self.out, "design.json", *(["design.png"] if drawing else []), inputs=inputs)
-        aside(load_solver)
+        run_in_thread(load_solver)
         with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
             document = design(
                 self.result,
@@ -226,10 +226,9 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
                 seed=self.seed,
                 done=advance,
             ).model_copy(update=run.head)
+        if drawing:
+            document.notes += outputs.picture("design.png", style.save, picture, document)
         outputs.write("design.json", write_json, document)
-        if drawing and (failed := outputs.picture("design.png", style.save, picture, document)):
-            document.notes += failed
-            outputs.write("design.json", write_json, document)
         outputs.finish()
         run.show(document, print_table)
         run.end(f"written to {self.out} in {{seconds}}")

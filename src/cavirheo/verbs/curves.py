@@ -211,7 +211,7 @@ class Watch(options.Inference):
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
         from cavirheo.io.option_tables import is_size, read_column
-        from cavirheo.parallel import aside
+        from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import html, write_report
         from cavirheo.reporting.table import print_line, print_table
@@ -240,7 +240,7 @@ class Watch(options.Inference):
             patience=self.patience,
             half_width=0.01 * self.wanted_percent,
         )
-        aside(load_solver)
+        run_in_thread(load_solver)
         result = watched.write()
         page = f"{out / html.LIVE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
         run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")

@@ -166,8 +166,8 @@ def _show_curves(path: Path, shots: str | None) -> None:
     terminal.print_warnings(
         console, ((curve.name, warning.text) for curve in curves for warning in input_checks.plain(curve, WATER))
     )
-    terminal.print_remarks(console, terminal.once(remarks))
-    terminal.print_remarks(console, terminal.once((curve.name, note) for curve in curves for note in curve.notes))
+    terminal.print_remarks(console, terminal.by_message(remarks))
+    terminal.print_remarks(console, terminal.by_message((curve.name, note) for curve in curves for note in curve.notes))
 
 
 def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")]) -> None:

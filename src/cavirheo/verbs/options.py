@@ -350,7 +350,7 @@ class Measured(Answering):
     def read(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """All curves of the files, with what a declared column says of them, and the solver loaded. Raises InputError:
         there is none, or the column is not theirs."""
-        from cavirheo.parallel import aside
+        from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
 
         recordings = self.recordings(files, self.exclude)
@@ -362,7 +362,7 @@ class Measured(Answering):
             from cavirheo.io.option_tables import with_column
 
             curves = with_column(curves, self.column)
-        aside(load_solver)
+        run_in_thread(load_solver)
         return curves
 
 

@@ -138,7 +138,7 @@ def add_rows(to: Table, rows: Sequence[tuple[str, Sequence[Any], str]]) -> None:
         to.add_row(name, *entries, style=style)
 
 
-def once(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+def by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """{message: names} of (name, message), each message once and in order; empty messages are left out.
 
     Messages that differ in their numbers alone are one: amounts that are not the same in all become "6.5 to 12 %".
@@ -192,5 +192,5 @@ def print_remarks(
 def print_warnings(to: Console, warnings: Iterable[tuple[str, str]]) -> None:
     """What is to be checked of recordings and settings, of (name, sentence): each once, before all other remarks."""
     look = LOOKS["check_input"]
-    names = {message: list(dict.fromkeys(of)) for message, of in once(warnings).items()}
+    names = {message: list(dict.fromkeys(of)) for message, of in by_message(warnings).items()}
     print_remarks(to, names, most=2, mark=f"{look.words}:", colour=look.terminal)
