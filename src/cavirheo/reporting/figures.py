@@ -20,7 +20,7 @@ from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.curve_panels import RMAX, Axis, Layer, Panel, answer_panels
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.group_panels import GroupPanels, group_panels, shots_of
-from cavirheo.reporting.laws import WeighedLaws
+from cavirheo.reporting.laws import Laws, WeighedLaws
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits, style
 from cavirheo.writing.document import Outputs, drawing
@@ -154,13 +154,26 @@ def write(
         for stem, (name, draw) in zip(stems, drawings, strict=True):
             with drawing(f"figure of {name}", failed):
                 if (figure := draw(look)) is not None:
-                    save(folder, stem, figure, kinds, look.dpi)
+                    _save(folder, stem, figure, kinds, look.dpi)
             if advance:
                 advance()
     return failed
 
 
-def save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str] = KINDS, dpi: int = PAPER.dpi) -> None:
+def write_laws(folder: Outputs, document: Laws) -> list[str]:
+    """Write the figures for a paper of the evidence of laws, of all curves and groups; return the reasons of those that
+    failed."""
+    failed: list[str] = []
+    stems = names(
+        [record.name for record in document.curves], [record.name for record in document.groups], "paper-laws-"
+    )
+    for stem, record in zip(stems, [*document.curves, *document.groups], strict=True):
+        with drawing(stem, failed):
+            _save(folder, stem, laws_figure(record), KINDS, PAPER.dpi)
+    return failed
+
+
+def _save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str], dpi: int) -> None:
     """As a file of each kind."""
     for kind in kinds:
         folder.write(f"{stem}.{kind}", style.save, figure, kind, dpi)

@@ -142,7 +142,7 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         from cavirheo.inference.options import Options
         from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
         from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting.figures import laws_figure, names, save
+        from cavirheo.reporting.figures import write_laws
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
         from cavirheo.workflow.analyse import Unfinished
         from cavirheo.workflow.cluster import connected
@@ -163,32 +163,22 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
             by_law = weighed(curves, analyses, lambda *these: unfinished.answers(*these).numbered())
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
         complete_curves, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
-        singles, groups = ranked(
-            complete_curves, {law: [answers[i] for i in complete] for law, answers in by_law.items()}
-        )
+        complete_answers = {law: [answers[i] for i in complete] for law, answers in by_law.items()}
+        singles, groups = ranked(complete_curves, complete_answers)
         by_curve, by_group = records(complete_curves, singles, groups)
         notes = [*([note] if note else []), *run.notes]
         laws = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
         if note and report.holds("report.html"):
             run.stop(f"{note}; until then the earlier answers stay", out / "laws.json")
+        if "paper" in figures and not note:
+            laws.notes += write_laws(outputs, laws)
         if complete_curves:
             outputs.write("laws.json", document.write_json, laws)
         if note:
             run.stop(note, out / "laws.json" if complete_curves else None)
-        if "paper" in figures:
-            stems = names(
-                [ranking.name for ranking in laws.curves], [ranking.name for ranking in laws.groups], "paper-laws-"
-            )
-            undrawn: list[str] = []
-            for stem, record in zip(stems, [*laws.curves, *laws.groups], strict=True):
-                with document.drawing(stem, undrawn):
-                    save(outputs, stem, laws_figure(record))
-            if undrawn:
-                notes += undrawn
-                outputs.write("laws.json", document.write_json, laws.model_copy(update={"notes": notes}))
         outputs.finish()
         pairs = list(zip(complete_curves, explained(singles, groups), strict=True))
-        how = {"date": run.date, "draw": self.pictures, "notes": [*firmly(laws), *notes]}
+        how = {"date": run.date, "draw": self.pictures, "notes": [*firmly(laws), *laws.notes]}
         with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
             reporting.write_report(out, pairs, run.command, figures, advance=advance, **how)
         unfinished.remove()
