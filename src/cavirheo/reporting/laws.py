@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
+from cavirheo.inference.verify.evidence import Pair, Ranking
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import Slope, in_words, slopes
 from cavirheo.reporting.material import PopulationRecord, population_record
@@ -14,7 +15,6 @@ from cavirheo.writing.document import Document, Record
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
-    from cavirheo.inference.verify.evidence import Ranking
 
 _TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
 
@@ -42,24 +42,6 @@ class WeighedLaw(Record):
     _if_any = ("slopes", "population")
 
 
-class ComparedLaws(Record):
-    """Two laws of a group.
-
-    Attributes:
-        first: the law with the larger evidence.
-        second: the other.
-        difference: sum over the shots of the differences of log evidence.
-        error: its standard error, from their scatter.
-        shots: how many shots speak for the first, and for the second.
-    """
-
-    first: str
-    second: str
-    difference: float
-    error: float
-    shots: tuple[int, int]
-
-
 class WeighedLaws(Record):
     """The laws of one curve, or of a group.
 
@@ -77,7 +59,7 @@ class WeighedLaws(Record):
     chosen: str | None
     contenders: list[str]
     laws: dict[str, WeighedLaw]
-    pairs: list[ComparedLaws] = []
+    pairs: list[Pair] = []
 
 
 class Laws(Document):
@@ -123,9 +105,8 @@ def _record_of(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> Wei
         )
         for law, value in ranking.log_evidence.items()
     }
-    names = ("name", "shots", "chosen", "contenders")
-    pairs = [ComparedLaws(**vars(pair)) for pair in ranking.pairs]
-    return WeighedLaws(**{name: getattr(ranking, name) for name in names}, laws=laws, pairs=pairs)
+    names = ("name", "shots", "chosen", "contenders", "pairs")
+    return WeighedLaws(**{name: getattr(ranking, name) for name in names}, laws=laws)
 
 
 def print_table(document: Laws) -> None:
