@@ -82,7 +82,6 @@ ANSWERS = Page(
                 "cavirheo.reporting.group": "GroupModel GroupRecord PublishedValue Slope",
                 "cavirheo.reporting.material": "PopulationRecord GroupDifference MaterialRatio",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw",
-                "cavirheo.inference.verify.evidence": "Pair",
                 "cavirheo.companions.design_document": "Design DesignedSetting CheckedSetting",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
                 "cavirheo.companions.rheometer_document": "Rheometry",
