@@ -236,7 +236,7 @@ the scatter is taken for 0. Reached: half of the 90 % interval after as many ove
         for k in range(repeats):
             rng = np.random.default_rng([k, count, int(100 * spread)])
             first = shots(count, spread, rng)
-            _, known, scatter = population_record(population(first)).known(NAMES)
+            _, known, scatter = population_record(population(first)).log_moments(NAMES)
             one = np.eye(2) / WIDTH**2
             more = shots_wanted(shared(one, scatter), known, TOLD_FOR)
             told.append(count + more)

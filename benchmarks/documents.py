@@ -18,7 +18,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from cavirheo import infer_many, read_curves
-from cavirheo.parallel import cores
 from cavirheo.reporting import write_report
 from cavirheo.reporting.record import Pairs
 
@@ -42,7 +41,7 @@ def main(count: int = 5000, together: int = 50) -> None:
     pairs = answers(count, together)
     with TemporaryDirectory() as folder:
         began, used = time.perf_counter(), time.process_time()
-        write_report(folder, pairs, "benchmark", workers=cores())
+        write_report(folder, pairs, "benchmark")
         wall, here = time.perf_counter() - began, time.process_time() - used
         sizes = {path.name: path.stat().st_size / 1e6 for path in Path(folder).iterdir() if path.is_file()}
     there = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])

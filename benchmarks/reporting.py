@@ -18,7 +18,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from cavirheo import RadiusCurve, infer_many, read_curves
-from cavirheo.parallel import cores
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import write_report
 
@@ -45,7 +44,7 @@ def measure(n: int) -> list[str]:
     pairs = list(zip(curves, answers, strict=True))
     with TemporaryDirectory() as folder:
         write_report(folder, pairs[:1], "warm")
-        (report, worked), _ = timed(lambda: write_report(folder, pairs, "benchmark", workers=cores()))
+        (report, worked), _ = timed(lambda: write_report(folder, pairs, "benchmark"))
         size = Path(folder, "report.html").stat().st_size / 1e6
     row = f"{n}", f"{inference:.2f}", f"{report:.2f}", f"{report / inference:.2f}", f"{thought:.2f}", f"{worked:.2f}"
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -17,6 +17,7 @@ from pydantic import BaseModel
 
 from cavirheo import loading, posterior
 from cavirheo.inference.model import ModelCard, PosteriorCard
+from cavirheo.inference.verify import evidence
 from cavirheo.physics import bubble, media
 from cavirheo.reporting.record import Result
 from cavirheo.writing.document import Document
@@ -70,7 +71,8 @@ def records(kind: type[BaseModel]) -> dict[str, Schema]:
 def schema(kind: type[BaseModel]) -> Schema:
     """JSON Schema of a document, each field with its meaning as `description`; without what is not written."""
     whole = kind.model_json_schema()
-    known = (*below(BaseModel), *vars(posterior).values(), *vars(bubble).values(), *vars(media).values())
+    modules = (posterior, bubble, media, evidence)
+    known = (*below(BaseModel), *(thing for module in modules for thing in vars(module).values()))
     classes = {one.__name__: one for one in known if isinstance(one, type)}
     for name, one in {kind.__name__: whole, **whole.get("$defs", {})}.items():
         one["description"], said = meanings(classes[name])

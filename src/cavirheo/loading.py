@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
     from cavirheo.training.dataset import Dataset
 
-Wanted = TypeVar("Wanted", bound="Document | Dataset")
+Loaded = TypeVar("Loaded", bound="Document | Dataset")
 
 
 class Kind(NamedTuple):
@@ -33,7 +33,6 @@ KINDS = {
     "collapse-time": Kind("companions.collapse_times", "CollapseTimes", "companions.collapse_times.print_table"),
     "measure": Kind("video.document", "Measured", "video.document.print_table"),
     "design": Kind("companions.design_document", "Design", "companions.design_document.print_table"),
-    "network-design": Kind("companions.network_design", "NetworkDesign", "companions.network_design.print_table"),
     "metrics": Kind("training.documents", "Metrics", "training.documents.print_metrics"),
     "training": Kind("training.documents", "TrainingRun", "training.documents.print_run"),
 }
@@ -45,7 +44,7 @@ def load(path: str | Path) -> Result | Any: ...  # so that a name which no Resul
 
 
 @overload
-def load(path: str | Path, kind: type[Wanted]) -> Wanted: ...
+def load(path: str | Path, kind: type[Loaded]) -> Loaded: ...
 
 
 def load(path: str | Path, kind: type[Any] | None = None) -> Any:
@@ -53,7 +52,7 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
 
     Args:
         path: a file of any name, a folder with one, or a folder of `cavirheo generate`.
-        kind: the class that is wanted, and no other; default: whichever is there, and a `Result` to type checkers.
+        kind: the class that the file must hold; default: any, and a `Result` to type checkers.
 
     Returns:
         The object that was written. Numbers are SI, as in the file.
@@ -62,11 +61,13 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
         InputError: nothing there, nothing that cavirheo wrote, or another kind.
     """
     expect(object if kind is None else kind, type, "a class such as Result, of cavirheo.reporting.record")
-    found = _load(path)
-    if kind is not None and not isinstance(found, kind):
-        message = f"{path} is a {type(found).__name__}, not a {kind.__name__}: give another file, or leave out the kind"
+    loaded = _load(path)
+    if kind is not None and not isinstance(loaded, kind):
+        message = (
+            f"{path} is a {type(loaded).__name__}, not a {kind.__name__}: give another file, or leave out the kind"
+        )
         raise InputError(message, "loading.kind")
-    return found
+    return loaded
 
 
 def _load(path: str | Path) -> Document | Dataset:
@@ -76,10 +77,10 @@ def _load(path: str | Path) -> Document | Dataset:
             from cavirheo.training import dataset
 
             return dataset.load(path)
-        found = [path / name for name in NAMES if (path / name).is_file()]
-        held = ", ".join(one.name for one in found) or f"none of {', '.join(NAMES)}, and no training set"
-        require(len(found) == 1, f"{path} holds {held}: name the file", "loading.folder")
-        (path,) = found
+        documents = [path / name for name in NAMES if (path / name).is_file()]
+        held = ", ".join(document.name for document in documents) or f"none of {', '.join(NAMES)}, and no training set"
+        require(len(documents) == 1, f"{path} holds {held}: name the file", "loading.folder")
+        (path,) = documents
     kind = kind_of(path)
     return read_json(path, getattr(import_module(f"cavirheo.{kind.module}"), kind.name))
 
@@ -99,9 +100,6 @@ def kind_of(path: Path) -> Kind:
         message = f"{path} does not say of which kind it is, as those of an older version: name it as it was written"
         raise InputError(f"{message} ({', '.join(NAMES)})", "document.kind")
     kind = content.get("kind", path.stem if "command" in content else "")
-    require(
-        isinstance(kind, str) and kind in KINDS,
-        f"{path}: no document of cavirheo ({', '.join(NAMES)})",
-        "document.other",
-    )
+    message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
+    require(isinstance(kind, str) and kind in KINDS, message, "document.other")
     return KINDS[kind]

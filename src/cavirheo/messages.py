@@ -33,10 +33,10 @@ class Message:
     @property
     def text(self) -> str:
         """The sentence."""
-        known, values = _sentence_of(self.code), self.parameters
-        if known is None:
+        sentence, values = _sentence_of(self.code), self.parameters
+        if sentence is None:
             return str(values["text"])
-        common, details = known
+        common, details = sentence
         return common + (details.format(**values) if isinstance(details, str) else details(values))
 
     @property
@@ -52,8 +52,8 @@ def is_input_warning(code: str) -> bool:
 
 def title(code: str) -> str:
     """What all messages with this code have in common, without the values of one; "" of a code without a sentence."""
-    known = _sentence_of(code)
-    return known[0] if known else ""
+    sentence = _sentence_of(code)
+    return sentence[0] if sentence else ""
 
 
 def of_bound(name: str, bound: str, interval: tuple[float, float, float]) -> Message:
@@ -77,21 +77,21 @@ def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
     from cavirheo.writing import digits
     from cavirheo.writing.document import Quantity
 
-    (low, median, high), known = interval, about(name)
+    (low, median, high), parameter = interval, about(name)
     value = Quantity(median=median)  # without an interval, where its ends are one
     if low < high:
         value = Quantity(median=median, q05=low, q95=high, bound=searched_bound(name, low, high))
-    return f"{known.symbol} {digits.measured(value, *digits.unit_for(known.unit, median))}"
+    return f"{parameter.symbol} {digits.measured(value, *digits.unit_for(parameter.unit, median))}"
 
 
 def _sentence_of(code: str) -> tuple[str, str | _Details] | None:
     """(what all messages with this code have in common, what the values of one add)."""
-    family, *rest = code.split(".")
-    known = _SENTENCES.get(code) or _SENTENCES.get(family)
-    if isinstance(known, str):
-        common, _, details = known.partition("|")
+    family, *arguments = code.split(".")
+    sentence = _SENTENCES.get(code) or _SENTENCES.get(family)
+    if isinstance(sentence, str):
+        common, _, details = sentence.partition("|")
         return common, details
-    return known and (known[0] if isinstance(known[0], str) else known[0](*rest), known[1])
+    return sentence and (sentence[0] if isinstance(sentence[0], str) else sentence[0](*arguments), sentence[1])
 
 
 def _repeated(p: Mapping[str, Any]) -> str:
@@ -198,21 +198,21 @@ def _training_range(p: Mapping[str, Any]) -> str:
     return f" (at the training scale 10^{p['value']:.2f}, trained in 10^{p['low']:g} to 10^{p['high']:g})"
 
 
-def _model(one: Mapping[str, Any], law: bool, bubble: bool) -> str:
+def _model(model: Mapping[str, Any], law: bool, bubble: bool) -> str:
     """A model by its law, by the words for its bubble, or both."""
-    return ", ".join([one["material"]] * law + [one["bubble"]] * bubble)
+    return ", ".join([model["material"]] * law + [model["bubble"]] * bubble)
 
 
-def _values(one: Mapping[str, Any]) -> str:
-    words = ", ".join(value_in_words(name, ends) for name, ends in one["values"].items())
-    return words if one["interval"] else f"{words} (no interval)"
+def _values(model: Mapping[str, Any]) -> str:
+    words = ", ".join(value_in_words(name, ends) for name, ends in model["values"].items())
+    return words if model["interval"] else f"{words} (no interval)"
 
 
 def _both(p: Mapping[str, Any]) -> str:
     """Two models by what tells them apart, law or bubble, with their values."""
     this, rival = p["here"], p["there"]
     tells = this["material"] != rival["material"], this["bubble"] != rival["bubble"]
-    first, second = (f"{_model(one, *tells)} with {_values(one)}" for one in (this, rival))
+    first, second = (f"{_model(model, *tells)} with {_values(model)}" for model in (this, rival))
     return f"{second}, instead of {first}"
 
 
@@ -240,17 +240,19 @@ def _two_modes(p: Mapping[str, Any]) -> str:
 
 def _chosen(p: Mapping[str, Any]) -> str:
     this, rivals = p["here"], p["rivals"]
-    tells = tuple(any(one[key] != this[key] for one in rivals) for key in ("material", "bubble"))
+    tells = tuple(any(rival[key] != this[key] for rival in rivals) for key in ("material", "bubble"))
     parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
-    for one in rivals:
-        gain = one["gain"]
-        words = "equally likely" if one["equal"] else f"e^{abs(gain):.0f} times {'more' if gain > 0 else 'less'} likely"
-        parts["rejected" if one["rejected"] else "also possible"].append(f"{_model(one, *tells)} ({words})")
+    for rival in rivals:
+        gain = rival["gain"]
+        words = (
+            "equally likely" if rival["equal"] else f"e^{abs(gain):.0f} times {'more' if gain > 0 else 'less'} likely"
+        )
+        parts["rejected" if rival["rejected"] else "also possible"].append(f"{_model(rival, *tells)} ({words})")
     return ", ".join([f": {_model(this, *tells)}", *(f"{words}: {', '.join(m)}" for words, m in parts.items() if m)])
 
 
 def _averaged(p: Mapping[str, Any]) -> str:
-    laws = sorted(p["laws"].items(), key=lambda one: -one[1])
+    laws = sorted(p["laws"].items(), key=lambda item: -item[1])
     counted = [f"{law} {100.0 * share:.0f} %" for law, share in laws if share >= _COUNTED]
     rejected = [law for law, share in laws if share < _COUNTED]
     return f": {', '.join(counted)}" + f"; rejected: {', '.join(rejected)}" * bool(rejected)

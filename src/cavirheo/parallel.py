@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-import multiprocessing
 import os
-import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
-from multiprocessing.pool import Pool
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
@@ -21,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from cavirheo.errors import expect_whole, require
 
 Job = TypeVar("Job")
-Done = TypeVar("Done")
+Output = TypeVar("Output")
 
 
 def cores(workers: int | None = None) -> int:
@@ -62,10 +59,10 @@ one_blas_thread = _OneBlasThread()
 
 
 class Executor(Protocol):
-    """Where units of work are done: `Threads` here, or the workers of a cluster. What is found is the same."""
+    """Where units of work run: `Threads` here, or the workers of a cluster. The outputs are the same."""
 
-    def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
-        """(index, work(job)) of each job, in the order in which they end. Close it to drop what has not begun.
+    def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
+        """(index, function(job)) of each job, in the order in which they end. Close it to drop what has not begun.
 
         A job is asked for when its turn comes, so that not all need be in memory.
         """
@@ -77,19 +74,21 @@ class Threads:
 
     workers: int | None = None
 
-    def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
+    def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
         """As `Executor.flow`. An exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has
         begun ends by itself. BLAS has one thread meanwhile."""
         with one_blas_thread:
-            yield from self._flow(work, jobs)
+            yield from self._flow(function, jobs)
 
-    def _flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
+    def _flow(
+        self, function: Callable[[Job], Output], jobs: Sequence[Job]
+    ) -> Generator[tuple[int, Output], None, None]:
         waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
         count = len(waiting)
         threads = min(cores(self.workers), count)
         if threads < 2:
             for index in waiting:
-                yield index, work(jobs[index])
+                yield index, function(jobs[index])
             return
         pool = ThreadPoolExecutor(threads)
 
@@ -98,7 +97,7 @@ class Threads:
                 while True:
                     index = waiting.popleft()
                     try:
-                        ended.put((index, work(jobs[index]), None))
+                        ended.put((index, function(jobs[index]), None))
                     except BaseException as error:  # raised again in the thread that waits
                         ended.put((index, None, error))
 
@@ -116,29 +115,29 @@ class Threads:
 
 
 def each(
-    work: Callable[[Job], Done],
+    function: Callable[[Job], Output],
     jobs: Iterable[Job],
     workers: int | None = None,
-    done: Callable[[int, Done], None] | None = None,
-) -> list[Done]:
-    """work(job) of each job, in their order, on so many threads (all cores by default).
+    on_output: Callable[[int, Output], None] | None = None,
+) -> list[Output]:
+    """function(job) of each job, in their order, on so many threads (all cores by default).
 
-    `done` is called in this thread with the index of each and what came of it, in the order in which they end.
+    `on_output` is called in this thread with the index and the output of each job, in the order in which they end.
     """
-    found: dict[int, Done] = {}
-    with closing(Threads(workers).flow(work, list(jobs))) as flow:
+    outputs: dict[int, Output] = {}
+    with closing(Threads(workers).flow(function, list(jobs))) as flow:
         for index, result in flow:
-            found[index] = result
-            if done:
-                done(index, result)
-    return [found[index] for index in range(len(found))]
+            outputs[index] = result
+            if on_output:
+                on_output(index, result)
+    return [outputs[index] for index in range(len(outputs))]
 
 
-def aside(work: Callable[[], Done]) -> Done:
-    """work() in a thread of its own: this one only waits, so that Ctrl-C is obeyed during a long compilation, too."""
+def run_in_thread(function: Callable[[], Output]) -> Output:
+    """function() in a thread of its own: this one only waits, so that Ctrl-C ends a long compilation, too."""
     pool = ThreadPoolExecutor(1)
     try:
-        return pool.submit(work).result()
+        return pool.submit(function).result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
@@ -149,7 +148,7 @@ class Stoppable:
 
     def __init__(self) -> None:
         self.busy, self.stopped = threading.Lock(), threading.Event()
-        self._left: set[Future[Any]] = set()  # jobs that were in work when it was stopped: they end by themselves
+        self._left: set[Future[Any]] = set()  # jobs that ran when it was stopped: they end by themselves
 
     def ready(self) -> bool:
         """Whether nothing goes on; a stop of before is forgotten then."""
@@ -157,17 +156,17 @@ class Stoppable:
             self.stopped.clear()
         return free
 
-    def each(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done | None]:
-        """work(job) of each, in their order; None for those that were not done when it was stopped.
+    def each(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> list[Output | None]:
+        """function(job) of each, in their order; None for those that had not ended when it was stopped.
 
-        Raises InputError: stopped before the first was done, or the list before is in work.
+        Raises InputError: stopped before the first ended, or the list before still runs.
         """
         free = self.busy.acquire(blocking=False)
         require(free, "the run before goes on: stop it, or wait for its end", "parallel.busy")
         try:
             wait(self._left)  # one who stops and starts in turns takes no more cores than others
             pool = ThreadPoolExecutor(cores())
-            tasks = [pool.submit(work, job) for job in jobs]
+            tasks = [pool.submit(function, job) for job in jobs]
             left = set(tasks)
             while left and not self.stopped.is_set():
                 left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED).not_done
@@ -179,33 +178,7 @@ class Stoppable:
         return [None if task in left else task.result() for task in tasks]
 
 
-@contextmanager
-def processes(workers: int) -> Iterator[Pool]:
-    """So many, which leave Ctrl+C to this one and end at once when the block is left; for Python that keeps its
-    interpreter busy. The main module of the program must be safe to import."""
-    ours = threading.current_thread() is threading.main_thread()  # others may not change signals
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None  # which is inherited
-    try:
-        pool = multiprocessing.get_context("spawn").Pool(workers, _follow)
-    finally:
-        if ours:
-            signal.signal(signal.SIGINT, before)
-    with pool:
-        yield pool
-
-
-def _follow() -> None:
-    """Such a process ends with the one that asked, however that ends."""
-
-    def wait() -> None:
-        if asking := multiprocessing.parent_process():
-            asking.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
-
-
-def of_memory(name: str, *given: int) -> None:
+def call_glibc(name: str, *arguments: int) -> None:
     """Call a function of the C library on memory, where it is glibc."""
     with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None)[name](*given)
+        ctypes.CDLL(None)[name](*arguments)

@@ -285,10 +285,10 @@ class Posterior:
         """Where the central 90 % interval reaches an end of the range of `prior`, else of the search: "upper" (the
         value is below the interval's upper end), "lower" (above its lower end) or "undetermined" (nothing is known);
         None for an interval within the range, or none. Raises InputError: as `draws`."""
-        ends, known = self.interval(name), LOG10 + name if LOG10 + name in self.names else name
-        if ends and known in self.prior:
-            low, high, *_ = self.prior[known]
-            return bound_of(scaled(known, ends[0]), scaled(known, ends[1]), (low, high))
+        ends, scaled_name = self.interval(name), LOG10 + name if LOG10 + name in self.names else name
+        if ends and scaled_name in self.prior:
+            low, high, *_ = self.prior[scaled_name]
+            return bound_of(scaled(scaled_name, ends[0]), scaled(scaled_name, ends[1]), (low, high))
         return searched_bound(name, *ends) if ends else None
 
     def quantity(self, name: str) -> Quantity:
@@ -312,7 +312,7 @@ class Posterior:
         from cavirheo.writing import export
 
         columns = {export.column(name, unit): self.draws(name) for name, unit in self.parameters.items()}
-        return export.dataframe({**columns, "weight": self.weights}, self._about)
+        return export.dataframe({**columns, "weight": self.weights}, self._attributes)
 
     def to_arviz(self) -> Any:
         """The draws as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on).
@@ -328,7 +328,7 @@ class Posterior:
             "posterior": {name: self.draws(name) for name in self.parameters},
             "sample_stats": {name: values for name, values in stats.items() if values is not None},
         }
-        return inference_data(groups, self.parameters, self._about)
+        return inference_data(groups, self.parameters, self._attributes)
 
     def plot(self) -> Figure:
         """The marginals of the draws and their pairs (library corner); lines mark the median and the central 90 %.
@@ -338,11 +338,11 @@ class Posterior:
         from cavirheo.writing.export import pairs
 
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
-        named = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
-        return pairs({label: self.draws(name) for label, name in named.items()}, self.weights)
+        by_label = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
+        return pairs({label: self.draws(name) for label, name in by_label.items()}, self.weights)
 
     @property
-    def _about(self) -> dict[str, str]:
+    def _attributes(self) -> dict[str, str]:
         return {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
 
 

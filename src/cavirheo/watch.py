@@ -57,29 +57,29 @@ class WatchedFile:
 
 
 @dataclass
-class Trial:
-    """A file that could not be read: since when (s), and when it is tried again."""
+class Retry:
+    """A file that could not be read. first_s: time of the first try, next_s: of the next one, both in s."""
 
     state: State
-    since: float
-    again: float
+    first_s: float
+    next_s: float
 
 
 @dataclass(eq=False, repr=False)
 class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
-    analysis: how curves are answered. read: the curves of one file. reading: all that `read` depends on besides the
-    medium. group: as in `read_shots`. column: a table as of `read_column`, which may grow while shots arrive, or the
-    word R_max. half_width: as for `html.live_page`. say: told one line of what goes wrong. show: told each row as it is
-    found.
+    analysis: how curves are answered. read: gives the curves of one file. read_settings: all that `read` depends on
+    besides the medium. group: as in `read_shots`. column: a table as of `read_column`, which may grow while shots
+    arrive, or the word R_max. half_width: as for `html.live_page`. say: is called with one line about what goes wrong.
+    show: is called with each new row.
     """
 
     folder: Path
     out: Path
     analysis: Analysis
     read: Callable[[Path], CurveSet]
-    reading: object = None
+    read_settings: object = None
     _: KW_ONLY
     group: str = "auto"
     column: Path | None = None
@@ -97,62 +97,63 @@ class Watch:
         self._column_then = _state(self.column)
         self.outputs, self.page = Outputs(self.out, *DOCUMENTS), Outputs(self.out, html.LIVE)
         self.store = Store(self.out / "watched", most=0)
-        how = key_of([version("cavirheo"), self.reading, self.analysis.medium])[:16]  # read otherwise, other curves
+        # other settings read other curves
+        how = key_of([version("cavirheo"), self.read_settings, self.analysis.medium])[:16]
         self.records = Store(self.out / "watched" / how, most=0)
         self.files: dict[str, WatchedFile] = {}
         self.owner: dict[bytes, str] = {}  # the file of each recording
-        self._seen: dict[Path, tuple[State, float]] = {}
-        self._trials: dict[Path, Trial] = {}
+        self._states: dict[Path, tuple[State, float]] = {}  # of each file, and s since when it has not changed
+        self._retries: dict[Path, Retry] = {}
         self._latest: Posterior | None = None
-        self._told: set[str] = set()
+        self._messages: set[str] = set()  # that were said, each once
         self._unwritten, self._due = False, 0.0  # whether the documents lack anything, and from when on they may follow
         for record in self.records.values(dict):
-            self._own(WatchedFile(**record))
+            self._count(WatchedFile(**record))
 
-    def answered(self) -> tuple[list[tuple[RadiusCurve, Posterior]], list[str]]:
+    def pairs(self) -> tuple[list[tuple[RadiusCurve, Posterior]], list[str]]:
         """Every curve, named and grouped among all, with its answer, in the order of the files; and what is to be said
         of the files and of the scales and constants of their curves."""
         files = self._in_order()
-        named, _, again, hints = read_shots([curve for one in files for curve in one.curves], group=self.group)
-        remarks = [remark for one in files for remark in one.remarks]
-        named = self._with_column(named, remarks)
-        answers = [answer for one in files for answer in one.answers]
-        pairs = [(curve, answer) for curve, answer in zip(named, answers, strict=True) if answer]
-        return pairs, remarks + again + hints
+        curves, _, repeated, hints = read_shots([curve for file in files for curve in file.curves], group=self.group)
+        remarks = [remark for file in files for remark in file.remarks]
+        curves = self._with_column(curves, remarks)
+        answers = [answer for file in files for answer in file.answers]
+        pairs = [(curve, answer) for curve, answer in zip(curves, answers, strict=True) if answer]
+        return pairs, remarks + repeated + hints
 
     @property
     def unreadable(self) -> int:
-        return sum(one.unreadable for one in self.files.values())
+        return sum(file.unreadable for file in self.files.values())
 
     def pause(self) -> bool:
         """Wait until the next look. Whether anything is still to come: a file in the making, or documents."""
         time.sleep(LOOK)
-        moving = any(self._is_news(path, state) for path, (state, _) in self._seen.items())
-        return moving or bool(self._trials) or self._unwritten
+        moving = any(self._is_news(path, state) for path, (state, _) in self._states.items())
+        return moving or bool(self._retries) or self._unwritten
 
     def once(self) -> bool:
         """Answer the next files that are complete, as many at once as keep all cores busy. Whether there were any."""
-        found = 0
+        count = 0
         for path, state in self._complete():
-            if one := self._read(path, state):
-                known = self.files.get(one.path)
-                self.records.put(key_of(one.path), vars(one))
-                self._own(one)
-                found += 1
-                if known and known.curves and None in one.answers:
+            if file := self._read(path, state):
+                earlier = self.files.get(file.path)
+                self.records.put(key_of(file.path), vars(file))
+                self._count(file)
+                count += 1
+                if earlier and earlier.curves and None in file.answers:
                     self._say_once(f"{path.name} has changed: its recordings are answered anew")
-            if sum(one.answers.count(None) for one in self.files.values()) >= 2 * cores():
+            if sum(file.answers.count(None) for file in self.files.values()) >= 2 * cores():
                 break
-        left = [(one, k) for one in self._in_order() for k, answer in enumerate(one.answers) if answer is None]
-        self._unwritten |= found > 0 or _state(self.column) != self._column_then
-        for place, answer in analyse([one.curves[k] for one, k in left], self.analysis, self.store):
-            one, k = left[place]
-            row = curve_record(one.curves[k], answer)
-            one.answers[k], one.rows[k], self._latest, self._unwritten = answer, row, answer, True
+        left = [(file, k) for file in self._in_order() for k, answer in enumerate(file.answers) if answer is None]
+        self._unwritten |= count > 0 or _state(self.column) != self._column_then
+        for place, answer in analyse([file.curves[k] for file, k in left], self.analysis, self.store):
+            file, k = left[place]
+            row = curve_record(file.curves[k], answer)
+            file.answers[k], file.rows[k], self._latest, self._unwritten = answer, row, answer, True
             self.show(row)
             self._write_if_due()
         self._write_if_due()
-        return found > 0 or bool(left)
+        return count > 0 or bool(left)
 
     def _write_if_due(self) -> None:
         """The documents, where they lack anything. They take a part of the time at most, however many shots there are:
@@ -164,10 +165,10 @@ class Watch:
         """result.json, result.csv and the page on the wall, of all that is answered."""
         began = time.monotonic()
         self._column_then, self._unwritten = _state(self.column), False
-        (pairs, notes), keys = self.answered(), ("name", "group", "group_source", "column")
-        made = [row for one in self._in_order() for row in one.rows if row]
-        named = [{key: getattr(curve, key) for key in keys} for curve, _ in pairs]
-        rows = [row.model_copy(update=about) for row, about in zip(made, named, strict=True)]
+        (pairs, notes), keys = self.pairs(), ("name", "group", "group_source", "column")
+        answered_rows = [row for file in self._in_order() for row in file.rows if row]
+        labels = [{key: getattr(curve, key) for key in keys} for curve, _ in pairs]
+        rows = [row.model_copy(update=label) for row, label in zip(answered_rows, labels, strict=True)]
         result = result_of(rows, self.command, [answer for _, answer in pairs], date=self.date, notes=notes)
         if pairs or not self.outputs.holds("result.json"):  # earlier answers stay until there are others
             self.outputs.write("result.json", write_json, result)
@@ -190,41 +191,42 @@ class Watch:
             self._say_once(f"{error}; {self.column.name} does not count until this is mended")
             remarks.append(str(error))
             return curves
-        found, unknown, without = with_given_values(curves, title, values)
+        labelled, unknown, without = with_given_values(curves, title, values)
         if without:
             remarks.append(f"{self.column.name} has no value of {title} for {listed(without)}: no part of a slope")
         if unknown:
             remarks.append(f"{self.column.name} names {listed(unknown)}, which is not here")
-        return found
+        return labelled
 
     def _complete(self) -> list[tuple[Path, State]]:
         """Files that are new and did not change for a while, the oldest first."""
-        now, found = time.monotonic(), {}
+        now, states = time.monotonic(), {}
         try:
             for path in measurements(self.folder)[0]:
                 if self.column is not None and path.resolve() == self.column.resolve():
                     continue
                 moved = str(pixels_of(path)) in self.files  # a header alone, whose film was answered
                 if not moved and (state := _state(path)):
-                    found[path] = state
+                    states[path] = state
         except OSError as error:  # a file that is gone again, a share that is away for a moment
             self._say_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
-        before, self._seen = self._seen, {}
-        for path, state in found.items():
+        before, self._states = self._states, {}
+        for path, state in states.items():
             same = path in before and before[path][0] == state
-            self._seen[path] = before[path] if same else (state, now)
-        self._trials = {path: trial for path, trial in self._trials.items() if path in found}
-        for one in [one for one in self.files.values() if one.unreadable and pixels_of(Path(one.path)) in found]:
-            del self.files[one.path]  # a header whose pixels came later than was waited for
-            self.records.remove([key_of(one.path)])
-            self._disown(set(map(samples_of, one.curves)), one.path)
-        stable = [(path, state) for path, (state, since) in self._seen.items() if now - since >= LOOK]
-        return sorted((one for one in stable if self._is_news(*one)), key=lambda one: (one[1][1], one[0]))
+            self._states[path] = before[path] if same else (state, now)
+        self._retries = {path: retry for path, retry in self._retries.items() if path in states}
+        for file in [file for file in self.files.values() if file.unreadable and pixels_of(Path(file.path)) in states]:
+            del self.files[file.path]  # a header whose pixels came later than was waited for
+            self.records.remove([key_of(file.path)])
+            self._discount(set(map(samples_of, file.curves)), file.path)
+        stable = [(path, state) for path, (state, since) in self._states.items() if now - since >= LOOK]
+        news = [(path, state) for path, state in stable if self._is_news(path, state)]
+        return sorted(news, key=lambda pair: (pair[1][1], pair[0]))
 
     def _is_news(self, path: Path, state: State) -> bool:
-        known, trial = self.files.get(str(path)), self._trials.get(path)
-        waits = trial is not None and trial.state == state and time.monotonic() < trial.again
-        return not waits and (known is None or known.state != state)
+        file, retry = self.files.get(str(path)), self._retries.get(path)
+        waits = retry is not None and retry.state == state and time.monotonic() < retry.next_s
+        return not waits and (file is None or file.state != state)
 
     def _read(self, path: Path, state: State) -> WatchedFile | None:
         """What is in a file; None if it is to be tried again. One that stays as it is and cannot be read is a curve
@@ -235,56 +237,56 @@ class Watch:
             curves, problems, remarks, _ = CurveSet([], [f"{path}: {error}"], [], [])
         if _state(path) != state:
             return None  # it is being written
-        known = self.files.get(str(path))
-        one = WatchedFile(str(path), state, known.order if known else state[1], [])
+        earlier = self.files.get(str(path))
+        file = WatchedFile(str(path), state, earlier.order if earlier else state[1], [])
         if problems:
-            now, trial = time.monotonic(), self._trials.get(path)
-            if trial is None or trial.state != state:
-                trial = self._trials[path] = Trial(state, now, now)
+            now, retry = time.monotonic(), self._retries.get(path)
+            if retry is None or retry.state != state:
+                retry = self._retries[path] = Retry(state, now, now)
                 self._say_once(f"{problems[0]}; it is tried again for {self.patience:g} s, and whenever it changes")
-            trial.again = now + max(LOOK, now - trial.since)
-            if now - trial.since < self.patience:
-                trial.again = min(trial.again, trial.since + self.patience)
+            retry.next_s = now + max(LOOK, now - retry.first_s)
+            if now - retry.first_s < self.patience:
+                retry.next_s = min(retry.next_s, retry.first_s + self.patience)
                 return None
             stem = {"name": path.stem, "group": path.stem, "source": file_label(path)}
-            curves, one.unreadable = [RadiusCurve([], [], meta=stem, unusable=problems[0])], True  # type: ignore[arg-type]
-        self._trials.pop(path, None)
-        one.remarks = list(remarks)
+            curves, file.unreadable = [RadiusCurve([], [], meta=stem, unusable=problems[0])], True  # type: ignore[arg-type]
+        self._retries.pop(path, None)
+        file.remarks = list(remarks)
         for curve in curves:
-            owner = self.owner.get(samples_of(curve), one.path)
-            if owner == one.path:
-                one.curves.append(curve)
+            owner = self.owner.get(samples_of(curve), file.path)
+            if owner == file.path:
+                file.curves.append(curve)
             else:
-                one.twins.append(owner)
-                one.remarks.append(f"{path.name}: {curve.name} is the same recording as in {owner}: counted once")
-                self._say_once(one.remarks[-1])
-        return one
+                file.twins.append(owner)
+                file.remarks.append(f"{path.name}: {curve.name} is the same recording as in {owner}: counted once")
+                self._say_once(file.remarks[-1])
+        return file
 
-    def _own(self, one: WatchedFile) -> None:
+    def _count(self, file: WatchedFile) -> None:
         """Count a file, instead of what it was before; the twins of recordings that are gone from it are read again."""
-        before, self.files[one.path] = self.files.get(one.path), one
-        known = [self.store.get(self.analysis.key(curve)) for curve in one.curves]
-        one.answers = [answer and of_file(answer, curve) for curve, answer in zip(one.curves, known, strict=True)]
-        pairs = zip(one.curves, one.answers, strict=True)
-        one.rows = [curve_record(curve, answer) if answer else None for curve, answer in pairs]
-        mine = dict.fromkeys(map(samples_of, one.curves), one.path)
+        before, self.files[file.path] = self.files.get(file.path), file
+        answers = [self.store.get(self.analysis.key(curve)) for curve in file.curves]
+        file.answers = [answer and of_file(answer, curve) for curve, answer in zip(file.curves, answers, strict=True)]
+        pairs = zip(file.curves, file.answers, strict=True)
+        file.rows = [curve_record(curve, answer) if answer else None for curve, answer in pairs]
+        mine = dict.fromkeys(map(samples_of, file.curves), file.path)
         gone = {samples_of(curve) for curve in before.curves} - {*mine} if before else set()
-        self._disown(gone, one.path)
+        self._discount(gone, file.path)
         self.owner |= mine
 
-    def _disown(self, recordings: set[bytes], path: str) -> None:
+    def _discount(self, recordings: set[bytes], path: str) -> None:
         """These are no longer in this file: those that are its twins are read again."""
         for samples in recordings:
             self.owner.pop(samples, None)
         if recordings:
-            self.files = {name: one for name, one in self.files.items() if path not in one.twins}
+            self.files = {name: file for name, file in self.files.items() if path not in file.twins}
 
     def _in_order(self) -> list[WatchedFile]:
-        return sorted(self.files.values(), key=lambda one: (one.order, one.path))
+        return sorted(self.files.values(), key=lambda file: (file.order, file.path))
 
     def _say_once(self, text: str) -> None:
-        if text not in self._told:
-            self._told.add(text)
+        if text not in self._messages:
+            self._messages.add(text)
             self.say(text)
 
 

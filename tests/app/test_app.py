@@ -250,7 +250,7 @@ def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
         session.add([SOFT], PageSettings(verify="full"), copy=True)
         with refused("app.too_many_full", "5 shots", "at most 4"):
             infer(session, [curve.name for curve in session.curves])
-    assert session.work.stopped.is_set()  # whatever still runs for one who is gone
+    assert session.runs.stopped.is_set()  # whatever still runs for one who is gone
 
 
 def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(session):

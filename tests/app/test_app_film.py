@@ -15,12 +15,12 @@ from recordings import RATE, SCALE, film
 
 from cavirheo.app import words
 from cavirheo.app.film import (
+    camera_of,
     confirm,
     curve,
     excluded,
     measure,
     toggle,
-    typed_camera,
     unlisted,
     unready,
 )
@@ -97,7 +97,7 @@ def test_a_confirmed_curve_is_replaced_and_stands_beside_others(session, seen, t
 
 
 def test_frames_are_left_out_and_brought_back(seen):
-    seen.shown = 12
+    seen.frame = 12
     toggle(seen)
     assert seen.exclude == "12"
     assert np.isnan(curve(seen).radius[11])
@@ -121,13 +121,13 @@ def test_frames_are_left_out_and_brought_back(seen):
     ],
 )
 def test_what_is_missing_is_said_at_its_field(seen, texts, field, why):
-    wrong = typed_camera(seen, texts)[1]
+    wrong = camera_of(seen, texts)[1]
     assert why in wrong[field]
     assert [bool(one) for one in wrong] == [k == field for k in range(3)]
 
 
 def test_what_changed_must_be_measured_again(session, seen):
-    assert typed_camera(seen, TYPED) == (CAMERA, ["", "", ""])
+    assert camera_of(seen, TYPED) == (CAMERA, ["", "", ""])
     assert unready(seen, *TYPED, "6") == ["", "", "", ""]
     assert "measure again" in unready(seen, str(RATE), "6", "", "")[1]
     assert "1 to 34" in unready(seen, *TYPED, "0")[3]

@@ -98,8 +98,8 @@ def test_a_data_set_is_the_same_from_threads_and_a_cluster_and_after_it_was_stop
 
 def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
     curves, analysis = read_curves(EXAMPLE), Analysis(verify="none", seed=4)
-    here = Unfinished(tmp_path / "here", shown=False).answers(curves, analysis)
-    there = Unfinished(tmp_path / "there", shown=False, executor=workers).answers(curves, analysis)
+    here = Unfinished(tmp_path / "here", visible=False).answers(curves, analysis)
+    there = Unfinished(tmp_path / "there", visible=False, executor=workers).answers(curves, analysis)
     assert here.indices == there.indices == list(range(len(curves)))
     for mine, other in zip(here, there, strict=True):
         assert same(replace(mine, seconds=0.0), replace(other, seconds=0.0))

@@ -57,7 +57,7 @@ def of_laws(names):
 def of_comparison(names):
     made = result(answers(names, "bdt"), "")
     values = {"shear_modulus": PublishedValue(mean=6.44e3, std=1.21e3), "viscosity": PublishedValue(mean=0.023)}
-    made.put_beside({group.name: {"IMR": values, "rheometer": values} for group in made.groups})
+    made.add_published({group.name: {"IMR": values, "rheometer": values} for group in made.groups})
     return made
 
 

@@ -74,7 +74,7 @@ def fake(monkeypatch):
 
     def write_report(out, pairs, command, *, published, references, notes, **how):
         written = result(pairs, command, notes=notes)
-        written.put_beside(published, references)
+        written.add_published(published, references)
         Outputs(out, "result.json").write("result.json", write_json, written)
         return written
 

@@ -27,7 +27,7 @@ from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.curve_panels import answer_panels, preview_panels
 from cavirheo.reporting.group_panels import group_panels
 from cavirheo.reporting.input_remarks import next_step
-from cavirheo.reporting.record import Answered
+from cavirheo.reporting.record import CurveAnswers
 from cavirheo.writing import digits, document, style
 from cavirheo.writing.document import Quantity, Spread, write_json
 
@@ -403,7 +403,7 @@ def panels_of(curve, posterior):
 
 def panels_of_group(pairs, made):
     about, members = made.members()[0]
-    shots = [(pairs[i][0], pairs[i][1].checks, made.curves[i]) for i in members if made.curves[i].answered]
+    shots = [(pairs[i][0], pairs[i][1].checks, made.curves[i]) for i in members if made.curves[i].has_answer]
     return group_panels(shots, about, KILOPASCAL)
 
 
@@ -596,7 +596,7 @@ def test_answers_are_read_one_group_after_the_other(tmp_path):
             read.append(k)
             return super().__getitem__(k)
 
-    lazy = write_report(tmp_path / "a", Answered(curves, Lazy(held)), COMMAND, (), date="d", draw=False)
+    lazy = write_report(tmp_path / "a", CurveAnswers(curves, Lazy(held)), COMMAND, (), date="d", draw=False)
     assert read == list(range(6))
     whole = list(zip(curves, held, strict=True))
     assert lazy == write_report(tmp_path / "b", whole, COMMAND, (), date="d", draw=False)

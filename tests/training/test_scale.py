@@ -76,9 +76,9 @@ def known(curve, begun=None, failing=()):
 def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypatch, executor):
     curves = read_curves(ROOT / "examples" / "soft_gel.csv")
     analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
-    few = Unfinished(tmp_path / "few", shown=False, executor=executor).answers(curves, analysis)
+    few = Unfinished(tmp_path / "few", visible=False, executor=executor).answers(curves, analysis)
     monkeypatch.setattr(analyse, "HELD", 3)
-    kept = Unfinished(tmp_path / "many", shown=False, executor=executor)
+    kept = Unfinished(tmp_path / "many", visible=False, executor=executor)
     many = kept.answers(curves, analysis)
     assert many.indices == few.indices == list(range(len(curves)))
     assert [i for i in many.indices if many[i] is many[i]] == [2]  # the failed one, which has no file
@@ -91,7 +91,7 @@ def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypat
 
 def test_answers_begin_with_those_that_are_kept(tmp_path):
     curves = read_curves(ROOT / "examples" / "soft_gel.csv")
-    two = Unfinished(tmp_path, shown=False)
+    two = Unfinished(tmp_path, visible=False)
     begun = two.answers(curves, KnownAnalysis(of=known))
     for curve, answer in zip(curves, two.answers(curves, KnownAnalysis(of=known, seed=1), begun), strict=True):
         np.testing.assert_array_equal(answer.theta, np.full((3, 1), 2.0 * curve.max_radius))

@@ -43,9 +43,9 @@ class Events:
         def handle(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
             session = self.session(request)
             if works:
-                return self._tried(partial(handler, progress=progress), session, *values)
+                return self._run_handler(partial(handler, progress=progress), session, *values)
             with session.lock:
-                return self._tried(handler, session, *values)
+                return self._run_handler(handler, session, *values)
 
         begins = partial(gr.on, event) if isinstance(event, list) else event
         return self._with_refusal(begins(handle, sources, [*out, self.wrong], api_visibility="private", **options))
@@ -61,7 +61,7 @@ class Events:
 
         return validate
 
-    def _tried(self, handler: Handler, session: Session, *values: Any) -> list[Any]:
+    def _run_handler(self, handler: Handler, session: Session, *values: Any) -> list[Any]:
         """What the handler returns, and that nothing is wrong; what is, is kept for the event after a failure."""
         try:
             session.refusal, result = "", handler(session, *values)

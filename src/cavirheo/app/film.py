@@ -22,17 +22,17 @@ from cavirheo.io.shots import with_maximum_notes
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.io.videos import Camera, history, parse_camera
 from cavirheo.reporting.browser_figures import filmed
-from cavirheo.reporting.input_remarks import cells, notes, warnings
+from cavirheo.reporting.input_remarks import notes, summary_cells, warnings
 from cavirheo.video.measurement import Measurement
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
-from cavirheo.writing.terminal import once
+from cavirheo.writing.terminal import by_message
 
 _CAMERA = {"Frames per second": "as the camera was set", "µm per pixel": "4.0", "Exposure of a frame (µs)": "if known"}
 
 
-def typed_camera(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
+def camera_of(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
     """Frame rate, scale and exposure; why the film cannot be measured so, field by field, empty where it can."""
     unscaled = film.measurement is not None and film.measurement.um_per_px.value is None
     return parse_camera(texts, film.path.suffix.lower(), unscaled=unscaled)
@@ -40,7 +40,7 @@ def typed_camera(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
 
 def unready(film: Clip, *texts: str) -> list[str]:
     """Why its curve cannot be confirmed so, field by field: numbers as `typed`, then the list of frames."""
-    new, wrong = typed_camera(film, texts[:3])
+    new, wrong = camera_of(film, texts[:3])
     changed = ["changed since: measure again" * (now != old) for now, old in zip(new, film.camera, strict=True)]
     return [mistake or change for mistake, change in zip(wrong, changed, strict=True)] + unlisted(film, texts[3])
 
@@ -62,10 +62,10 @@ def measured(film: Clip) -> Measurement:
     return film.measurement
 
 
-def measure(session: Session, typed: Camera, say: Report) -> None:
+def measure(session: Session, camera: Camera, say: Report) -> None:
     """Measure the film in the process for it; excluded frames stay excluded. Raises InputError."""
     film = session.current
-    images, most, (rate, scale, us) = session.folder / f"{token_hex(8)}.npy", session.limits.film_mb * 1e6, typed
+    images, most, (rate, scale, us) = session.folder / f"{token_hex(8)}.npy", session.limits.film_mb * 1e6, camera
     numbers = {"frame_rate": rate, "um_per_px": scale, "exposure": us and us * 1e-6}
     try:
         measurement = session.measurer.measure(film.path, images, most, say, **numbers)
@@ -77,8 +77,8 @@ def measure(session: Session, typed: Camera, say: Report) -> None:
         listed = film.exclude
         for clip in session.films.values():
             clip.measurement = clip.used = None  # frames are kept of one film
-        film.camera, film.measurement, film.used = typed, measurement, measurement
-        film.shown = measurement.first + int(np.nanargmax(measurement.track.radius))
+        film.camera, film.measurement, film.used = camera, measurement, measurement
+        film.frame = measurement.first + int(np.nanargmax(measurement.track.radius))
         unlisted(film, listed)
 
 
@@ -90,7 +90,7 @@ def excluded(film: Clip) -> Bools:
 def toggle(film: Clip) -> None:
     """Leave the shown frame out, or bring it back. Raises InputError: no frame would be left."""
     excluded_frames, first = excluded(film), measured(film).first
-    excluded_frames[film.shown - first] ^= True
+    excluded_frames[film.frame - first] ^= True
     (wrong,) = unlisted(film, digits.ranges((np.flatnonzero(excluded_frames) + first).tolist()))
     require(not wrong, wrong, "video.exclude")
 
@@ -122,7 +122,7 @@ def radii_plot(film: Clip) -> Figure:
     unit, scale = ("µm", measurement.um_per_px.value) if measurement.um_per_px.value else ("px", 1.0)
     flags = np.where(excluded(film), "excluded", measurement.track.flags)
     radius, first = scale * measurement.track.radius, measurement.first
-    return filmed(measurement.time, radius, unit, flags, COLOURS, first, film.shown)
+    return filmed(measurement.time, radius, unit, flags, COLOURS, first, film.frame)
 
 
 def summary(film: Clip) -> str:
@@ -132,18 +132,18 @@ def summary(film: Clip) -> str:
     radii = curve(film)
     cut = f"{film.measurement.cut}: the radius rests on that part alone" * bool(film.measurement.cut)
     texts = (*filter(None, [cut]), *(warning.text for warning in radii.warnings))
-    doubts = once((film.path.name, words.for_page(text)) for text in texts)
+    doubtful = by_message((film.path.name, words.for_page(text)) for text in texts)
     state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
-    return words.part("film", cells(radii), warnings([radii]) | doubts, notes([radii]), state)
+    return words.part("film", summary_cells(radii), warnings([radii]) | doubtful, notes([radii]), state)
 
 
 def frame_view(film: Clip) -> str:
     """The shown frame of a recording with its circle, what it is, and how many there are of each kind."""
     measurement, excluded_frames = measured(film), excluded(film)
-    track, i, scale = measurement.track, film.shown - measurement.first, measurement.um_per_px.value
+    track, i, scale = measurement.track, film.frame - measurement.first, measurement.um_per_px.value
     size = [f"{float(x[i]) * (scale or 1.0):.{n}g}" for x, n in ((track.radius, 4), (track.sigma, 1))]
     size_text = f"R = {size[0]} ± {size[1]} {'µm' if scale else 'px'}" if np.isfinite(track.radius[i]) else ""
-    where = f"Frame {film.shown} of {measurement.first + len(excluded_frames) - 1}, {1e6 * measurement.time[i]:.4g} µs"
+    where = f"Frame {film.frame} of {measurement.first + len(excluded_frames) - 1}, {1e6 * measurement.time[i]:.4g} µs"
     flag = str(track.flags[i])
     look = flag, COLOURS.get(flag, GREY), FLAGS[flag], bool(excluded_frames[i])
     return words.part("frame", frame_address(measurement, i, 560), where, size_text, *look)
@@ -180,7 +180,7 @@ class FilmPart(Events):
         parts = [self.film_step, self.film, *self.film_typed, *view, *look]
         self.on(self.film.input, self._pick, [self.film], parts)
         starts = [self.measure.click, *(box.submit for box in self.film_typed)]
-        wrong = self.validated(lambda session, *texts: typed_camera(session.current, texts)[1])
+        wrong = self.validated(lambda session, *texts: camera_of(session.current, texts)[1])
         checked = {"validator": wrong, "show_progress_on": [self.film_told], "concurrency_limit": 1}
         self.on(starts, self._measure, self.film_typed, parts, works=True, **checked)
         self.on(self.film_number.input, self._look, [self.film_number], look, queue=False, **LATEST)
@@ -200,18 +200,18 @@ class FilmPart(Events):
             gr.Dropdown(names, value=session.film or None, visible=len(names) > 1),
             *(camera if any(camera) else [gr.skip()] * 3),
             gr.Column(visible=clip.measurement is not None),
-            gr.Slider(first, last, clip.shown),
+            gr.Slider(first, last, clip.frame),
             clip.exclude,
             *self._look(session),
         ]
 
     def _look(self, session: Session, number: int | str = "") -> list[Any]:
         clip = session.current
-        clip.shown = number if isinstance(number, int) else clip.shown
+        clip.frame = number if isinstance(number, int) else clip.frame
         if clip.measurement is None:
             return [summary(clip), gr.skip(), gr.skip(), gr.skip()]
         excluded_frames = excluded(clip)
-        out = excluded_frames[clip.shown - clip.measurement.first]
+        out = excluded_frames[clip.frame - clip.measurement.first]
         label = "Bring this frame back" if out else "Exclude this frame"
         return [summary(clip), frame_view(clip), radii_plot(clip), label]
 
@@ -220,7 +220,7 @@ class FilmPart(Events):
         return self._filmed(session)
 
     def _measure(self, session: Session, *texts: str, progress: gr.Progress) -> list[Any]:
-        measure(session, typed_camera(session.current, texts)[0], progress)
+        measure(session, camera_of(session.current, texts)[0], progress)
         return self._filmed(session)
 
     def _toggle(self, session: Session) -> list[Any]:

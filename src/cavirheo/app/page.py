@@ -202,7 +202,7 @@ class Page(film.FilmPart):
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
         inputs, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
         self.on(self.fit.click, self._fit, inputs, fitted, works=True, show_progress_on=[self.check_plot], **_RUNS)
-        self.on([self.stop.click, self.stop_fit.click], lambda session: session.work.stopped.set(), [], [], queue=False)
+        self.on([self.stop.click, self.stop_fit.click], lambda session: session.runs.stopped.set(), [], [], queue=False)
         moved = [slider.input for slider in self.sliders]
         self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
         out = [self.files, self.download]
@@ -211,20 +211,22 @@ class Page(film.FilmPart):
         zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
         self.tabs[3].select(None, js=_RESIZE, api_visibility="private")  # drawn in a hidden tab it has another width
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
-        self._kept = sorted(self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox))  # choices first
-        everything = [*outputs, *(self.fields[name] for name in self._kept), self.checked, *check]
+        self._field_names = sorted(
+            self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox)
+        )  # choices first
+        everything = [*outputs, *(self.fields[name] for name in self._field_names), self.checked, *check]
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
 
     def _wire_runs(self, inputs: list[Any], check: list[Any]) -> None:
         """Answers of all chosen shots: previews at once, then each answer as it is there."""
-        chosen, answered = [self.chosen], [self.checked, *self.state]
+        chosen, run_outputs = [self.chosen], [self.checked, *self.state]
         which = self.which.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **AT_ONCE)
         which.then(None, js=_PRESS.format("infer"), api_visibility="private")
         starts, out = [self.infer_now.click, self.infer.click], [self.steps, self.timer, self.answers]
         begin = self.on(starts, self._begin, inputs, out, **AT_ONCE)
         begin = self.on(begin.success, self._preview, chosen, [self.answers], works=True, **_PREVIEWS)
-        run = self.on(begin.then, self._answer, chosen, answered, works=True, show_progress="hidden", **_RUNS)
+        run = self.on(begin.then, self._answer, chosen, run_outputs, works=True, show_progress="hidden", **_RUNS)
         self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
         self.on(self.timer.tick, self._tick, [], [self.timer, self.answers], **AT_ONCE)
         self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
@@ -241,7 +243,7 @@ class Page(film.FilmPart):
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
             values = {name: value for name, value in vars(session.settings).items() if value is not None}
             choices = {"window": 0, "material": "nhkv"} | values
-            shown_values = [choices.get(name, gr.skip()) for name in self._kept]
+            shown_values = [choices.get(name, gr.skip()) for name in self._field_names]
             settings = [f"{value:.10g}" if isinstance(value, float) else value for value in shown_values]
             checked = gr.Dropdown(choices=names, value=next(iter(names), None))
             check = self._show(session, names[0]) if names and not session.stale else [gr.skip()] * 6
@@ -293,15 +295,15 @@ class Page(film.FilmPart):
             gr.Dropdown(choices=names, value=next(iter(names), None)),
             gr.Row(visible=bool(names)),
             f"?session={session.link}" if anything else "",
-            *self._state(session, drawn=True),
+            *self._state(session, draw_cloud=True),
             *self._filmed(session),
         ]
 
-    def _state(self, session: Session, *, drawn: bool = False) -> list[Any]:
+    def _state(self, session: Session, *, draw_cloud: bool = False) -> list[Any]:
         """Which steps can work, and the answers, if there are any, with what was changed since."""
         loaded, answers = bool(session.curves), session.answers
         current = answers is not None and not session.stale
-        cloud = {"value": plots.cloud(answers.pairs, answers.document)} if drawn and answers else {}
+        cloud = {"value": plots.cloud(answers.pairs, answers.document)} if draw_cloud and answers else {}
         viscous = answers is not None and any(row.viscosity.median is not None for row in answers.document.curves)
         return [
             *(gr.Tab(interactive=able) for able in (loaded, loaded, current, current)),
@@ -329,7 +331,7 @@ class Page(film.FilmPart):
 
     def _begin(self, session: Session, chosen: list[str], *settings: Any) -> list[Any]:
         session.prepare(_settings(settings))
-        if session.work.ready():
+        if session.runs.ready():
             session.previews = dict.fromkeys(chosen)
         return [gr.Tabs(selected=3), *self._tick(session)]
 
@@ -344,46 +346,46 @@ class Page(film.FilmPart):
     def _answer(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
-            return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
+            return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, draw_cloud=True)]
 
-    def _name(self, session: Session, materials: str, shown: str | None) -> list[Any]:
-        earlier, typed = words.table(session), json.loads(materials)
-        steps.name_materials(session, typed["names"], typed["densities"])
+    def _name(self, session: Session, materials: str, name: str | None) -> list[Any]:
+        earlier, edits = words.table(session), json.loads(materials)
+        steps.name_materials(session, edits["names"], edits["densities"])
         same = words.table(session) == earlier  # then the focus stays where it is
         table = gr.skip() if same else words.files_table(session)
-        return [table, *self._view(session, shown), *self._state(session, drawn=True)]
+        return [table, *self._view(session, name), *self._state(session, draw_cloud=True)]
 
     def _publish(self, session: Session, files: list[str]) -> list[Any]:
         with uploaded(files) as paths:
             session.publish(paths)
-        return self._state(session, drawn=True)
+        return self._state(session, draw_cloud=True)
 
     def _picked(self, session: Session, name: str) -> list[Any]:
         return [gr.Tabs(selected=4), name, *self._show(session, name)]
 
     def _show(self, session: Session, name: str) -> list[Any]:
         ranges = steps.sliders(session, name).values()
-        sliders = [gr.Slider(visible=reach is not None, **(reach or {})) for reach in ranges]  # type: ignore[arg-type]
+        sliders = [gr.Slider(visible=limits is not None, **(limits or {})) for limits in ranges]  # type: ignore[arg-type]
         start = words.part("start", session.find(name)[3].simulated)
-        return [*self._answered(session, name), {"words": start}, *sliders]
+        return [*self._checked(session, name), {"words": start}, *sliders]
 
-    def _fit(self, session: Session, name: str, trial: dict[str, Any], **_: Any) -> list[Any]:
-        session.work.ready()
+    def _fit(self, session: Session, name: str, what_if: dict[str, Any], **_: Any) -> list[Any]:
+        session.runs.ready()
         steps.fit(session, name)
         with session.lock:
-            return self._answered(session, name, json.loads(trial.get("lines", "null")))
+            return self._checked(session, name, json.loads(what_if.get("lines", "null")))
 
-    def _answered(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> list[Any]:
+    def _checked(self, session: Session, name: str, what_if: dict[str, Any] | None = None) -> list[Any]:
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
         shading = band(curve, posterior, session.settings_of(name).analysis)
         label = f"simulation: {digits.simulated(posterior.method)}"
-        figure = plots.checked(curve, posterior.checks, label, fit.checks if fit else None, trial, shading)
+        figure = plots.checked(curve, posterior.checks, label, fit.checks if fit else None, what_if, shading)
         return [figure, words.facts(session, name)]
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
         checks, lines = steps.what_if(session, name, values)
-        return {"words": words.part("trial", checks), "lines": json.dumps({**lines, "traces": plots.TRIAL})}
+        return {"words": words.part("trial", checks), "lines": json.dumps({**lines, "traces": plots.WHAT_IF_TRACES})}
 
     def _zip(self, session: Session, *, progress: gr.Progress) -> list[Any]:
         archive, files = steps.export(session, progress)

@@ -29,7 +29,7 @@ from cavirheo.app import words
 from cavirheo.app.page import Page
 from cavirheo.app.session import VisitorLimits, Visitors
 from cavirheo.errors import InputError, require
-from cavirheo.parallel import of_memory
+from cavirheo.parallel import call_glibc
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting.html import LIVE, live_page
 
@@ -150,7 +150,7 @@ def running(
 def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder: Path | None = None) -> None:
     """Serve the page, with a folder also the wall's, until it is interrupted or terminated. Raises as `running`."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    of_memory("mallopt", -8, 2)  # M_ARENA_MAX: else each of many threads keeps a heap of its own
+    call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: else each of many threads keeps a heap of its own
     with suppress(KeyboardInterrupt), running(host, port, limits, folder) as (address, _):
         address += "live" * bool(folder)
         print(f"cavirheo app: {address}   (Ctrl+C ends it)", file=sys.stderr)
@@ -158,5 +158,5 @@ def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder:
         if browser:
             webbrowser.open(address)
         while not threading.Event().wait(60.0):
-            of_memory("malloc_trim", 0)
+            call_glibc("malloc_trim", 0)
     print("ended; temporary files are removed", file=sys.stderr)

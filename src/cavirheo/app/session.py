@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
 from typing import Any, TypeVar
 
-from cavirheo.companions.published_values import published, set_beside, values_of
+from cavirheo.companions.published_values import add_to_groups, published, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
@@ -97,7 +97,7 @@ class PageSettings:
             try:
                 numeric, name = "float" in str(field_.type) and value != "free", field_.name.replace("_", " ")
                 single: dict[str, Any] = {field_.name: number_of(value, name) if numeric else value or None}
-                _, settings = cls(**(vouch | single)).reading, settings | single
+                _, settings = cls(**(vouch | single)).read_options, settings | single
             except InputError as error:
                 wrong[field_.name] = str(error)
         try:
@@ -116,7 +116,7 @@ class PageSettings:
         return medium(self.medium, unusual=self.trust_input, **{name: getattr(self, name) for name in names})
 
     @property
-    def reading(self) -> dict[str, Any]:
+    def read_options(self) -> dict[str, Any]:
         """The options of `read_shots`. Raises InputError."""
         liquid, scale = self.liquid, None if self.rmax_um is None else self.rmax_um * 1e-6
         check_max_radius(scale)
@@ -137,7 +137,7 @@ class Clip:
     camera: Camera = field(default_factory=Camera)
     measurement: Measurement | None = None  # as the camera says
     used: Measurement | None = None  # that without the frames that are left out
-    shown: int = 1  # number of the frame that is looked at
+    frame: int = 1  # number of the frame that is looked at
     curve: RadiusCurve | None = None  # once it is confirmed
     command: str = ""  # the options of the command line, then
 
@@ -178,7 +178,7 @@ class Session:
         self.refusal = ""  # why the last thing that was asked was not done
         self.link = token_urlsafe(16)  # whoever knows it comes back here
         self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
-        self.work, self.exporting = Stoppable(), Lock()  # on shots, of a zip
+        self.runs, self.exporting = Stoppable(), Lock()  # on shots, of a zip
         self.calls = 0  # so often was anything asked
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
@@ -192,8 +192,8 @@ class Session:
         self.film = ""  # the name of that which is looked at
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
-        self.named: dict[str, str] = {}  # materials that were typed, by shot
-        self.densities: dict[str, float] = {}  # kg/m3 that were typed, by shot
+        self.materials: dict[str, str] = {}  # by shot, as the visitor typed them
+        self.densities: dict[str, float] = {}  # kg/m3 by shot, as the visitor typed them
         self.published: list[dict[str, Published]] = []  # values of other methods, by set, of each upload
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
@@ -253,10 +253,10 @@ class Session:
         """Each shot as its own density has it read, which counts where a file has no seconds."""
         confirmed = {film.path: film.curve for film in self.films.values()}
         sources = [confirmed.get(path) or path for path in files]
-        curves, problems = self.reader.read(sources, **settings.reading)
+        curves, problems = self.reader.read(sources, **settings.read_options)
         for density in set(self.densities.values()):
-            again, _ = self.reader.read(sources, **settings.with_density(density).reading)
-            by_name = {curve.name: curve for curve in again if self.densities.get(curve.name) == density}
+            reread, _ = self.reader.read(sources, **settings.with_density(density).read_options)
+            by_name = {curve.name: curve for curve in reread if self.densities.get(curve.name) == density}
             curves = [by_name.get(curve.name, curve) for curve in curves]
         return curves, problems
 
@@ -266,8 +266,10 @@ class Session:
 
     def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Curves as shots of the materials that were typed, or else of those that their files say."""
-        groups = {curve.name: (curve.group, curve.group if self.named else curve.group_source) for curve in self.curves}
-        groups |= {shot: (name, name) for shot, name in self.named.items()}
+        groups = {
+            curve.name: (curve.group, curve.group if self.materials else curve.group_source) for curve in self.curves
+        }
+        groups |= {shot: (name, name) for shot, name in self.materials.items()}
         membership = [groups.get(curve.name, (curve.group, curve.group_source)) for curve, _ in pairs]
         return [(curve.with_group(*group), answer) for (curve, answer), group in zip(pairs, membership, strict=True)]
 
@@ -283,7 +285,7 @@ class Session:
 
     def prepare(self, settings: PageSettings) -> None:
         """Read the files again if these settings change what they mean. Raises InputError."""
-        if self.files and settings.reading != self.settings.reading:
+        if self.files and settings.read_options != self.settings.read_options:
             self.curves, _ = self._read(self.files, settings)
         self.settings = settings
 
@@ -299,7 +301,7 @@ class Session:
         """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
         material for `cavirheo rheometer`. Raises InputError."""
         values = published(self.reader.ask(paths, (values_of, *map(str, paths))))
-        set_beside(self.answers.document.groups if self.answers else [], values)
+        add_to_groups(self.answers.document.groups if self.answers else [], values)
         self.published.append(values)
 
     @property
@@ -317,13 +319,13 @@ class Session:
                     return self.answers, *pair, record
         raise InputError("no answer to check: infer first (step 3)", "app.no_answer")
 
-    def once(self, store: Store, key: str, work: Callable[[], _Value]) -> _Value:
+    def once(self, store: Store, key: str, function: Callable[[], _Value]) -> _Value:
         """As `Store.once`: a class with one demo file waits for one answer, which goes with the last who has it."""
         self.keys.add(key)
-        return store.once(key, work)
+        return store.once(key, function)
 
     def close(self) -> None:
-        self.work.stopped.set()
+        self.runs.stopped.set()
         self._temporary.cleanup()
 
     def _free(self, name: str) -> Path:

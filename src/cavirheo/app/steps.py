@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cavirheo.app.session import Answers, PageSettings, Session
-from cavirheo.companions.published_values import set_beside
+from cavirheo.companions.published_values import add_to_groups
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT
@@ -63,11 +63,11 @@ def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[R
         answer = session.once(session.store, analysis.key(curve), lambda: analysis.answer(curve, workers=workers))
         answer = of_file(answer, curve)
         row = curve_record(*session.grouped([(curve, answer)])[0])
-        if row.answered or not preview_mark:
+        if row.has_answer or not preview_mark:
             previews[curve.name] = row.model_copy(update=preview_mark)
         return answer
 
-    return list(zip(chosen, session.work.each(answer_one, chosen), strict=True))
+    return list(zip(chosen, session.runs.each(answer_one, chosen), strict=True))
 
 
 def preview(session: Session, names: Sequence[str]) -> None:
@@ -89,7 +89,7 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
         left = [curve.name for curve, answer in answers if not answer]
         pooled = _pooled(session, pairs, left, settings, densities)
     finally:
-        if not session.work.busy.locked():  # by the run before, which goes on
+        if not session.runs.busy.locked():  # by the run before, which goes on
             session.previews = {}
     with session.lock:
         require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
@@ -104,13 +104,13 @@ def _pooled(
     pairs, command = session.grouped(pairs), session.command(settings)
     if len(pairs) < len(session.curves):
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
-    weighed = [(curve.group, densities[curve.name]) for curve, _ in pairs if curve.name in densities]
-    command += "".join(f" ({shlex.quote(group)}: --density {density:g})" for group, density in dict.fromkeys(weighed))
-    materials = ", ".join(f"{shot} = {material}" for shot, material in session.named.items())
+    by_group = dict.fromkeys((curve.group, densities[curve.name]) for curve, _ in pairs if curve.name in densities)
+    command += "".join(f" ({shlex.quote(group)}: --density {density:g})" for group, density in by_group)
+    materials = ", ".join(f"{shot} = {material}" for shot, material in session.materials.items())
     document = result(pairs, command, notes=[f"materials that were typed: {materials}"] if materials else [])
     for values in session.published:
         with suppress(InputError):  # other groups than when they were given
-            set_beside(document.groups, values)
+            add_to_groups(document.groups, values)
     return Answers(pairs, document, left, settings, densities)
 
 
@@ -124,7 +124,7 @@ def name_materials(session: Session, names: Sequence[str], densities: Sequence[s
         numbers = {shot: number_of(text, "density") for shot, text in zip(shots, densities, strict=True)}
         session.weigh({shot: density for shot, density in numbers.items() if density is not None})
     groups = zip(session.curves, map(str.strip, names), strict=True)
-    session.named = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
+    session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:
         pooled = _pooled(session, old.pairs, old.not_run, old.settings, old.densities)
         session.answers = replace(pooled, fits=old.fits)
@@ -139,7 +139,7 @@ def fit(session: Session, name: str | None) -> None:
         end = compared_window(curve, settings.analysis).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
     analysis = replace(settings.analysis, method="fit", free=None, verify="auto", end=end, **model)
-    (answer,) = session.work.each(analysis.answer, [curve])
+    (answer,) = session.runs.each(analysis.answer, [curve])
     with session.lock:
         if answer is None or session.answers is not answers:
             raise InputError(_CHANGED, "app.changed")

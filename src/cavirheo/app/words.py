@@ -17,11 +17,11 @@ from cavirheo.reporting import html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
 from cavirheo.reporting.curve_panels import preview_panels
-from cavirheo.reporting.input_remarks import causes, cells, notes, pooled, warnings
+from cavirheo.reporting.input_remarks import causes, notes, pooled, summary_cells, warnings
 from cavirheo.reporting.record import result_of
 from cavirheo.reporting.svg import curve_svg
 from cavirheo.writing import digits
-from cavirheo.writing.terminal import once
+from cavirheo.writing.terminal import by_message
 
 VERSION = version("cavirheo")
 LEVELS = [  # label and value of each choice of the page
@@ -74,7 +74,7 @@ def welcome() -> str:
     return part("welcome", script("examples/answer.svg"), f"{TITLE}, version {VERSION}")
 
 
-_HERE = {  # by what stands in messages: an option of the command line or of Python, and what the page has for it
+_PAGE_WORDS = {  # by what stands in messages: an option of the command line or of Python, and what the page has for it
     "Medium(..., unusual=True), --trust-input": "vouch for it in step 2",
     " (if it is meant: unusual=True)": "",
     "add --trust-input": "vouch for it in step 2",
@@ -89,7 +89,7 @@ _HERE = {  # by what stands in messages: an option of the command line or of Pyt
 def for_page(error: Exception | str) -> str:
     """The message, with the field of the page instead of the option of the command line."""
     message = str(error)
-    for option, field in _HERE.items():
+    for option, field in _PAGE_WORDS.items():
         message = message.replace(option, field)
     return message
 
@@ -123,7 +123,7 @@ def materials() -> list[tuple[str, str]]:
 
 def table(session: Session) -> list[tuple[str, tuple[str, ...]]]:
     """Name and cells of each shot."""
-    return [(curve.name, cells(curve)) for curve in session.curves]
+    return [(curve.name, summary_cells(curve)) for curve in session.curves]
 
 
 def files_table(session: Session) -> str:
@@ -131,9 +131,9 @@ def files_table(session: Session) -> str:
     curves = session.curves
     rows = []
     for curve in curves:
-        material, density = session.named.get(curve.name, curve.group), session.densities.get(curve.name)
-        typed = "" if density is None else f"{density:.10g}"
-        rows.append((curve, digits.elide(curve.name, 36), material, typed, cells(curve)))
+        material, density = session.materials.get(curve.name, curve.group), session.densities.get(curve.name)
+        density_text = "" if density is None else f"{density:.10g}"
+        rows.append((curve, digits.elide(curve.name, 36), material, density_text, summary_cells(curve)))
     pooled = sum(curve.group == YOURS for curve in curves)
     return part("found", rows, notes(curves), session.waiting, pooled, f"{session.settings.liquid.density:g}")
 
@@ -157,22 +157,23 @@ def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
 def answers(session: Session) -> str:
     """The answers: materials, groups, shots, what is said of them, and whether settings were changed since; in a run
     those that are known so far."""
-    answered, previews = session.answers, list(session.previews.values())
+    current, previews = session.answers, list(session.previews.values())
     final = "" if session.settings.verify == "none" else "unverified"  # verdict of those that simulations verify
     verified = sum(row is not None and row.verdict != final for row in previews)
     if previews:
-        answered = Answers([], result_of([row for row in previews if row], ""), [], session.settings)
-    if answered is None:
+        current = Answers([], result_of([row for row in previews if row], ""), [], session.settings)
+    if current is None:
         return part("quiet", NONE)
-    document = answered.document
+    document = current.document
     factor, unit = document.modulus_unit
-    groups = html.part("groups_table", document.groups, factor, unit), [one.words for one in document.differences]
-    rows, models = _rows_for_page(document.curves), {row.in_words for row in document.curves if row.answered}
+    differences = [difference.words for difference in document.differences]
+    groups = html.part("groups_table", document.groups, factor, unit), differences
+    rows, models = _rows_for_page(document.curves), {row.in_words for row in document.curves if row.has_answer}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.part("curves_table", rows, factor, unit, title, False)
     remarks = causes(rows)
     explanation = html.part("reading", document.curves), *methods(document)
-    progress = (verified, len(previews)), len(document.curves), answered.not_run, pooled(document)
+    progress = (verified, len(previews)), len(document.curves), current.not_run, pooled(document)
     return part("answers", session.stale and not previews, *progress, *groups, shots, remarks, *explanation)
 
 
@@ -186,8 +187,8 @@ def facts(session: Session, name: str) -> str:
         rows = {"answer": record, "least squares": curve_record(curve, posterior)}
         records = [row.model_copy(update={"name": what}) for what, row in rows.items()]
         table = html.part("curves_table", records, factor, unit, "Answer and conventional fit", False)
-        failed = once((row.name, row.message) for row in records[1:] if not row.answered)
-        times = (one.checks.compared_time for one in (answer, posterior))
+        failed = by_message((row.name, row.message) for row in records[1:] if not row.has_answer)
+        times = (posterior.checks.compared_time for posterior in (answer, posterior))
         frames = [len(time) for time in times if time is not None]
     key = parameter_key(record.other_parameters)
     return part("facts", table, frames, failed, html.article(record, factor, unit), key)

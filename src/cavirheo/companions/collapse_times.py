@@ -285,7 +285,7 @@ def print_table(document: CollapseTimes) -> None:
             G, mu = _interval(value.shear_modulus_Pa, factor, joint="\n"), _interval(value.viscosity_Pa_s, joint="\n")
             table.add_row("" if k else who, n, name, G, mu, digits.percent(value.scatter))
     console.print(table)
-    remarks = terminal.once(remark for group in document.groups for remark in _remarks(group, factor, unit))
+    remarks = terminal.by_message(remark for group in document.groups for remark in _remarks(group, factor, unit))
     terminal.print_remarks(console, remarks, most=5)
     slopes = [group.best.shear_modulus_Pa.per_percent for group in document.groups if group.best]
     if moves := [abs(slope) * factor for slope in slopes if slope]:

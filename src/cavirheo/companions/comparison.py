@@ -19,7 +19,7 @@ from cavirheo.inference.model import Network
 from cavirheo.inference.posterior_network import network_of
 from cavirheo.io.files import expand
 from cavirheo.io.shots import read_shots, shot_numbers
-from cavirheo.parallel import aside
+from cavirheo.parallel import run_in_thread
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import DOCUMENTS, html, outputs, read_json, result, table, write_report
@@ -156,23 +156,19 @@ def compare(
     require(source.is_dir() or (source.is_file() and source.suffix == ".json"), message, "compare.folder")
     sets = {reference.name: reference for reference in read_references(references)}
     published = {name: reference.values for name, reference in sets.items()}
-    methods = list(dict.fromkeys(method for values in published.values() for method in values))
-    for name in reference_methods:
-        message = f"reference method {name!r}: not in {references}; it has {', '.join(methods) or 'none'}"
-        require(name in methods, message, "compare.method")
-    against = list(dict.fromkeys(reference_methods)) or [name for name in REFERENCES if name in methods]
+    against = _reference_methods(references, published, reference_methods)
     none = f"no relative errors: {references} has no method {' or '.join(REFERENCES)}; see --reference-method"
     drawing = pictures and style.available()
     notes = ([] if against else [none]) + ([_NO_PICTURE] if pictures and not drawing else [])
     head: dict[str, Any] = {"command": command, "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
     inputs = [references, *([source] if source.is_file() else [])]
-    beside = partial(Outputs, out, *_TABLES[: 2 + drawing], inputs=inputs)  # of the folder as it is then
-    beside()
+    table_outputs = partial(Outputs, out, *_TABLES[: 2 + drawing], inputs=inputs)  # of the folder as it is then
+    table_outputs()
     if source.is_file():
         message = f"{source} is not answered again: leave out --model, --material, --bubble, --fit and --trust-input"
         require(how in (None, Answering()), message, "compare.answered")
-        document = _beside_result(source, Outputs(out, *DOCUMENTS, inputs=inputs), published, against, notes, head)
-        _write_tables(beside(), document, drawing)
+        document = _with_published(source, Outputs(out, *DOCUMENTS, inputs=inputs), published, against, notes, head)
+        _write_tables(table_outputs(), document, drawing)
         return ComparisonRun(document)
     how = how or Answering()
     for reference in sets.values():
@@ -180,8 +176,8 @@ def compare(
     shots = _distinct_names({name: shots_of(reference, source, references) for name, reference in sets.items()})
     notes = [f"{name}: {note}" for name, read in shots.items() for note in read.notes] + notes
     curves, unread = [curve for read in shots.values() for curve in read.curves], sum(r.unread for r in shots.values())
-    unfinished, report = Unfinished(out, shown=progress), outputs(out, curves)
-    aside(load_solver)
+    unfinished, report = Unfinished(out, visible=progress), outputs(out, curves)
+    run_in_thread(load_solver)
     answers = {name: unfinished.answers(read.curves, how.analysis(sets[name])) for name, read in shots.items()}
     pairs = [(shots[name].curves[i], answer) for name, of in answers.items() for i, answer in of.numbered()]
     note = unfinished.note(len(pairs), len(curves))
@@ -198,10 +194,19 @@ def compare(
         published=published,
         references=against,
     )
-    _write_tables(beside(), document, drawing and not note)
+    _write_tables(table_outputs(), document, drawing and not note)
     if not note:
         unfinished.remove()
     return ComparisonRun(document, unread, bool(note))
+
+
+def _reference_methods(path: Path, published: Mapping[str, Published], requested: Sequence[str]) -> list[str]:
+    """The methods that errors are to. Raises InputError: the file has no such method."""
+    methods = list(dict.fromkeys(method for values in published.values() for method in values))
+    for name in requested:
+        message = f"reference method {name!r}: not in {path}; it has {', '.join(methods) or 'none'}"
+        require(name in methods, message, "compare.method")
+    return list(dict.fromkeys(requested)) or [name for name in REFERENCES if name in methods]
 
 
 def _write_tables(outputs: Outputs, document: Result, drawing: bool) -> None:
@@ -213,7 +218,7 @@ def _write_tables(outputs: Outputs, document: Result, drawing: bool) -> None:
     outputs.finish()
 
 
-def _beside_result(
+def _with_published(
     source: Path,
     outputs: Outputs,
     sets: Mapping[str, Published],
@@ -224,7 +229,7 @@ def _beside_result(
     """The answers that are there, with the values beside them: the same documents, without pictures of shots."""
     earlier = read_json(source)
     document = earlier.model_copy(update={**head, "notes": [*earlier.notes, *notes]})
-    document.put_beside(by_group((group.name for group in document.groups), sets), against)
+    document.add_published(by_group((group.name for group in document.groups), sets), against)
     outputs.write("result.json", write_json, document)
     outputs.write("result.csv", table.write_csv, document)
     outputs.write("report.html", html.write, document)
@@ -256,9 +261,9 @@ def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> Shots:
         files = [file for file in expand(matches) if file.resolve() != references.resolve()]
     except (InputError, ValueError, NotImplementedError, OSError):  # an absolute pattern, a name that no file can have
         pass
-    beside = [file for path in matches if path.is_dir() for file in sorted(path.iterdir()) if file.name[0] != "."]
-    left_out = ", ".join(file.name for file in beside if file.is_file() and file not in files)
-    notes = [f"left out, for they do not look like measurements: {left_out}"] if left_out else []
+    neighbours = [file for path in matches if path.is_dir() for file in sorted(path.iterdir()) if file.name[0] != "."]
+    ignored = ", ".join(file.name for file in neighbours if file.is_file() and file not in files)
+    notes = [f"left out, for they do not look like measurements: {ignored}"] if ignored else []
     if not files:
         return Shots((), 1, [f"no file matches {name!r} in {folder}", *notes])
     constants: Any = {"density": reference.medium.density, "pressure": reference.medium.pressure}
@@ -267,12 +272,9 @@ def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> Shots:
         curves, problems, repeated, hints = read_shots(files, max_radius=scale, shots=shots, **constants)
     except InputError as error:  # a scale that is none of these shots
         return Shots((), 1, [str(error), *notes])
-    words = [
-        f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}"
-        for key, value in settings.items()
-        if key != "files"
-    ]
-    notes += [*repeated, *hints, *([f"with {', '.join(words)}"] if words else [])]
+    values = {key: f"{value:g}" if isinstance(value, float) else value for key, value in settings.items()}
+    words = ", ".join(f"{key} {value}" for key, value in values.items() if key != "files")
+    notes += [*repeated, *hints, *([f"with {words}"] if words else [])]
     return Shots(curves, len(problems), [*problems, *notes])
 
 
@@ -285,11 +287,11 @@ def figure(result: Result) -> Figure:
 
     comparison = Comparison(result)
     names, methods = [group.name for group in result.groups], [*comparison.methods, OURS]
-    shown = [name for name in (G, MU) if any(row.name == name for row in comparison.rows)] or [MU]
+    parameters = [name for name in (G, MU) if any(row.name == name for row in comparison.rows)] or [MU]
     height = 1.3 + len(names) * max(0.16 * len(methods), 0.35)
-    drawing = Figure(figsize=(1.2 + 4.2 * len(shown), height), facecolor="white", layout="constrained")
-    panels = drawing.subplots(1, len(shown), sharey=True, squeeze=False)[0]
-    for axes, name in zip(panels, shown, strict=True):
+    drawing = Figure(figsize=(1.2 + 4.2 * len(parameters), height), facecolor="white", layout="constrained")
+    panels = drawing.subplots(1, len(parameters), sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, parameters, strict=True):
         factor, label = comparison.unit(name)
         rows = {row.group.name: row for row in comparison.rows if row.name == name}
         _panel(axes, [rows.get(group) for group in names], factor, methods, comparison.answers[0])
@@ -334,7 +336,9 @@ def _panel(axes: Axes, rows: Sequence[ComparedParameter | None], factor: float, 
 
 def _draw_shots(axes: Axes, row: ComparedParameter, factor: float, height: float) -> None:
     for face, label in ((VERMILLION, f"{OURS}: shot, trusted"), ("none", f"{OURS}: shot, not trusted")):
-        shots = [shot.determined(row.name) for shot in row.shots if shot.answered and shot.trusted == (face != "none")]
+        shots = [
+            shot.determined(row.name) for shot in row.shots if shot.has_answer and shot.trusted == (face != "none")
+        ]
         values = [value * factor for value in shots if value is not None]
         if values:
             look: Any = {"ms": 3, "mec": VERMILLION, "mew": 0.7, "alpha": 0.7, "mfc": face, "zorder": 2}

@@ -23,8 +23,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.bubble import Requested, bubbles_of
-from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.media import medium as named
+from cavirheo.physics.media import WATER, Medium, medium
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result, read_json
@@ -67,7 +66,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         Family(self.material)
-        named(self.medium)
+        medium(self.medium)
         bubbles, radii, rates = bubbles_of(self.bubble), self.max_radius, self.frame_rate
         message = f"design is about one bubble, got {', '.join(bubble.name for bubble in bubbles)}"
         require(len(bubbles) == 1, message, "option.bubble")
@@ -124,7 +123,7 @@ def design(
     require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
     require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
-    family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), named(rig.medium)
+    family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), medium(rig.medium)
     goal = _Goal(family, float(np.log10(1.0 + wanted)), _knowledge(known, group, family, dict(ranges or {}), spread))
     settings = _settings(rig, sizes)
     law, stretches = goal.knowledge.draw(draws, seed)
@@ -282,7 +281,7 @@ def _quantity(logs: Floats) -> Quantity:
 
 
 def _knowledge(
-    known: Result | str | Path | None,
+    result: Result | str | Path | None,
     group: str | None,
     family: Family,
     ranges: dict[str, Sequence[float]],
@@ -299,14 +298,14 @@ def _knowledge(
     low, high = np.log10(ranges.get("stretch", STRETCHES)).tolist()
     size = len(family.parameters)
     scatter = None if spread is None else spread**2 * np.eye(size)
-    if known is None:
+    if result is None:
         searched = zip(family.parameters, family.bounds(started=True), strict=True)
         logs = np.array([np.log10(ranges[name]) if name in ranges else ends for name, ends in searched])
         wide = np.diag(np.ptp(logs, axis=1) ** 2 / 12.0)
         return _Knowledge(logs.mean(axis=1), wide, np.zeros((size, size)) if scatter is None else scatter, (low, high))
-    if not isinstance(known, Result):
-        known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
-    chosen, rows = _answers(known, group, family)
+    if not isinstance(result, Result):
+        result = read_json(Path(result) / "result.json" if Path(result).is_dir() else result)
+    chosen, rows = _answers(result, group, family)
     mean, covariance, scatter, shots = _material(chosen, rows, family, scatter)
     logs = np.log10([row.stretch.median for row in rows if row.stretch.median])
     measured = "stretch" not in ranges and len(logs) > 0
@@ -340,8 +339,8 @@ def _material(
     Where there is none (two shots), from the answers: the scatter, if it is not given, is that of the parameter that
     scatters most, beyond what intervals explain (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2)."""
     pooled = group.population
-    if pooled and pooled.found and pooled.model.startswith(f"{family.name},"):
-        mean, covariance, between = pooled.known(family.parameters)
+    if pooled and pooled.has_material and pooled.model.startswith(f"{family.name},"):
+        mean, covariance, between = pooled.log_moments(family.parameters)
         return mean, covariance, between if scatter is None else scatter, pooled.n - len(pooled.strays)
     logs = np.array([row.logs(family.parameters) for row in rows])  # (shots, l, 3)
     middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])

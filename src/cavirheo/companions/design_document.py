@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHOWN = 100.0  # of the smallest: what is above is of no use
+LARGEST_RATIO = 100.0  # of the smallest: what is above is of no use
 
 
 class DesignedSetting(Record):
@@ -118,7 +118,7 @@ class Design(Document):
         return self.best if self.fewest is None else self.fewest
 
     @property
-    def said(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """The next setting, how many shots, and what answers of recordings there say."""
         setting, best = self.settings[self.next], self.settings[self.best]
         goal = f"± {self.wanted_percent:g} % (90 %)"
@@ -142,7 +142,7 @@ class Design(Document):
                 f"next: {shots}{more} at {setting.words}, for {goal} of {law}",
                 f"one shot there tells most, too ({best.gain})" if best is setting else single,
             ]
-        return [*lines, *(self._words(one) for one in self.checked)]
+        return [*lines, *(self._words(checked) for checked in self.checked)]
 
     def _words(self, checked: CheckedSetting) -> str:
         """'checked: R_max 250 µm at 500,000 frames/s, 6 recordings: G ± 41 % (expected 33); so 12 shots for ± 10 %'."""
@@ -178,7 +178,7 @@ def print_table(document: Design) -> None:
         style = "bold" if k in (document.best, document.fewest) else ""
         table.add_row(digits.micrometres(setting.max_radius_m), *row, style=style)
     console.print(table)
-    for line in document.said:
+    for line in document.sentences:
         console.print(Text(line, "bold"))
 
 
@@ -201,7 +201,7 @@ def picture(document: Design) -> Figure:
     panels.append((f"shots for ± {document.wanted_percent:g} %", shots, no_ends, word))
     figure, wide = new_figure(3.0), 0.86 / len(panels)
     write(figure, 0.07, 0.93, f"{document.material}: which shot next", size=11, weight="bold")
-    write(figure, 0.07, 0.865, digits.elide(document.said[0], 110), size=8.5, color=INK)
+    write(figure, 0.07, 0.865, digits.elide(document.sentences[0], 110), size=8.5, color=INK)
     for k, (title, values, ends, empty) in enumerate(panels):
         axes = new_axes(figure, (0.07 + k * wide, 0.16, wide - 0.06, 0.58), "R_max (µm)", "")
         axes.set_title(title, fontsize=9, color=INK, loc="left")
@@ -212,7 +212,7 @@ def picture(document: Design) -> Figure:
             continue
         axes.set(xscale="log", yscale="log")
         axes.margins(x=0.08)  # of a ring
-        axes.set_ylim(0.7 * min(finite), min(1.4 * max(finite), SHOWN * min(finite)))
+        axes.set_ylim(0.7 * min(finite), min(1.4 * max(finite), LARGEST_RATIO * min(finite)))
         for axis in (axes.xaxis, axes.yaxis):
             plain_ticks(axis, (1, 2, 5))
         axes.minorticks_off()

@@ -126,8 +126,8 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
         require(len(table.all(kind)) == 1, f"{place}: {len(table.all(kind))} times; expected once", "references.head")
     sets: dict[str, ReferenceSet] = {}
     methods: dict[str, tuple[str, str]] = {}
-    for number, cells in table.rows:
-        row = {name.kind: cell for name, cell in zip(names, cells, strict=False) if cell}
+    for number, texts in table.rows:
+        row = {name.kind: cell for name, cell in zip(names, texts, strict=False) if cell}
         _add_line(row, f"{path}, line {number}", sets, methods)
     message = f"{path}: {len(sets)} sets; more than {_MOST} are not compared in one picture; split the file"
     require(len(sets) <= _MOST, message, "references.sets")
@@ -218,8 +218,8 @@ def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, P
     return dict(sets) if shared else {name: values for name in names for values in sets.values()}
 
 
-def set_beside(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
+def add_to_groups(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
     """Each group gets the values that `by_group` finds for it. Raises as this."""
     values = by_group((group.name for group in groups), sets)
     for group in groups:
-        group.put_beside(values.get(group.name, {}))
+        group.add_published(values.get(group.name, {}))

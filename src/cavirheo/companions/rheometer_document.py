@@ -28,7 +28,7 @@ _NARROWEST = 5.0  # highest over lowest viscosity of an axis
 _MARK: Any = {"ls": "none", "ms": 8, "mew": 1.4, "mec": INK, "mfc": "none", "zorder": 4, "clip_on": False}
 
 
-class Shown(NamedTuple):
+class Column(NamedTuple):
     """A number of a sweep in table and picture: words: in a picture, "µ = {} Pa s", or "". field: of the sweep."""
 
     head: str
@@ -72,7 +72,7 @@ class Rheometry(Document):
         """As values of another method, which names the regime: a viscosity at this frequency is not a bubble's."""
         strain, frequency = self.of("strain"), self.of("frequency")
         omegas = [end for s in frequency for end in (s.x_from, s.x_to)] or [s.held for s in strain]
-        strains = _known(s.held for s in frequency) or _known(s.plateau_to for s in strain)
+        strains = _present(s.held for s in frequency) or _present(s.plateau_to for s in strain)
         deformation = f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain"
         values = {
             "shear_modulus": self.shear_modulus_Pa,
@@ -82,20 +82,20 @@ class Rheometry(Document):
         return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": published}
 
 
-def shown(document: Rheometry, kind: str) -> list[Shown]:
+def columns_of(document: Rheometry, kind: str) -> list[Column]:
     """What tables and pictures have of the sweeps of a kind."""
     (factor, unit), at = document.unit, f"{document.at_rad_per_s:g} rad/s"
-    plateau = Shown(f"plateau G'\n{unit}", f"plateau G′ = {{}} {unit}", "plateau_storage_Pa", factor)
+    plateau = Column(f"plateau G'\n{unit}", f"plateau G′ = {{}} {unit}", "plateau_storage_Pa", factor)
     if kind == "strain":
-        linear = Shown(f"linear, ±{100 * document.tolerance:g} %\n%", "linear to {} %", "plateau_to", 100.0)
-        return [linear, plateau, Shown("G' = G''\nat %", "G′ = G″ at {} %", "crossover", 100.0)]
+        linear = Column(f"linear, ±{100 * document.tolerance:g} %\n%", "linear to {} %", "plateau_to", 100.0)
+        return [linear, plateau, Column("G' = G''\nat %", "G′ = G″ at {} %", "crossover", 100.0)]
     return [
         plateau,
-        Shown("over\nrad/s", "", "plateau_to"),
-        Shown("µ = G''/ω\nPa s", f"µ = {{}} Pa s at {at}", "viscosity_Pa_s"),
-        Shown("tan δ\n", "tan δ = {}", "tan_delta"),
-        Shown("|η*|\nPa s", "", "complex_viscosity_Pa_s"),
-        Shown("G' = G''\nat rad/s", "G′ = G″ at {} rad/s", "crossover"),
+        Column("over\nrad/s", "", "plateau_to"),
+        Column("µ = G''/ω\nPa s", f"µ = {{}} Pa s at {at}", "viscosity_Pa_s"),
+        Column("tan δ\n", "tan δ = {}", "tan_delta"),
+        Column("|η*|\nPa s", "", "complex_viscosity_Pa_s"),
+        Column("G' = G''\nat rad/s", "G′ = G″ at {} rad/s", "crossover"),
     ]
 
 
@@ -103,12 +103,12 @@ def rheometry(
     sweeps: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
 ) -> Rheometry:
     """The document of these sweeps as they were read; `head`: command, date, notes."""
-    strain = [strain_sweep(one, tolerance) for one in sweeps if one.kind == "strain"]
-    frequency = [frequency_sweep(one, at) for one in sweeps if one.kind == "frequency"]
+    strain = [strain_sweep(sweep, tolerance) for sweep in sweeps if sweep.kind == "strain"]
+    frequency = [frequency_sweep(sweep, at) for sweep in sweeps if sweep.kind == "frequency"]
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
     if modulus.mean is None:
         solid = [s for s in strain if (s.plateau_storage_Pa or 0.0) > (s.plateau_loss_Pa or 0.0)]
-        held = _known(s.held for s in solid)
+        held = _present(s.held for s in solid)
         modulus = spread_of([s.plateau_storage_Pa for s in solid])
         origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
     document = Rheometry(
@@ -121,7 +121,7 @@ def rheometry(
         sweeps=[*strain, *frequency],
         **head,
     )
-    limit = min(_known(sweep.plateau_to for sweep in strain if sweep.departs), default=math.inf)
+    limit = min(_present(sweep.plateau_to for sweep in strain if sweep.departs), default=math.inf)
     document.notes += [
         f"{sweep.name} was run at a strain of {digits.percent(sweep.held)} %, beyond the linear range "
         f"(to {digits.percent(limit)} %): its moduli are not those of the linear range"
@@ -148,10 +148,8 @@ def regimes(document: Rheometry, result: Result) -> str:
     """That rheometer and bubbles measure in different regimes, in their own numbers."""
     (method,) = document.published
     counted = [curve for curve in result.curves if curve.trusted]
-    rates, stretches = (
-        _span((getattr(one, name) for one in of), 2)
-        for name, of in (("strain_rate_per_s", counted), ("median", [curve.stretch for curve in counted]))
-    )
+    rates = _span((curve.strain_rate_per_s for curve in counted), 2)
+    stretches = _span((curve.stretch.median for curve in counted), 2)
     return (
         f"The regimes differ: the rheometer measures at {method.removeprefix('rheometer, ')}, the bubble at {rates} "
         f"1/s and λ = {stretches}. G and µ depend on both: unequal values are not a contradiction."
@@ -164,38 +162,41 @@ def print_rheometry(document: Rheometry) -> None:
 
     console, frequency = terminal.console(), bool(document.of("frequency"))
     for kind in ("strain", "frequency"):
-        sweeps, columns = document.of(kind), shown(document, kind)
-        table = terminal.table(f"{kind} sweep", [one.head for one in columns])
+        if not (sweeps := document.of(kind)):
+            continue
+        columns = columns_of(document, kind)
+        table = terminal.table(f"{kind} sweep", [column.head for column in columns])
         for sweep in sweeps:
-            table.add_row(sweep.name, *(_cell(sweep, one) for one in columns))
+            table.add_row(sweep.name, *(_cell(sweep, column) for column in columns))
         table.add_section()
-        means = [digits.spread(spread_of([getattr(of, one.field) for of in sweeps]), one.factor) for one in columns]
-        for row in [["mean ± std", *means]] if len(sweeps) > 1 else []:
-            table.add_row(*row, style="bold")
-        console.print(table) if sweeps else None
+        if len(sweeps) > 1:
+            means = [spread_of([getattr(sweep, column.field) for sweep in sweeps]) for column in columns]
+            texts = [digits.spread(mean, column.factor) for mean, column in zip(means, columns, strict=True)]
+            table.add_row("mean ± std", *texts, style="bold")
+        console.print(table)
     at = f"{document.at_rad_per_s:g} rad/s"
     answer = f": G = {_with_unit(document.shear_modulus_Pa, *document.unit)} ({document.shear_modulus_from})"
     answer += f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {at}" * frequency
     console.print(Text.assemble((digits.printable(document.material), "bold"), answer))
-    remarks = terminal.once((sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes))
-    terminal.print_remarks(console, remarks, document.notes)
+    remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]
+    terminal.print_remarks(console, terminal.by_message(remarks), document.notes)
 
 
-def _cell(sweep: Sweep, shown: Shown) -> str:
+def _cell(sweep: Sweep, column: Column) -> str:
     """A number, or the ends of the plateau."""
-    if shown.field != "plateau_to":
-        return digits.spread(Spread(mean=getattr(sweep, shown.field)), shown.factor)
-    ends = [shown.factor * end for end in _known([sweep.plateau_from, sweep.plateau_to])]
+    if column.field != "plateau_to":
+        return digits.spread(Spread(mean=getattr(sweep, column.field)), column.factor)
+    ends = [column.factor * end for end in _present([sweep.plateau_from, sweep.plateau_to])]
     return _span(ends, to=" to " if sweep.departs or sweep.kind == "frequency" else " to ≥ ")
 
 
-def _known(values: Iterable[float | None]) -> list[float]:
+def _present(values: Iterable[float | None]) -> list[float]:
     return [value for value in values if value is not None]
 
 
 def _span(values: Iterable[float | None], count: int = 3, to: str = " to ") -> str:
     """'0.10 to 100', '1.5e5 to 2.5e5', or one number where both ends read the same."""
-    finite = _known(values)
+    finite = _present(values)
     ends = [
         digits.significant(end, count) if end < 1e4 else f"{end:.{count - 1}e}".replace("e+0", "e")
         for end in ([min(finite), max(finite)] if finite else [])
@@ -216,7 +217,7 @@ def figure(document: Rheometry, kind: str) -> Figure:
     def column(name: str) -> np.ndarray:
         return np.array([getattr(sweep, name) for sweep in sweeps], dtype=float)
 
-    entries = [entry for entry in shown(document, kind) if entry.words]
+    entries = [entry for entry in columns_of(document, kind) if entry.words]
     means = [(entry, spread_of([getattr(sweep, entry.field) for sweep in sweeps])) for entry in entries]
     answer = [entry.words.format(digits.spread(mean, entry.factor)) for entry, mean in means if mean.mean is not None]
     what = f"{kind} sweep" if len(sweeps) == 1 else f"{len(sweeps)} {kind} sweeps: mean ± std"

@@ -12,7 +12,7 @@ from typing import Any
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.reporting.group import REFERENCES, Published
-from cavirheo.reporting.record import Answered, Pairs, Result, read_json, result
+from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
 from cavirheo.writing import claim
 from cavirheo.writing.document import Outputs, drawing, short_name, write_json
 
@@ -47,8 +47,7 @@ def write_report(
     notes: Sequence[str] = (),
     complete: bool = True,
     draw: bool = True,
-    workers: int = 1,
-    done: Callable[[], None] | None = None,
+    advance: Callable[[], None] | None = None,
     published: Mapping[str, Published] | None = None,
     references: Sequence[str] = REFERENCES,
     replace: bool = False,
@@ -59,7 +58,7 @@ def write_report(
     replaced, or removed.
 
     Args:
-        pairs: (curve, its answer), in the order of the rows. Answers of an `Answered` are read when they are needed.
+        pairs: (curve, its answer), in the order of the rows. A `CurveAnswers` reads each answer when it is needed.
         command: what was run, as it stands in the documents.
         figures: files of each curve and group, of "png", "svg", "pdf" and "paper" (PDF, SVG and PNG for a two-column
             paper); they need matplotlib, without which the notes say so. The report holds its pictures in itself.
@@ -67,9 +66,7 @@ def write_report(
         notes: on the run as a whole (files that could not be read, ...).
         complete: False for a run that was stopped before all was answered: no report, no figures.
         draw: False: no pictures in the report.
-        workers: processes that may make the rows of thousands of curves; above 1, the main module of the program must
-            be safe to import.
-        done: called after each figure.
+        advance: called after each figure.
         published: values of other methods, by group, method and parameter, which stand beside the groups.
         references: methods of these that errors are to.
         replace: whether answers of another call, or of another command line, may be replaced, too.
@@ -83,14 +80,13 @@ def write_report(
     """
     from cavirheo.reporting import html, table
 
-    pairs, date = Answered.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    pairs, date = CurveAnswers.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figures = figures if complete else ()
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
     with claim.held(claim.Claim(command, {"command": command, "curves": sources}, replace)):
         folder = outputs(directory, pairs.curves, figures)
-        workers = workers if complete else 1
-        document = result(pairs, command, date=date, notes=notes, workers=workers)
-        document.put_beside(published or {}, references)
+        document = result(pairs, command, date=date, notes=notes)
+        document.add_published(published or {}, references)
         pictures = _pictures(pairs, document) if draw and complete else ([], [])
         if complete and len(pairs) > MANY:
             try:
@@ -104,7 +100,7 @@ def write_report(
         if figures:
             from cavirheo.reporting.figures import write
 
-            if failed := write(folder, pairs, document, figures, done):
+            if failed := write(folder, pairs, document, figures, advance):
                 document.notes += failed
                 folder.write("result.json", write_json, document)
         if complete:
@@ -114,7 +110,7 @@ def write_report(
     return document
 
 
-def _pictures(pairs: Answered, document: Result) -> tuple[list[str], list[str]]:
+def _pictures(pairs: CurveAnswers, document: Result) -> tuple[list[str], list[str]]:
     """SVG of each curve and of each group, or why there is none, which becomes a note of the document. Of very many
     curves the pictures are simpler, and only the first groups have one."""
     from cavirheo.reporting import html, svg

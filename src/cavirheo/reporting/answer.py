@@ -221,7 +221,7 @@ class CurveRecord(Record, Answer):
     _if_any = ("column", "stretch_prior")
 
     @property
-    def answered(self) -> bool:
+    def has_answer(self) -> bool:
         return self.verdict != "failed"
 
     @property
@@ -242,7 +242,7 @@ class CurveRecord(Record, Answer):
         return None if name in self.diagnostics.at_bound else self.quantity(name).determined
 
     @property
-    def itself(self) -> OtherModel:
+    def as_model(self) -> OtherModel:
         """The answer as an entry among those of other models."""
         shared = {name: getattr(self, name) for name in OtherModel.model_fields if name in CurveRecord.model_fields}
         log, error = (self.evidence.log, self.evidence.error) if self.evidence else (None, None)
@@ -287,19 +287,19 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
             messages.insert(0, Message("answer.not_finite", {"parameters": ", ".join(broken)}))
         if broken or not posterior.theta.size:
             verdict = "failed"
-    answered = verdict != "failed"
-    prior = posterior.stretch_prior if answered else None
-    if not (messages or answered):
+    has_answer = verdict != "failed"
+    prior = posterior.stretch_prior if has_answer else None
+    if not (messages or has_answer):
         messages.append(Message("answer.none"))
-    checks = posterior.checks if answered else Checks("failed")
+    checks = posterior.checks if has_answer else Checks("failed")
 
     def quantity(name: str) -> Quantity:
-        if not answered or name not in posterior.parameters:
+        if not has_answer or name not in posterior.parameters:
             return Quantity()
         return posterior.quantity(name)
 
     values = {name: quantity(name) for name in ("shear_modulus", "viscosity", "stretch", *posterior.parameters)}
-    if answered:
+    if has_answer:
         assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in posterior.parameters}
         values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _at_rate(posterior)
         if values["stretch"].median is None:  # not the network's own, but fitted after it or given
@@ -322,9 +322,9 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         column=dict(curve.column),
         stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
         seconds=finite(posterior.seconds) or 0.0,
-        other_models=[_other(answer) for answer in posterior.others],
-        windows={key: _known(window) for key, window in posterior.windows.items()},
-        diagnostics=_known(posterior.diagnostics),
+        other_models=[_model_record(answer) for answer in posterior.others],
+        windows={key: _json_fields(window) for key, window in posterior.windows.items()},
+        diagnostics=_json_fields(posterior.diagnostics),
         provenance=_plain(posterior.provenance),
     )
 
@@ -362,7 +362,7 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     return {AT_RATE: Quantity(median=float(median), q05=low, q95=high)}
 
 
-def _other(answer: OtherAnswer) -> OtherModel:
+def _model_record(answer: OtherAnswer) -> OtherModel:
     from cavirheo.physics.materials import viscosity_at
 
     names = dict.fromkeys((*answer.intervals, *(name for name in BUBBLE if answer.best.get(name))))
@@ -430,7 +430,7 @@ def _measured(curve: RadiusCurve, name: str) -> float | None:
     return None
 
 
-def _known(fields: Any) -> Any:
+def _json_fields(fields: Any) -> Any:
     """A dataclass as JSON can hold it, without the entries of its mappings that are no numbers."""
     return {
         name: {key: item for key, item in value.items() if item is not None} if isinstance(value, dict) else value

@@ -30,7 +30,7 @@ from cavirheo.writing.document import Quantity, Spread
 from cavirheo.writing.style import BLUE, INK, VERMILLION, shades
 
 GREEN, MEASURED, PALE = "#00875f", "#222222", "#b4b4b4"
-TRIAL = [0, 1]  # places of the trial's line and of its residual among the traces: `steps.trial` redraws these alone
+WHAT_IF_TRACES = [0, 1]  # radius and residual of a what-if simulation: the page redraws these traces alone
 _RMAX = "R<sub>max</sub>"
 _TIME = f"time after {_RMAX} (µs)"
 _STYLE = json.loads(Path(__file__).with_name("figure.json").read_text(encoding="utf-8"))
@@ -62,10 +62,10 @@ def overview(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> tuple[go
 
 
 def filmed(
-    time: Floats, radius: Floats, unit: str, flags: NDArray[np.str_], colours: Mapping[str, str], first: int, shown: int
+    time: Floats, radius: Floats, unit: str, flags: NDArray[np.str_], colours: Mapping[str, str], first: int, frame: int
 ) -> go.Figure:
     """Radii of a recording over s by the flags of its frames, those excluded as crosses; `first`: number of the first
-    frame; that which is shown is marked."""
+    frame. A line marks `frame`, the number of the frame that the page shows."""
     number, figure = first + np.arange(len(time)), figure_of("time (µs)", f"R ({unit})")
     cross = {"size": 8, "symbol": "x-thin-open", "line": {"width": 2}}
     for flag in dict.fromkeys(flags.tolist()):
@@ -80,7 +80,7 @@ def filmed(
             name=flag,
             hovertemplate="frame %{customdata}: %{y:.4g} " + unit,
         )
-    figure.add_vline(x=1e6 * time[shown - first], line={"color": MEASURED, "width": 1.5})
+    figure.add_vline(x=1e6 * time[frame - first], line={"color": MEASURED, "width": 1.5})
     return figure
 
 
@@ -89,14 +89,14 @@ def checked(
     answer: Checks,
     simulated_as: str,
     fit: Checks | None = None,
-    trial: dict[str, Any] | None = None,
+    what_if: dict[str, Any] | None = None,
     band: Band | None = None,
 ) -> go.Figure:
     """A measured curve, the simulation of its answer over it under this name, that of a conventional fit, what is left
     between, the `lines` of a what-if simulation, and the band in which the draws' simulations run."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
     figure.layout.template, figure.layout.height = _STYLE, 520
-    _lines(figure, trial or lines(Checks("failed")), GREEN, "solid", "sliders")  # TRIAL
+    _lines(figure, what_if or lines(Checks("failed")), GREEN, "solid", "sliders")  # WHAT_IF_TRACES
     start = curve.time[0]
     with suppress(InputError):  # a curve without R_max is drawn from its beginning
         start = curve.time_of_max
@@ -186,10 +186,8 @@ def _medians(
     ]
     bars: dict[str, Any] = {}
     if not factor:
-        above, below = (
-            [(value.q95 or end) - end for value, end in zip(up, y, strict=True)],
-            [end - (value.q05 or end) for value, end in zip(up, y, strict=True)],
-        )
+        above = [(value.q95 or end) - end for value, end in zip(up, y, strict=True)]
+        below = [end - (value.q05 or end) for value, end in zip(up, y, strict=True)]
         bars = {"error_y": {"array": above, "arrayminus": below, "thickness": 1, "width": 0}}
     marker = {"color": colour, "size": 9, "symbol": symbols, "line": {"color": INK, "width": 1}}
     figure.add_scatter(

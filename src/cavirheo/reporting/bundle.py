@@ -26,31 +26,33 @@ def zipped(
     pairs: Pairs,
     document: Result,
     fits: Pairs,
-    done: Callable[[], None],
+    advance: Callable[[], None],
     once: Callable[[str, Callable[[], bytes]], bytes],
 ) -> bytes:
     """The zip of the folder cavirheo-result, as `write_bundle` makes it; once: as `Store.once`, by which a class with
     one demo file waits for one zip. Raises as `write_bundle`."""
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     published = {group.name: group.published for group in document.groups}
-    about: dict[str, Any] = {"notes": document.notes, "published": published, "date": date}
+    head: dict[str, Any] = {"notes": document.notes, "published": published, "date": date}
 
-    def made() -> bytes:
+    def build() -> bytes:
         with TemporaryDirectory() as base:
             folder = Path(base, "cavirheo-result")
-            write_bundle(folder, pairs, document.command, fits, done, **about)
+            write_bundle(folder, pairs, document.command, fits, advance, **head)
             return Path(shutil.make_archive(f"{base}/made", "zip", base, folder.name)).read_bytes()
 
-    return once(key_of([pairs, document.command, fits, about]), made)
+    return once(key_of([pairs, document.command, fits, head]), build)
 
 
-def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Callable[[], None], **about: Any) -> None:
+def write_bundle(
+    folder: Path, pairs: Pairs, command: str, fits: Pairs, advance: Callable[[], None], **head: Any
+) -> None:
     """What `write_report` writes into `folder`, of conventional fits into least-squares/, and the processed and
-    simulated curves as CSV. about: date, notes and published, as there. done: called after each figure. Raises as
+    simulated curves as CSV. head: date, notes and published, as there. advance: called after each figure. Raises as
     `write_report`."""
-    document = write_report(folder, pairs, command, _FIGURES, done=done, **about)
+    document = write_report(folder, pairs, command, _FIGURES, advance=advance, **head)
     if fits:
-        write_report(folder / "least-squares", fits, f"{command}; then fit", _FIGURES, done=done, **about)
+        write_report(folder / "least-squares", fits, f"{command}; then fit", _FIGURES, advance=advance, **head)
     for directory in (folder, folder / "least-squares"):
         (directory / LIST).unlink(missing_ok=True)  # it tells one run from the next; a bundle is of one
     for kind in ("processed", "simulated"):

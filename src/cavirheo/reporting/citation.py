@@ -75,22 +75,22 @@ def of_law(name: str) -> list[Source]:
 
 def methods(result: Result) -> tuple[str, list[Source]]:
     """The paragraph, and whom it cites in the order of appearance; nothing where no curve has an answer."""
-    answered = [curve for curve in result.curves if curve.answered]
-    if not answered:
+    answers = [curve for curve in result.curves if curve.has_answer]
+    if not answers:
         return "", []
-    intervals = any(value.q05 is not None for curve in answered for value in (curve.viscosity_Pa_s, curve.stretch))
+    intervals = any(value.q05 is not None for curve in answers for value in (curve.viscosity_Pa_s, curve.stretch))
     year = (result.date or "")[:4]
     sentences = [
-        _shots(answered, result),
-        *_motion(answered),
-        *_model(answered),
-        *_media(answered),
-        *_window(answered),
-        *(_METHODS[method] for method in dict.fromkeys(curve.method for curve in answered)),
-        *_rivals(answered),
-        *_prior(answered),
+        _shots(answers, result),
+        *_motion(answers),
+        *_model(answers),
+        *_media(answers),
+        *_window(answers),
+        *(_METHODS[method] for method in dict.fromkeys(curve.method for curve in answers)),
+        *_rivals(answers),
+        *_prior(answers),
         "Values are medians with central 90 % intervals." if intervals else "",
-        _POPULATION if any(group.population and group.population.found for group in result.groups) else "",
+        _POPULATION if any(group.population and group.population.has_material for group in result.groups) else "",
     ]
     words = dict.fromkeys(re.findall(r"\w+", " ".join(sentences)))
     sources = [references()[word] for word in words if word in references()]
@@ -102,20 +102,20 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     return " ".join(filter(None, sentences)), [program, *sources]
 
 
-def _shots(answered: list[CurveRecord], result: Result) -> str:
-    sizes = [1e6 * curve.max_radius_m for curve in answered if curve.max_radius_m]
-    rates = [curve.strain_rate_per_s for curve in answered if curve.strain_rate_per_s]
-    files = ", ".join(f"{name}: {n}" for name, n in Counter(curve.group for curve in answered).items())
+def _shots(answers: list[CurveRecord], result: Result) -> str:
+    sizes = [1e6 * curve.max_radius_m for curve in answers if curve.max_radius_m]
+    rates = [curve.strain_rate_per_s for curve in answers if curve.strain_rate_per_s]
+    files = ", ".join(f"{name}: {n}" for name, n in Counter(curve.group for curve in answers).items())
     size = f", R_max {_range(sizes)} um" if sizes else ""
     rate = f", strain rates {_range(rates)} 1/s" if rates else ""
-    of = f"{digits.counted(len(answered), 'bubble')} ({files}{size}{rate})"
+    of = f"{digits.counted(len(answers), 'bubble')} ({files}{size}{rate})"
     return f"Radius histories of {of} were analysed with cavirheo {result.version} [cavirheo{(result.date or '')[:4]}]."
 
 
-def _motion(answered: list[CurveRecord]) -> list[str]:
+def _motion(answers: list[CurveRecord]) -> list[str]:
     """The equations of the wall, each with what the gas does."""
     sentences = []
-    for motion, exponent in dict.fromkeys((curve.bubble.motion, curve.bubble.exponent) for curve in answered):
+    for motion, exponent in dict.fromkeys((curve.bubble.motion, curve.bubble.exponent) for curve in answers):
         gas = "with heat and mass transfer between gas, vapour and medium [Estrada2018]"
         if exponent is not None:
             gas = f"with a polytropic gas of exponent {exponent:g}"
@@ -123,9 +123,9 @@ def _motion(answered: list[CurveRecord]) -> list[str]:
     return sentences
 
 
-def _model(answered: list[CurveRecord]) -> list[str]:
+def _model(answers: list[CurveRecord]) -> list[str]:
     sentences = []
-    for model in dict.fromkeys((curve.material, curve.bubble) for curve in answered):
+    for model in dict.fromkeys((curve.material, curve.bubble) for curve in answers):
         material, bubble = model
         keys = list(dict.fromkeys(source.key for part in material.split("+") for source in of_law(part.strip())))
         law = digits.MATERIALS.get(material, material).partition(" (")[0] + (f" [{', '.join(keys)}]" if keys else "")
@@ -133,15 +133,15 @@ def _model(answered: list[CurveRecord]) -> list[str]:
         if bubble.contents == "kinetic":
             vapour = "vapour that condenses at a finite rate, with its diffusivity by [Fuller1966]"
         damped = "; the surroundings damp the motion (confinement damping)" * (bubble.confinement_damping != 0)
-        count = sum((c.material, c.bubble) == model for c in answered)
+        count = sum((c.material, c.bubble) == model for c in answers)
         hurt = "" if bubble.damage == "none" else f", damaged ({bubble.damage})"
         sentences.append(f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}{damped}.")
     return sentences
 
 
-def _rivals(answered: list[CurveRecord]) -> list[str]:
+def _rivals(answers: list[CurveRecord]) -> list[str]:
     """The models beside which the answers stand with an evidence, whose the values are, and what is preferred."""
-    compared = [curve for curve in answered if curve.evidence]
+    compared = [curve for curve in answers if curve.evidence]
     models = {curve.model: curve.in_words for curve in compared}
     alternatives = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
     rivals = {model.in_words for model in alternatives if model.model not in models}
@@ -168,12 +168,12 @@ def _passed(curves: Sequence[CurveRecord]) -> str:
     )
 
 
-def _media(answered: list[CurveRecord]) -> list[str]:
+def _media(answers: list[CurveRecord]) -> list[str]:
     """The constants by their names; nothing of a document of an older version, which does not hold them."""
     sentences = []
-    media = dict.fromkeys(curve.medium for curve in answered if curve.medium)
+    media = dict.fromkeys(curve.medium for curve in answers if curve.medium)
     for medium in media:
-        groups = dict.fromkeys(curve.group for curve in answered if curve.medium == medium)
+        groups = dict.fromkeys(curve.group for curve in answers if curve.medium == medium)
         name = medium.name.removesuffix(", changed")
         of = f" of {', '.join(groups)}" if len(media) > 1 else ""
         changed = " with changes" if replace(medium, name=name, unusual=True) != KNOWN.get(name, medium) else ""
@@ -186,9 +186,9 @@ def _media(answered: list[CurveRecord]) -> list[str]:
     return sentences
 
 
-def _window(answered: list[CurveRecord]) -> list[str]:
-    windows = sorted({curve.window.collapses for curve in answered if curve.window.collapses})
-    ends = [curve.window.t_star_end for curve in answered if curve.window.t_star_end]
+def _window(answers: list[CurveRecord]) -> list[str]:
+    windows = sorted({curve.window.collapses for curve in answers if curve.window.collapses})
+    ends = [curve.window.t_star_end for curve in answers if curve.window.t_star_end]
     if windows and ends:
         *few, last = windows
         collapses = " or ".join([*map(str, few), digits.counted(last, "collapse")])
@@ -196,14 +196,14 @@ def _window(answered: list[CurveRecord]) -> list[str]:
     return []
 
 
-def _prior(answered: list[CurveRecord]) -> list[str]:
-    sources = Counter(curve.diagnostics.stretch_source for curve in answered if curve.stretch_prior)
+def _prior(answers: list[CurveRecord]) -> list[str]:
+    sources = Counter(curve.diagnostics.stretch_source for curve in answers if curve.stretch_prior)
     stated = [f"The stretch of {digits.counted(n, 'curve')} was {source}." for source, n in sources.items()]
-    if not any(curve.method in ("verified", "laplace", "amortised") for curve in answered):
+    if not any(curve.method in ("verified", "laplace", "amortised") for curve in answers):
         return stated
     ranges = []
-    names = [name for curve in answered for name in ("shear_modulus", "viscosity") if curve.quantity(name).median]
-    names += [] if all(curve.stretch_prior for curve in answered) else ["stretch"]
+    names = [name for curve in answers for name in ("shear_modulus", "viscosity") if curve.quantity(name).median]
+    names += [] if all(curve.stretch_prior for curve in answers) else ["stretch"]
     for name in dict.fromkeys(names):
         parameter = PARAMETERS[name]
         if parameter.searched:
@@ -222,10 +222,8 @@ def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -
     mean and the standard deviation of the trusted ones. Nothing where none is trusted."""
     if group.headline:
         return f"{group.name}: {group.headline}."
-    trusted, n = (
-        [member for member in members if member.trusted],
-        group.n if group.n_trusted is None else group.n_trusted,
-    )
+    trusted = [member for member in members if member.trusted]
+    n = group.n if group.n_trusted is None else group.n_trusted
     values = []
     for name in parameters_of(trusted):
         symbol, factor, unit = in_unit(name, result.modulus_unit)

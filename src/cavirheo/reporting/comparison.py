@@ -64,7 +64,7 @@ class Comparison:
         self.methods: list[str] = list(dict.fromkeys(method for group, _ in groups for method in group.published))
         self.references: list[str] = list(dict.fromkeys(method for group, _ in groups for method in group.errors))
         self.answers: list[str] = max((row.answers for row in self.rows), key=len, default=[]) or [OURS]
-        bubbles = dict.fromkeys(shot.bubble.title for _, shots in groups for shot in shots if shot.answered)
+        bubbles = dict.fromkeys(shot.bubble.title for _, shots in groups for shot in shots if shot.has_answer)
         self.bubbles: str = ", ".join(bubbles)
         means = [value.mean for row in self.rows if row.name == G for value in row.values.values()]
         factor, unit = digits.modulus_unit([0.0, *means])
@@ -78,23 +78,23 @@ class Comparison:
 
 def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:
     """One for each parameter that is published or inferred; a liquid has no G."""
-    answered = [shot for shot in shots if shot.answered]
-    medians = {name: [shot.quantity(name).median for shot in answered] for name in (G, MU)}
+    answers = [shot for shot in shots if shot.has_answer]
+    medians = {name: [shot.quantity(name).median for shot in answers] for name in (G, MU)}
     inferred = [name for name in medians if group.spread(name).mean is not None or any(medians[name])]
     published = [name for values in group.published.values() for name in values]
     for name in sorted({*inferred, *published}, key=[G, MU, *published].index) or [""]:
         values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
         values[TRUSTED] = group.spread(name)
-        values[ALL] = spread_of([shot.determined(name) for shot in answered])
+        values[ALL] = spread_of([shot.determined(name) for shot in answers])
         yield ComparedParameter(group, shots, name, values)
 
 
 def remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """The material, doubtful and failed shots."""
-    lines = [group.population.line] if group.population and group.population.found else []
+    lines = [group.population.line] if group.population and group.population.has_material else []
     if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
-    reasons = terminal.once((shot.name, shot.message) for shot in shots if not shot.answered)
+    reasons = terminal.by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
     return lines + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
 
 
@@ -109,7 +109,7 @@ def print_comparison(result: Result) -> None:
     terminal.print_remarks(console, {}, result.notes)
 
 
-def print_beside(result: Result, warning: str) -> None:
+def print_with_published(result: Result, warning: str) -> None:
     """The table and what must be known of it, below what is printed of another method."""
     console = terminal.console()
     console.print()
@@ -128,10 +128,10 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
         head = ["" if row.group is before else row.group.name, label]
         counts = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(row)]
         for method in [method for method in row.values if method not in (TRUSTED, ALL)] + row.answers:
-            cells = [*head, method, _written(row, method, factor)]
-            cells += [_error(row, reference, method) for reference in comparison.references]
+            texts = [*head, method, _written(row, method, factor)]
+            texts += [_error(row, reference, method) for reference in comparison.references]
             ours = method in row.answers
-            table.add_row(*cells, *(counts if ours else []), style="bold" if ours and method != ALL else None)
+            table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != ALL else None)
             head, counts = ["", ""], [] if ours else counts
         before = row.group
         table.add_section()
@@ -172,20 +172,20 @@ def write_csv(path: Path, result: Result) -> None:
     head += ["rmse_over_rmax_median", "rmse_over_rmax_smallest", "rmse_over_rmax_largest", "models", "message"]
     lines = []
     for row in comparison.rows:
-        cells: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
-        cells |= {"n_shots": len(row.shots), "n_answered": row.group.n, "models": ", ".join(row.group.models)}
-        cells |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
-        cells |= dict(zip(head[-5:-2], _misfits(row.shots), strict=True))
+        entries: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
+        entries |= {"n_shots": len(row.shots), "n_answered": row.group.n, "models": ", ".join(row.group.models)}
+        entries |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
+        entries |= dict(zip(head[-5:-2], _misfits(row.shots), strict=True))
         for name, method in methods.items():
-            cells |= {f"{name}_{part}": number for part, number in row.value(method)}
-            cells |= {f"{name}_error_to_{to}": row.error(to, method) for to in comparison.references}
-        lines.append(cells | {"message": "; ".join(remarks(row.group, row.shots))})
+            entries |= {f"{name}_{part}": number for part, number in row.value(method)}
+            entries |= {f"{name}_error_to_{to}": row.error(to, method) for to in comparison.references}
+        lines.append(entries | {"message": "; ".join(remarks(row.group, row.shots))})
     write_rows(path, head, lines)
 
 
 def _misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
     """RMSE over R_max of the answered shots: median, smallest and largest."""
-    misfits = [shot.rmse_over_rmax for shot in shots if shot.answered and shot.rmse_over_rmax is not None]
+    misfits = [shot.rmse_over_rmax for shot in shots if shot.has_answer and shot.rmse_over_rmax is not None]
     return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
 
 

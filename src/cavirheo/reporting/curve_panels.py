@@ -118,8 +118,8 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
     for values, times in ((simulated_radius, simulated_time), (residual, compared_time)):
         if values.size and values.shape != times.shape:
             raise ValueError(f"{len(values)} values at {len(times)} times")
-    answered, rmse = checks.verdict != "failed", 100.0 * (checks.rmse_over_rmax or 0.0)
-    compared = np.full(len(time), not answered)
+    has_answer, rmse = checks.verdict != "failed", 100.0 * (checks.rmse_over_rmax or 0.0)
+    compared = np.full(len(time), not has_answer)
     if len(compared_time):
         slack = 1e-6 * (time[-1] - time[0])
         compared = (time >= compared_time[0] - slack) & (time <= compared_time[-1] + slack)
@@ -137,7 +137,7 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
         )
     ]
     line = Layer("line", "simulated", simulated_time, simulated_radius, simulated_as, share=0.4)
-    note = "" if answered else "no answer: no line is drawn"
+    note = "" if has_answer else "no answer: no line is drawn"
     t_c = (checks.time_scale or 0.0) * per_second
     panels = [
         Panel(
@@ -162,7 +162,7 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
 def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> list[Panel]:
     """The panels of a curve as its row says: a row without an answer has none of the simulation."""
     name = f"simulation: {digits.simulated(record.method)}"
-    return curve_panels(curve, checks if record.answered else Checks("failed"), name)
+    return curve_panels(curve, checks if record.has_answer else Checks("failed"), name)
 
 
 def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:

@@ -20,7 +20,7 @@ from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.curve_panels import RMAX, Axis, Layer, Panel, answer_panels
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.group_panels import GroupPanels, group_panels, shots_of
-from cavirheo.reporting.laws import WeighedLaws
+from cavirheo.reporting.laws import Laws, WeighedLaws
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits, style
 from cavirheo.writing.document import Outputs, drawing
@@ -42,8 +42,8 @@ class FigureStyle:
     """How large a figure is and how it looks.
 
     Attributes:
-        one: width and height of a curve's, mm.
-        two: of a group's, mm.
+        curve_size: width and height of the figure of a curve's, mm.
+        group_size: of a group's, mm.
         small: size of numbers and keys, pt.
         large: size of the names of axes, pt.
         dot: diameter of a measured point, pt.
@@ -53,8 +53,8 @@ class FigureStyle:
         dpi: dots per inch of a PNG.
     """
 
-    one: tuple[float, float]
-    two: tuple[float, float]
+    curve_size: tuple[float, float]
+    group_size: tuple[float, float]
     small: float
     large: float
     dot: float
@@ -126,9 +126,9 @@ def files(figures: Sequence[str], curves: Sequence[str], groups: Sequence[str]) 
 
 
 def write(
-    folder: Outputs, pairs: Pairs, document: Result, figures: Sequence[str], done: Callable[[], None] | None = None
+    folder: Outputs, pairs: Pairs, document: Result, figures: Sequence[str], advance: Callable[[], None] | None = None
 ) -> list[str]:
-    """Write the figures of all curves and groups; of each that could not be drawn why. done: called after each.
+    """Write the figures of all curves and groups; return the reasons of those that failed. advance: called after each.
 
     There is no figure of a group of a single answer, and none for a paper of a curve without an answer.
     """
@@ -137,7 +137,7 @@ def write(
     rows, unit, failed = document.curves, document.modulus_unit, list[str]()
 
     def of_curve(index: int, look: FigureStyle) -> Figure | None:
-        if not (rows[index].answered or look.heading):
+        if not (rows[index].has_answer or look.heading):
             return None
         curve, answer = pairs[index]
         panels = answer_panels(curve, answer.checks, rows[index])
@@ -154,13 +154,26 @@ def write(
         for stem, (name, draw) in zip(stems, drawings, strict=True):
             with drawing(f"figure of {name}", failed):
                 if (figure := draw(look)) is not None:
-                    save(folder, stem, figure, kinds, look.dpi)
-            if done:
-                done()
+                    _save(folder, stem, figure, kinds, look.dpi)
+            if advance:
+                advance()
     return failed
 
 
-def save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str] = KINDS, dpi: int = PAPER.dpi) -> None:
+def write_laws(folder: Outputs, document: Laws) -> list[str]:
+    """Write the figures for a paper of the evidence of laws, of all curves and groups; return the reasons of those that
+    failed."""
+    failed: list[str] = []
+    stems = names(
+        [record.name for record in document.curves], [record.name for record in document.groups], "paper-laws-"
+    )
+    for stem, record in zip(stems, [*document.curves, *document.groups], strict=True):
+        with drawing(stem, failed):
+            _save(folder, stem, laws_figure(record), KINDS, PAPER.dpi)
+    return failed
+
+
+def _save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str], dpi: int) -> None:
     """As a file of each kind."""
     for kind in kinds:
         folder.write(f"{stem}.{kind}", style.save, figure, kind, dpi)
@@ -170,7 +183,7 @@ def heading(record: CurveRecord, unit: Unit) -> tuple[str, str, list[str]]:
     """Name, verdict and lines that stand above the axes: the answer and its model, or why there is none."""
     name = digits.printable(digits.elide(record.name, 60))
     verdict = digits.LOOKS[record.verdict].words
-    if not record.answered:
+    if not record.has_answer:
         message = digits.printable(record.message)
         return name, verdict, textwrap.wrap(message, _RATHER, max_lines=3, placeholder=" …")
     values = []
@@ -186,8 +199,8 @@ def heading(record: CurveRecord, unit: Unit) -> tuple[str, str, list[str]]:
 def curve_figure(panels: Sequence[Panel], look: FigureStyle, head: tuple[str, str, Sequence[str]]) -> Figure:
     """The measured points, the simulation over them, and below what is left between; a curve without an answer has its
     points alone, and the heading says why."""
-    figure, em = _figure(look.one), look.em
-    width, height = look.one
+    figure, em = _figure(look.curve_size), look.em
+    width, height = look.curve_size
     left, bottom, across = 6.4 * em, 3.6 * em, width - 7.1 * em
     top = _head(figure, look, head) - 2.0 * em if look.heading else height - 0.7 * em
     radius, *residual = panels
@@ -207,8 +220,8 @@ def curve_figure(panels: Sequence[Panel], look: FigureStyle, head: tuple[str, st
 
 def group_figure(group: GroupPanels, look: FigureStyle) -> Figure:
     """All shots over each other, and their answers with the material; rings do not count."""
-    figure, em = _figure(look.two), look.em
-    width, height = look.two
+    figure, em = _figure(look.group_size), look.em
+    width, height = look.group_size
     bottom, tall = 3.9 * em, height - 7.4 * em  # two lines of the key above
     if look.heading:
         tall = _head(figure, look, (group.title, "", [group.subtitle])) - 1.4 * em - bottom
@@ -225,20 +238,20 @@ def group_figure(group: GroupPanels, look: FigureStyle) -> Figure:
     return figure
 
 
-def laws_figure(weighed: WeighedLaws) -> Figure:
+def laws_figure(ranking: WeighedLaws) -> Figure:
     """One column: the log evidence of each law below that of the best, with its standard error; filled: the chosen."""
-    laws = {name: law for name, law in weighed.laws.items() if law.log_evidence is not None}
+    laws = {name: law for name, law in ranking.laws.items() if law.log_evidence is not None}
     ordered = sorted(laws, key=lambda name: laws[name].log_evidence or 0.0)
     best = max((laws[name].log_evidence or 0.0 for name in ordered), default=0.0)
     labels, height = [digits.elide(name, 24) for name in ordered], 6.0 * max(len(ordered), 2)
-    left, width = 4.0 + 1.5 * max(map(len, labels), default=8), PAPER.one[0]
+    left, width = 4.0 + 1.5 * max(map(len, labels), default=8), PAPER.curve_size[0]
     lowest = min((laws[name].log_evidence or 0.0 for name in ordered), default=best) - best
     figure = _figure((width, 14.0 + height))
     ends = Axis("log evidence, best = 0", 1.8 * min(lowest, -2.0), 3.0), Axis("", -0.6, max(len(ordered), 2) - 0.4)
     axes = _axes(figure, (left, 10.0, width - left - 2.0, height), *ends, PAPER)
     for row, name in enumerate(ordered):
         law = laws[name]
-        look: Any = {"color": "black", "mfc": "black" if name == weighed.chosen else "white", "ms": 4.0, "mew": 0.8}
+        look: Any = {"color": "black", "mfc": "black" if name == ranking.chosen else "white", "ms": 4.0, "mew": 0.8}
         axes.errorbar((law.log_evidence or 0.0) - best, row, xerr=law.standard_error or 0.0, fmt="o", lw=0.8, **look)
     axes.axvline(0.0, color=_GREY, lw=0.5, zorder=0)
     axes.set_xscale("symlog", linthresh=10.0)

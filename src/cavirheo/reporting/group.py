@@ -103,12 +103,9 @@ class GroupModel(Record):
         from cavirheo.inference.alternatives import equal
 
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
-        parameters = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
-        values = [
-            f"{symbol} {digits.spread(value, by)} {of}"
-            for symbol, value, by, of in parameters
-            if value.mean is not None
-        ]
+        modulus = f"G {digits.spread(self.shear_modulus_Pa, factor)} {unit}"
+        viscosity = f"µ {digits.spread(self.viscosity_Pa_s)} Pa s"
+        values = [text for text in (modulus, viscosity) if digits.MISSING not in text]
         sentence = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
         if self.log_evidence is None:
             return sentence
@@ -119,7 +116,7 @@ class GroupModel(Record):
 
     @property
     def preferred(self) -> bool:
-        """Whether the evidence of all shots together rejects the answers beside it; that of each is of a glance."""
+        """Whether the evidence of all shots together rejects the answers for this model."""
         from cavirheo.inference.alternatives import rejects
 
         averaged = self.weight > 0.5  # the answers are mostly this model's
@@ -182,20 +179,18 @@ class GroupRecord(Record):
         means = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
         return {**self.published, **({OURS: means} if self.n and self.published else {})}
 
-    def put_beside(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
+    def add_published(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
         """Add values of other methods, and the errors of all methods to those of the references."""
         self.published |= {method: dict(values) for method, values in published.items()}
         for reference in references:
-            reference_values, errors = self.published.get(reference, {}), dict[str, dict[str, float]]()
+            if not (of_reference := self.published.get(reference)):
+                continue
+            self.errors[reference] = {}
             for method, values in self.by_method.items():
-                pairs = [
-                    (name, error_of(values[name], reference_values[name]))
-                    for name in values
-                    if name in reference_values
-                ]
-                of_method = {name: error for name, error in pairs if error is not None}
-                errors |= {method: of_method} if of_method and method != reference else {}
-            self.errors |= {reference: errors} if reference_values else {}
+                shared = [name for name in values if name in of_reference and method != reference]
+                errors = {name: error_of(values[name], of_reference[name]) for name in shared}
+                if numbers := {name: error for name, error in errors.items() if error is not None}:
+                    self.errors[reference][method] = numbers
 
     def spread(self, name: str) -> Spread:
         """Of a parameter by its natural name."""
@@ -244,7 +239,7 @@ class GroupRecord(Record):
     @property
     def n_counted(self) -> int | None:
         """Shots that the material rests on, or else the means; null in documents of before."""
-        return self.population.n if self.population and self.population.found else self.n_trusted
+        return self.population.n if self.population and self.population.has_material else self.n_trusted
 
     @property
     def basis(self) -> str:
@@ -284,7 +279,7 @@ class GroupRecord(Record):
     @property
     def headline(self) -> str:
         """The line for a paper, after what must be known before it is used; nothing without a material."""
-        material = self.population and self.population.found
+        material = self.population and self.population.has_material
         return "; ".join(filter(None, [self.warning, self.population.line])) if self.population and material else ""
 
 
@@ -361,7 +356,7 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
     """The material, the mean of each parameter over the trusted curves that determine it, their slopes, and how many
     have which verdict."""
     trusted = [record for record in members if record.trusted]
-    n = sum(record.answered for record in members)
+    n = sum(record.has_answer for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
     firm = [record.diagnostics for record in trusted if record.determined("shear_modulus") is not None]
     slopes_of_scale = [shot.modulus_over_scale for shot in firm if shot.modulus_over_scale is not None]
@@ -387,38 +382,27 @@ def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list
     """Of each model that a trusted shot has besides its answer, of each shot the mode with the largest evidence; the
     slopes are over `sloped`."""
     alternatives = [(record, _by_model(record.other_models)) for record in trusted]
-    sloped_others, answered_models = (
-        [_by_model(record.other_models) for record in sloped],
-        {record.model for record in trusted},
-    )
+    of_sloped = [_by_model(record.other_models) for record in sloped]
+    first_answers = _by_model(answer for _, models in alternatives for answer in models.values())
     summaries = []
-    for model, first in _by_model(
-        model_answer for _, models in alternatives for model_answer in models.values()
-    ).items():
-        pairs = [(record, models[model]) for record, models in alternatives if model in models]
-        if answered_models == {model}:  # another mode of the model itself
+    for model, first in first_answers.items():
+        if {record.model for record in trusted} == {model}:  # another mode of the model itself
             continue
-        gains = [
-            alternative.log_evidence - record.evidence.log
-            for record, alternative in pairs
-            if alternative.log_evidence is not None and record.evidence is not None
-        ]
-        answers, complete = (
-            [model_answer for _, model_answer in pairs],
-            all(model in models for models in sloped_others),
-        )
+        pairs = [(record, models[model]) for record, models in alternatives if model in models]
+        answers = [answer for _, answer in pairs]
+        logs = [(answer.log_evidence, record.evidence) for record, answer in pairs]
+        gains = [log - evidence.log for log, evidence in logs if log is not None and evidence is not None]
+        complete = all(model in models for models in of_sloped)
         summaries.append(
             GroupModel(
                 material=first.material,
                 bubble=first.bubble.name,
                 n=len(pairs),
-                shear_modulus_Pa=spread_of(
-                    [model_answer.quantity("shear_modulus").determined for model_answer in answers]
-                ),
-                viscosity_Pa_s=spread_of([model_answer.viscosity.determined for model_answer in answers]),
+                shear_modulus_Pa=spread_of([answer.quantity("shear_modulus").determined for answer in answers]),
+                viscosity_Pa_s=spread_of([answer.viscosity.determined for answer in answers]),
                 log_evidence=float(np.sum(gains)) if gains else None,
-                weight=float(np.mean([model_answer.weight for model_answer in answers])),
-                slopes=_slopes(sloped, [models[model] for models in sloped_others]) if complete else {},
+                weight=float(np.mean([answer.weight for answer in answers])),
+                slopes=_slopes(sloped, [models[model] for models in of_sloped]) if complete else {},
             )
         )
     return summaries

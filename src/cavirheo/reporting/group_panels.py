@@ -26,7 +26,7 @@ Mark = tuple[str, str, Floats | None, Floats]  # look, name, and (3,) lower end,
 
 def shots_of(pairs: Pairs, rows: Sequence[CurveRecord], indices: Sequence[int]) -> list[Shot]:
     """Those of these curves that were answered."""
-    return [(pairs[i][0], pairs[i][1].checks, rows[i]) for i in indices if rows[i].answered]
+    return [(pairs[i][0], pairs[i][1].checks, rows[i]) for i in indices if rows[i].has_answer]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +65,8 @@ def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> Group
         t_star = (curve.time - curve.time_of_max) / (checks.time_scale or np.nan)
         some = (t_star >= x.low) & (t_star <= x.high)
         layers.append(Layer("line", "shot", t_star[some], curve.radius[some] / curve.max_radius, tones=tone[None]))
-    title, models = (
-        f"{digits.elide(group.name, 32)}: {group.shots}",
-        dict.fromkeys(record.in_words for record in records),
-    )
+    title = f"{digits.elide(group.name, 32)}: {group.shots}"
+    models = dict.fromkeys(record.in_words for record in records)
     key = f"{RMAX} {sizes.min():.0f} µm (dark) to {sizes.max():.0f} µm (light)" if np.ptp(sizes) else title
     return GroupPanels(
         title=title,

@@ -63,11 +63,11 @@ def write(
         style=style(),
         unit=unit,
         group_pictures=group_pictures,
-        script=_beside("report.js") if len(curves) > FOLDED else "",
+        script=_resource("report.js") if len(curves) > FOLDED else "",
         articles=articles,
         pictured=bool(pictures),
         shared=shared,
-        origin=_text(_common([curve.provenance for curve in curves if curve.answered or not shared])),
+        origin=_text(_common([curve.provenance for curve in curves if curve.has_answer or not shared])),
         brief=brief,
     )
     Path(path).write_text(page, encoding="utf-8")
@@ -84,7 +84,7 @@ def _shared(curves: Sequence[CurveRecord]) -> dict[str, str]:
             "file": curve.source,
         }
         for curve in curves
-        if curve.answered
+        if curve.has_answer
     ]
     return {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
 
@@ -107,10 +107,10 @@ def _text(origin: Mapping[str, Any]) -> Markup:
 def style() -> str:
     """How tables, articles, verdicts and pictures look."""
     badges = "".join(f".badge.{verdict} {{ background: {look.colour}; }}\n" for verdict, look in digits.LOOKS.items())
-    return _beside("report.css") + badges + svg.style()
+    return _resource("report.css") + badges + svg.style()
 
 
-def _beside(name: str) -> str:
+def _resource(name: str) -> str:
     return files("cavirheo.reporting").joinpath(name).read_text(encoding="utf-8")
 
 
@@ -165,7 +165,7 @@ def live_page(
     if curve and answer and record:
         with suppress(InputError):
             picture = svg.curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
-    material = group.population if group and group.population and group.population.found else None
+    material = group.population if group and group.population and group.population.has_material else None
     needed = material.still_needed([result.curves[i] for i in members], half_width) if material else None
     return template(LIVE).render(
         record=record,
@@ -178,11 +178,11 @@ def live_page(
         style=svg.style(),
         shots=len(result.curves),
         trusted=sum(row.trusted for row in result.curves),
-        failed=sum(not row.answered for row in result.curves),
+        failed=sum(not row.has_answer for row in result.curves),
     )
 
 
-def _named(name: str) -> tuple[str, float, str]:
+def _parameter_words(name: str) -> tuple[str, float, str]:
     """A parameter's name in words, and factor and name of its unit."""
     _, unit = digits.described(name)
     return name.replace("_", " "), *((1e6, "µs") if unit == "s" else (1.0, unit))
@@ -205,5 +205,5 @@ def _templates(package: str) -> Environment:
         finalize=_printable,
     )
     environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
-    environment.globals.update(named_parameter=_named, meaning_of=meaning_of, parameter_key=parameter_key)
+    environment.globals.update(named_parameter=_parameter_words, meaning_of=meaning_of, parameter_key=parameter_key)
     return environment

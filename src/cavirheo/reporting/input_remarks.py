@@ -21,14 +21,14 @@ from cavirheo.physics.media import WATER
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
-from cavirheo.writing.terminal import once
+from cavirheo.writing.terminal import by_message
 
 _NO_STIFFNESS = ("upper", "undetermined")  # bounds of G
 _LONGEST = 300  # letters of a command that is worth to be written again
 WIDE = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has less
 
 
-def cells(curve: RadiusCurve) -> tuple[str, ...]:
+def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
     """R_max, frame rate, frames with a radius, time that was recorded, collapses."""
     rate, top, collapses = curve.frame_rate, digits.MISSING, digits.MISSING
     with suppress(InputError):
@@ -47,12 +47,12 @@ def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
             messages += [(curve.name, warning.text) for warning in input_checks.of_scale(curve, WATER)]
         except InputError as error:
             messages.append((curve.name, error.message))
-    return once(messages)
+    return by_message(messages)
 
 
 def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     """What was recognised, converted or left out, each once with the shots that it concerns."""
-    return once((curve.name, note) for curve in curves for note in curve.notes)
+    return by_message((curve.name, note) for curve in curves for note in curve.notes)
 
 
 def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
@@ -65,18 +65,15 @@ def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
     sentences: dict[str, list[str]] = {}
     for code, mine in sorted(by_code.items(), key=lambda item: len(item[1]), reverse=True):
         common = title(code) if len({text for _, text in mine}) > 1 else ""
-        sentences |= once((name, common or text) for name, text in mine)
+        sentences |= by_message((name, common or text) for name, text in mine)
     return sentences
 
 
 def unexplained(records: Sequence[CurveRecord]) -> int:
     """How many answers ask for another law: their simulation does not follow, or no stiffness is seen."""
-    soft = [
-        record
-        for record in records
-        if record.verdict == "undetermined" and record.shear_modulus_Pa.bound in _NO_STIFFNESS
-    ]
-    return len(soft) + sum(record.verdict == "model_does_not_fit" for record in records)
+    unlike = sum(record.verdict == "model_does_not_fit" for record in records)
+    undetermined = [record.shear_modulus_Pa.bound for record in records if record.verdict == "undetermined"]
+    return unlike + sum(bound in _NO_STIFFNESS for bound in undetermined)
 
 
 def at_fault(record: CurveRecord) -> bool:

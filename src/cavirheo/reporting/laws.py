@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
+from cavirheo.inference.verify.evidence import Pair, Ranking
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import Slope, in_words, slopes
 from cavirheo.reporting.material import PopulationRecord, population_record
@@ -14,7 +15,6 @@ from cavirheo.writing.document import Document, Record
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
-    from cavirheo.inference.verify.evidence import Ranking
 
 _TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
 
@@ -42,24 +42,6 @@ class WeighedLaw(Record):
     _if_any = ("slopes", "population")
 
 
-class ComparedLaws(Record):
-    """Two laws of a group.
-
-    Attributes:
-        first: the law with the larger evidence.
-        second: the other.
-        difference: sum over the shots of the differences of log evidence.
-        error: its standard error, from their scatter.
-        shots: how many shots speak for the first, and for the second.
-    """
-
-    first: str
-    second: str
-    difference: float
-    error: float
-    shots: tuple[int, int]
-
-
 class WeighedLaws(Record):
     """The laws of one curve, or of a group.
 
@@ -77,7 +59,7 @@ class WeighedLaws(Record):
     chosen: str | None
     contenders: list[str]
     laws: dict[str, WeighedLaw]
-    pairs: list[ComparedLaws] = []
+    pairs: list[Pair] = []
 
 
 class Laws(Document):
@@ -98,7 +80,7 @@ def records(
 ) -> tuple[list[WeighedLaws], list[WeighedLaws]]:
     """The rankings of the curves and of their groups, as the document has them."""
     by_curve = [
-        _weighed(ranking, {law: {"answer": curve_record(curve, answer)} for law, answer in ranking.answers.items()})
+        _record_of(ranking, {law: {"answer": curve_record(curve, answer)} for law, answer in ranking.answers.items()})
         for curve, ranking in zip(curves, singles, strict=True)
     ]
     by_group = []
@@ -108,12 +90,12 @@ def records(
             shots = [answer for i in group.members if (answer := by_curve[i].laws[law].answer)]
             material = population_record(group.populations.get(law), group.column)
             fields[law] = {"slopes": slopes(shots), "population": material}
-        by_group.append(_weighed(group, fields))
+        by_group.append(_record_of(group, fields))
     return by_curve, by_group
 
 
-def _weighed(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> WeighedLaws:
-    """about: what a law has besides its evidence."""
+def _record_of(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> WeighedLaws:
+    """The document's record of a ranking. fields: by law, what its record has besides the evidence."""
     laws = {
         law: WeighedLaw(
             log_evidence=value,
@@ -123,15 +105,8 @@ def _weighed(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> Weigh
         )
         for law, value in ranking.log_evidence.items()
     }
-    pairs = [ComparedLaws(**vars(pair)) for pair in ranking.pairs]
-    return WeighedLaws(
-        name=ranking.name,
-        shots=ranking.shots,
-        chosen=ranking.chosen,
-        contenders=ranking.contenders,
-        laws=laws,
-        pairs=pairs,
-    )
+    names = ("name", "shots", "chosen", "contenders", "pairs")
+    return WeighedLaws(**{name: getattr(ranking, name) for name in names}, laws=laws)
 
 
 def print_table(document: Laws) -> None:
@@ -147,7 +122,7 @@ def print_table(document: Laws) -> None:
         best = max((law.log_evidence for law in laws.laws.values() if law.log_evidence is not None), default=0.0)
         for law, entry in laws.laws.items():
             mark = ("→ " if law == laws.chosen else "") + law + ("*" if law in laws.contenders else "")
-            table.add_row(name, mark, *_cells(entry, best), style=style)
+            table.add_row(name, mark, *_texts(entry, best), style=style)
             name = ""
         table.add_section()
     console = terminal.console()
@@ -184,13 +159,13 @@ def _materials(group: WeighedLaws) -> list[tuple[str, str]]:
     return lines
 
 
-def _cells(law: WeighedLaw, best: float) -> list[str]:
-    cells = [digits.MISSING, digits.MISSING]
+def _texts(law: WeighedLaw, best: float) -> list[str]:
+    texts = [digits.MISSING, digits.MISSING]
     if law.log_evidence is not None:
         error = "" if law.standard_error is None else f" ± {law.standard_error:.1f}"
-        cells = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
+        texts = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
     if (answer := law.answer) is not None:
         medians = (answer.shear_modulus_Pa.median, answer.viscosity.median)
-        cells += [digits.MISSING if value is None else digits.significant(value) for value in medians]
-        cells += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
-    return cells
+        texts += [digits.MISSING if value is None else digits.significant(value) for value in medians]
+        texts += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
+    return texts

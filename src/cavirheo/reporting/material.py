@@ -73,21 +73,21 @@ class PopulationRecord(Record):
     _if_any = ("common", "column", "column_at", "slopes_decades")
 
     @property
-    def found(self) -> bool:
+    def has_material(self) -> bool:
         """Whether there is a material; if not, the line says why."""
         return bool(self.spreads_decades)
 
     @property
     def below(self) -> list[str]:
         """What is said after the numbers."""
-        return self.remarks if self.found else [self.line, *self.remarks]
+        return self.remarks if self.has_material else [self.line, *self.remarks]
 
     def centre(self, name: str) -> Quantity:
         """Of a parameter by its natural name; empty where the law has none, or there is no material."""
         law = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
         return (law | self.other_parameters).get(name, Quantity())
 
-    def known(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
+    def log_moments(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
         """In log10 of these parameters: mean (l,) and covariance (l, l) of the material, of which the document has the
         intervals alone, and the covariance (l, l) of its shots about it, at the medians."""
         from cavirheo.inference.design import variance
@@ -108,7 +108,7 @@ class PopulationRecord(Record):
         logs = [row.logs(names) for row in shots if row.trusted]
         if not (names and (logs := [intervals for intervals in logs if np.all(np.isfinite(intervals))])):
             return None
-        _, covariance, scatter = self.known(names)
+        _, covariance, scatter = self.log_moments(names)
         information = np.sum([shared(np.diag(1.0 / variance(intervals)), scatter) for intervals in logs], axis=0)
         inliers = 1.0 - len(self.strays) / self.n
         return shots_wanted(inliers / len(shots) * information, covariance, float(np.log10(1.0 + half_width)))
@@ -128,7 +128,7 @@ class PopulationRecord(Record):
         return np.column_stack([mu * 10.0 ** (of_mu * x), modulus * 10.0 ** (of_modulus * y)])
 
 
-class Apart(Record):
+class MaterialRatio(Record):
     """A parameter of the first group's material over that of the second; what it says: `Difference` in
     inference/population.
 
@@ -154,7 +154,7 @@ class GroupDifference(Record):
 
     first: str
     second: str
-    parameters: dict[str, Apart]
+    parameters: dict[str, MaterialRatio]
 
     @property
     def words(self) -> str:
@@ -257,25 +257,18 @@ def over_size(symbol: str, power: Quantity, words: str) -> str:
 
 def differences(materials: Mapping[str, Population | None]) -> list[GroupDifference]:
     """Of each two of the first groups whose materials rest on one model and determine a parameter."""
-    populations = [
-        (name, population)
-        for name, population in materials.items()
-        if population is not None and len(population.centre)
-    ][:_MOST]
+    whole = [(name, population) for name, population in materials.items() if population and len(population.centre)]
     records: list[GroupDifference] = []
-    for (a, population), (b, second) in combinations(populations, 2):
-        ratios = (
-            second.against(population)
-            if (population.material, population.bubble) == (second.material, second.bubble)
-            else {}
-        )
+    for (a, population), (b, second) in combinations(whole[:_MOST], 2):
+        if (population.material, population.bubble) != (second.material, second.bubble):
+            continue
         parameters = {
-            name: Apart(
-                ratio=_quantity(each.ratio),
-                probability_higher=each.probability_higher,
-                probability_differs=each.probability_differs,
+            name: MaterialRatio(
+                ratio=_quantity(difference.ratio),
+                probability_higher=difference.probability_higher,
+                probability_differs=difference.probability_differs,
             )
-            for name, each in ratios.items()
+            for name, difference in second.against(population).items()
         }
         records += [GroupDifference(first=b, second=a, parameters=parameters)] if parameters else []
     return records

@@ -6,8 +6,7 @@ has null everywhere and says why in `messages`. Means of a group are over its tr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,7 +14,6 @@ import numpy as np
 from pydantic import model_validator
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.parallel import processes
 from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
@@ -31,18 +29,18 @@ if TYPE_CHECKING:
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
 
-class Answered(Pairs):
-    """Curves with their answers. These may be read from a file each time that they are asked for, so that thousands of
-    them need not be held: no more are in use at once than a group has."""
+class CurveAnswers(Pairs):
+    """Curves with their answers. Each answer may be read from a file when it is needed, so that thousands of them need
+    not be in memory at once."""
 
     def __init__(self, curves: Sequence[RadiusCurve], answers: Sequence[Posterior]) -> None:
         self.curves: Sequence[RadiusCurve] = curves
         self.answers: Sequence[Posterior] = answers
 
     @classmethod
-    def of(cls, pairs: Pairs) -> Answered:
+    def of(cls, pairs: Pairs) -> CurveAnswers:
         """These, as they are."""
-        if isinstance(pairs, Answered):
+        if isinstance(pairs, CurveAnswers):
             return pairs
         return cls([curve for curve, _ in pairs], [answer for _, answer in pairs])
 
@@ -55,7 +53,7 @@ class Answered(Pairs):
         return self.curves[index], self.answers[index]
 
 
-KEPT = 500  # curves of a run whose materials are kept
+CACHED = 500  # curves of a run whose materials are kept in memory
 
 
 class Result(Document):
@@ -93,10 +91,10 @@ class Result(Document):
     @property
     def model_key(self) -> list[str]:
         """What is to be said of them below a table."""
-        answered = {curve.model: curve for curve in self.curves if curve.answered}
-        lines = list(dict.fromkeys(curve.bubble.sentence for curve in answered.values()))
-        if len(answered) == 1:
-            (curve,) = answered.values()
+        answers = {curve.model: curve for curve in self.curves if curve.has_answer}
+        lines = list(dict.fromkeys(curve.bubble.sentence for curve in answers.values()))
+        if len(answers) == 1:
+            (curve,) = answers.values()
             lines = [f"model: {curve.material}. {curve.bubble.sentence}"]
         return lines + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
 
@@ -112,32 +110,29 @@ class Result(Document):
         members = iter(_members(self.curves).values())
         return [(group, next(members) if group.n + group.n_failed else []) for group in self.groups]
 
-    def put_beside(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCES) -> None:
+    def add_published(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCES) -> None:
         """Add values of other methods to the groups of these names; a name that is no group's becomes a group without
         shots, in the order of the names."""
         for k, name in enumerate(published):
             if name not in [group.name for group in self.groups]:
                 self.groups.insert(k, group_of(name, []))
         for group in self.groups:
-            group.put_beside(published.get(group.name, {}), references)
+            group.add_published(published.get(group.name, {}), references)
 
 
-Group = tuple[list[CurveRecord], "Population | None"]  # rows and material
-
-
-def result(
-    pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = (), workers: int = 1
-) -> Result:
-    """The record of all curves and of their groups (the files they came from), in the order given. So many processes
-    make that of thousands of curves."""
-    answered = Answered.of(pairs)
-    members = list(_members(answered.curves).values())
-    groups = list(_groups(answered, members, workers))
-    rows = {
-        i: row for indices, (some, _) in zip(members, groups, strict=True) for i, row in zip(indices, some, strict=True)
-    }
-    materials = [material for _, material in groups]
-    return _document([rows[i] for i in range(len(rows))], materials, command, date=date, notes=notes)
+def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = ()) -> Result:
+    """The record of all curves and of their groups (the files they came from), in the order given. The answers are read
+    group by group."""
+    pairs = CurveAnswers.of(pairs)
+    curves, answers = pairs.curves, pairs.answers
+    rows: dict[int, CurveRecord] = {}
+    materials: list[Population | None] = []
+    for indices in _members(curves).values():
+        of_group = [answers[i] for i in indices]
+        shots = [curve_record(curves[i], answer) for i, answer in zip(indices, of_group, strict=True)]
+        rows |= zip(indices, shots, strict=True)
+        materials.append(_material(shots, of_group, _title(curves), keep=len(curves) <= CACHED))
+    return _document([rows[i] for i in range(len(rows))], materials, command, date, notes)
 
 
 def result_of(
@@ -148,40 +143,18 @@ def result_of(
     date: str | None = None,
     notes: Sequence[str] = (),
 ) -> Result:
-    """The record of rows that are made already, and of their groups; without the answers, these have no material."""
+    """The record of these rows and of their groups; without the answers, the groups have no material."""
     members, title = _members(rows).values(), _title(rows)
-    materials = [_material([(rows[i], answers[i]) for i in of], title) if answers else None for of in members]
-    return _document(rows, materials, command, date=date, notes=notes)
-
-
-def _groups(answered: Answered, members: Sequence[list[int]], workers: int) -> Iterator[Group]:
-    """One after the other, so that no more answers are held than those of the groups in work."""
-    title, keep, count = _title(answered.curves), len(answered) <= KEPT, 0
-
-    def job(indices: list[int]) -> tuple[list[RadiusCurve], list[Posterior], str, bool]:
-        return [answered.curves[i] for i in indices], [answered.answers[i] for i in indices], title, keep
-
-    if workers > 1 and not keep:
-        with suppress(OSError), processes(workers) as pool:
-            for start in range(0, len(members), workers):
-                for group in pool.map(_group, [job(indices) for indices in members[start : start + workers]], 1):
-                    yield group
-                    count += 1
-    for indices in members[count:]:
-        yield _group(job(indices))
-
-
-def _group(job: tuple[list[RadiusCurve], list[Posterior], str, bool]) -> Group:
-    curves, answers, title, keep = job
-    rows = [curve_record(curve, answer) for curve, answer in zip(curves, answers, strict=True)]
-    return rows, _material(list(zip(rows, answers, strict=True)), title, keep=keep)
+    materials = [
+        _material([rows[i] for i in of], [answers[i] for i in of], title) if answers else None for of in members
+    ]
+    return _document(rows, materials, command, date, notes)
 
 
 def _document(
     rows: Sequence[CurveRecord],
     materials: Sequence[Population | None],
     command: str,
-    *,
     date: str | None,
     notes: Sequence[str],
 ) -> Result:
@@ -192,31 +165,27 @@ def _document(
         group_of(name, [rows[i] for i in indices], population_record(material, title))
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
-    return Result(
-        command=command,
-        date=date,
-        notes=list(notes),
-        curves=list(rows),
-        groups=groups,
-        differences=differences(dict(zip(names, materials, strict=True))),
-    )
+    differing = differences(dict(zip(names, materials, strict=True)))
+    head: Any = {"command": command, "date": date, "notes": list(notes)}
+    return Result(**head, curves=list(rows), groups=groups, differences=differing)
 
 
-def read_json(path: str | Path) -> Result:
-    """A result.json as it was written. Raises InputError if there is none or it is not one of ours."""
-    return document.read_json(path, Result)
-
-
-def _material(shots: Sequence[tuple[CurveRecord, Posterior]], column: str, *, keep: bool = True) -> Population | None:
-    """Of a group, with its slope along the column where there is one; kept for the next time, with its answers."""
-    along = tuple(row.column.get(column, np.nan) for row, _ in shots) if column else None
-    material = kept_material_of if keep else material_of
-    return material(tuple(answer for _, answer in shots), tuple(row.name for row, _ in shots), along)
+def _material(
+    shots: Sequence[CurveRecord], answers: Sequence[Posterior], column: str, *, keep: bool = True
+) -> Population | None:
+    """Of a group, with its slope along the column where there is one. keep: hold it in memory for the next call."""
+    along = tuple(shot.column.get(column, np.nan) for shot in shots) if column else None
+    return (kept_material_of if keep else material_of)(tuple(answers), tuple(shot.name for shot in shots), along)
 
 
 def _title(curves: Iterable[CurveRecord | RadiusCurve]) -> str:
     """Of the column that the user declared; "" where there is none."""
     return next((title for curve in curves for title in curve.column), "")
+
+
+def read_json(path: str | Path) -> Result:
+    """A result.json as it was written. Raises InputError if there is none or it is not one of ours."""
+    return document.read_json(path, Result)
 
 
 def _members(curves: Iterable[CurveRecord | RadiusCurve]) -> dict[tuple[str, str], list[int]]:

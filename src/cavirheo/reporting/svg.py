@@ -215,15 +215,15 @@ def group_svg(group: GroupPanels, points: int = GROUP_POINTS) -> Markup:
     layers = group.shots.layers[::every]
     share = max(points // len(layers), _FEWEST) / points
     shots = replace(group.shots, layers=tuple(replace(layer, share=share) for layer in layers))
-    pictures = [_one(shots, f"radius over time of {digits.counted(count, 'shot')}", points)]
+    pictures = [_panel_picture(shots, f"radius over time of {digits.counted(count, 'shot')}", points)]
     pictures[0].write("name", _LEFT, _ROW - 5, shots.note + (f", 1 of {every} is drawn" if every > 1 else ""))
     for panel in group.answers:
-        pictures.append(_one(panel, f"{panel.y.label} of each shot over {panel.x.label}", points))
+        pictures.append(_panel_picture(panel, f"{panel.y.label} of each shot over {panel.x.label}", points))
         pictures[-1].key(panel)
     return Markup("").join(picture.svg for picture in pictures)
 
 
-def _one(panel: Panel, label: str, points: int) -> Picture:
+def _panel_picture(panel: Panel, label: str, points: int) -> Picture:
     """A picture of one panel."""
     picture, top = Picture(WIDTH, HEIGHT, label), 2 * _ROW + 2
     picture.frame((_LEFT, top, WIDTH - _LEFT - _RIGHT, HEIGHT - _BELOW - top), panel, points)

@@ -40,7 +40,7 @@ def print_table(
     from rich.text import Text
 
     console = console or terminal.console()
-    wide, answers = console.width >= _WIDE, [record for record in result.curves if record.answered]
+    wide, answers = console.width >= _WIDE, [record for record in result.curves if record.has_answer]
     parts: list[Callable[[Any], str]] = [lambda row: row.material, lambda row: row.bubble.name]
     mixed = [name for name in parts if len({name(row) for row in answers}) > 1]
     factor, unit = result.modulus_unit
@@ -50,7 +50,7 @@ def print_table(
     rows: list[tuple[str, Sequence[Any], str]] = []
     for record in result.curves:
         look, model = digits.LOOKS[record.verdict], [", ".join(name(record) for name in mixed)] if mixed else []
-        rows.append((record.name, [*model, *_cells(record, factor, wide), Text(look.words, look.terminal)], ""))
+        rows.append((record.name, [*model, *_texts(record, factor, wide), Text(look.words, look.terminal)], ""))
     terminal.add_rows(table, rows)
     for group in result.groups:
         if group.headline:
@@ -94,7 +94,7 @@ def _print_most(console: Console, remarks: Sequence[tuple[str, str]], most: int)
 
 def _line(record: CurveRecord) -> str:
     """'gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
-    if not record.answered:
+    if not record.has_answer:
         return f"{record.name}: {record.message}"
     factor, unit = digits.modulus_unit([record.shear_modulus_Pa.median])
     size = f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %"
@@ -133,13 +133,13 @@ def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
     """The answer, then those of the others by evidence: model, G, µ, λ, RMSE and log evidence above the answer's."""
-    rows, answer = [], record.itself
+    rows, answer = [], record.as_model
     for model in (answer, *sorted(record.other_models, key=evidence, reverse=True)):
         comparable = None not in (model.log_evidence, answer.log_evidence)
         above = f"{(model.log_evidence or 0.0) - (answer.log_evidence or 0.0):+.1f}" if comparable else digits.MISSING
         values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
-        cells = [digits.quantity(value, scale) for value, scale in values]
-        rows.append([model.model, *cells, digits.percent(model.rmse_over_rmax), above if model is not answer else "0"])
+        texts = [digits.quantity(value, scale) for value, scale in values]
+        rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), above if model is not answer else "0"])
     return rows
 
 
@@ -152,7 +152,7 @@ def models_table(record: CurveRecord, factor: float, unit: str) -> Table:
     return table
 
 
-def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
+def _texts(record: CurveRecord, factor: float, wide: bool) -> list[str]:
     joint = " " if wide else "\n"
     collapses, end = record.window.collapses, record.window.t_star_end
     window = digits.MISSING if collapses is None else str(collapses)
@@ -171,11 +171,8 @@ def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     counts = [f"{n} other model preferred" for n in [sum(group.preferred.values())] if n]
     counts += TOGETHER if group.preferred_together else []  # in two lines
     counts += [group.basis or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
-    G, mu = (
-        group.mean(value, scale).replace(" (", "\n(")
-        for value, scale in ((group.shear_modulus_Pa, factor), (group.viscosity, 1.0))
-    )
-    return ["", "", G, mu, "", "", "\n".join(counts)]
+    means = [group.mean(group.shear_modulus_Pa, factor), group.mean(group.viscosity)]
+    return ["", "", *(mean.replace(" (", "\n(") for mean in means), "", "", "\n".join(counts)]
 
 
 def write_csv(path: str | Path, result: Result) -> None:
@@ -217,11 +214,8 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
 def parameters_table(result: Result) -> Table | None:
     """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
     of_law = parameters_of(result.curves)
-    names = [
-        name
-        for name in result.parameters
-        if name not in (*CAMERA, AT_RATE) and (name in of_law or not of_the_law(name))
-    ]
+    names = [name for name in result.parameters if name in of_law or not of_the_law(name)]
+    names = [name for name in names if name not in (*CAMERA, AT_RATE)]
     if not names:
         return None
     table = terminal.table("curve", ["\n".join(filter(None, digits.described(name))) for name in names])
@@ -247,14 +241,14 @@ def window_title(records: Sequence[CurveRecord], unit: Unit) -> str:
 
 def window_cells(record: CurveRecord, unit: Unit) -> dict[str, str]:
     """'6.44, 0.0295' (G, mu) for windows of 1, 2, 3 and all collapses, if a fit answers; * where one is at a bound."""
-    fitted = record.method in FITS and record.answered
+    fitted = record.method in FITS and record.has_answer
     windows = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
-    cells = dict.fromkeys(_WINDOWS.values() if windows else (), digits.MISSING)
+    texts = dict.fromkeys(_WINDOWS.values() if windows else (), digits.MISSING)
     for key, window in windows.items():
         values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed(record)]
         numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
-        cells[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
-    return cells
+        texts[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
+    return texts
 
 
 def _mean_cells(records: list[CurveRecord], unit: Unit) -> Iterator[str]:
@@ -271,10 +265,10 @@ def _mean_cells(records: list[CurveRecord], unit: Unit) -> Iterator[str]:
 def windows_table(result: Result) -> Table | None:
     """For the terminal: G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
     unit = result.modulus_unit
-    fitted = [(record, cells) for record in result.curves if (cells := window_cells(record, unit))]
+    fitted = [(record, texts) for record in result.curves if (texts := window_cells(record, unit))]
     if not fitted:
         return None
-    rows = [(record.name, list(cells.values()), "") for record, cells in fitted]
+    rows = [(record.name, list(texts.values()), "") for record, texts in fitted]
     for group, members in result.members():
         if len(members) > 1:
             rows.append((group.name, list(_mean_cells([result.curves[i] for i in members], unit)), "bold"))

@@ -204,7 +204,7 @@ def generate(
         files = {folder / kind.name(start // size): range(n)[start : start + size] for start in starts}
         todo = {path: block for path, block in files.items() if not path.exists()}
         simulated, write = sum(map(len, todo.values())), partial(layout.write, head)
-        with bar("simulating", simulated, shown=progress) as advance:
+        with bar("simulating", simulated, visible=progress) as advance:
             fill(todo, CHUNK, partial(layout.simulate, seed), write, executor or Threads(workers), advance)
         statuses = sum((read_shard(path, kind).statuses for path in files), Counter[str]())
     failures = {status: count for status, count in statuses.items() if status != "ok"}

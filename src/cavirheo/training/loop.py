@@ -82,7 +82,7 @@ class Training(ABC, Generic[Network]):
         self._resume(path)
         if self.step < self.steps or not path.exists():
             path.unlink(missing_ok=True)
-            with bar("training", self.steps, shown=progress, unit="steps") as advance:
+            with bar("training", self.steps, visible=progress, unit="steps") as advance:
                 advance(self.step)
                 while self.step < self.steps:
                     best = min((line["validation"] for line in self.history), default=math.inf)

@@ -14,7 +14,7 @@ from cavirheo.training.recipe import DataTable, ExportTable, Section, Seed
 
 
 class OftenTable(Section):
-    """A share of the curves is drawn from these ranges alone, SI: `cavirheo design --for-training` finds them."""
+    """A share of the curves is drawn from these ranges alone, SI."""
 
     model_config: ClassVar[ConfigDict] = ConfigDict(extra="allow")
     share: Annotated[float, Field(gt=0, lt=1)]

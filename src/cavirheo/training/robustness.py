@@ -88,7 +88,7 @@ def robustness(
 
     rows = []
     filmed: dict[tuple[float, float], list[tuple[Floats, Floats]]] = {}  # several ways film at the same times
-    with bar("filming, answering", len(DEGRADATIONS) * len(sample), shown=progress, unit="answers") as advance:
+    with bar("filming, answering", len(DEGRADATIONS) * len(sample), visible=progress, unit="answers") as advance:
         for degradation in DEGRADATIONS:
             key = degradation.frame_rate, degradation.offset
             if key not in filmed:

@@ -53,8 +53,8 @@ class Command(TyperCommand):
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """'[OPTIONS] FILE...'"""
-        arguments = (one for one in self.params if one.param_type_name == "argument")
-        return ["[OPTIONS]", *(str(one.metavar) for one in arguments)]
+        arguments = (parameter for parameter in self.params if parameter.param_type_name == "argument")
+        return ["[OPTIONS]", *(str(parameter.metavar) for parameter in arguments)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """A section for each panel."""
@@ -69,11 +69,11 @@ class Command(TyperCommand):
 
 def _claim(verb: Documents) -> Claim:
     """The same for two calls that ask for the same answers, from whichever folder."""
-    request = {name: _named(value) for name, value in vars(verb).items() if name not in _SHOWING}
+    request = {name: _resolved(value) for name, value in vars(verb).items() if name not in _SHOWING}
     return Claim(command_line(), {"verb": type(verb).__name__, **request}, verb.replace)
 
 
-def _named(value: Any) -> Any:
+def _resolved(value: Any) -> Any:
     if isinstance(value, list | tuple):
-        return [_named(one) for one in value]
+        return [_resolved(item) for item in value]
     return os.path.realpath(value) if isinstance(value, Path) else value

@@ -19,7 +19,6 @@ _FIT = "least squares with this law (nhkv, ...) instead of networks"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
 _TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin"
 _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
-_FIND = "find where this posterior network is least sure, and write a recipe for it"
 
 
 @dataclass(kw_only=True)
@@ -71,7 +70,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import rheometer
         from cavirheo.companions import rheometer_document as document
-        from cavirheo.companions.published_values import set_beside
+        from cavirheo.companions.published_values import add_to_groups
         from cavirheo.reporting import comparison, read_json
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
@@ -93,7 +92,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         rheometry = document.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.head)
         outputs.write("rheometer.csv", document.write_csv, rheometry)
         if result:
-            set_beside(result.groups, {material: rheometry.published})
+            add_to_groups(result.groups, {material: rheometry.published})
             outputs.write("table.csv", comparison.write_csv, result)
         for kind in ("strain", "frequency") if drawing else ():
             if rheometry.of(kind):
@@ -102,7 +101,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         outputs.finish()
         run.show(rheometry, document.print_rheometry)
         if result and not run.quiet:
-            comparison.print_beside(result, document.regimes(rheometry, result))
+            comparison.print_with_published(result, document.regimes(rheometry, result))
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
 
@@ -150,12 +149,12 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
                 shear_modulus=self.shear_modulus,
                 viscosity=self.viscosity,
             )
-        drawn = [group for group in groups if group.best] if self.drawing(run) else []
+        answered_groups = [group for group in groups if group.best] if self.drawing(run) else []
         document = collapse_times.CollapseTimes(
             material=self.material, medium=asdict(liquid), groups=groups, **run.head
         )
         outputs.write("shots.csv", collapse_times.write_csv, document)
-        for group, stem in zip(drawn, file_names([group.name for group in drawn]), strict=True):
+        for group, stem in zip(answered_groups, file_names([group.name for group in answered_groups]), strict=True):
             document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
         outputs.write("collapse-time.json", write_json, document)
         outputs.finish()
@@ -167,7 +166,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
 class Design(options.Printing, options.Documents, options.Pictures, options.Seed, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
-    known: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
+    result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
     group: Annotated[str | None, option("group of the result.json whose material is meant")] = None
     shear_modulus: Annotated[_Range | None, option("range in Pa, if there is no result.json", metavar="LOW HIGH")] = (
         None
@@ -186,33 +185,18 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
     sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
     draws: Annotated[int, option("simulated recordings for each setting", SEARCH, min=2)] = 12
     check: Annotated[int, option("recordings of a recommended setting that `infer` answers", SEARCH, min=0)] = 6
-    for_training: Annotated[
-        str | None, option(_FIND, SEARCH, metavar="MODEL", autocompletion=completion.model_names)
-    ] = None
-    recordings: Annotated[int | None, option("number of them for --for-training  [default: 120]", SEARCH, min=30)] = (
-        None
-    )
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
-        if self.for_training is not None:
-            message = "--for-training looks at a network over its own training: give no result.json"
-            require(self.known is None, message, "design.for_training")
-            return self._network(self.for_training, run)
-        message = "--recordings is of --for-training: give that too, or --draws for the recordings of each setting"
-        require(self.recordings is None, message, "design.for_training")
-        message = "--group names a group of a result.json: give the file, or leave out --group"
-        require(self.known is not None or self.group is None, message, "design.group")
-        return self._shots(run)
-
-    def _shots(self, run: Run) -> None:
         from cavirheo.companions.design import Rig, design
         from cavirheo.companions.design_document import picture, print_table
-        from cavirheo.parallel import aside
+        from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
 
+        message = "--group names a group of a result.json: give the file, or leave out --group"
+        require(self.result is not None or self.group is None, message, "design.group")
         rig = Rig(
             max_radius=[1e-6 * end for end in self.rmax_um],
             frame_rate=_numbers("--fps", self.fps),
@@ -225,12 +209,12 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
             bubble=self.bubbles or "real",
         )
         drawing, names = self.drawing(run), ("shear_modulus", "viscosity", "stretch")
-        inputs = [self.known] if self.known else []
+        inputs = [self.result] if self.result else []
         outputs = Outputs(self.out, "design.json", *(["design.png"] if drawing else []), inputs=inputs)
-        aside(load_solver)
+        run_in_thread(load_solver)
         with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
             document = design(
-                self.known,
+                self.result,
                 rig,
                 group=self.group,
                 ranges={name: ends for name in names if (ends := getattr(self, name))},
@@ -242,33 +226,12 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
                 seed=self.seed,
                 done=advance,
             ).model_copy(update=run.head)
+        if drawing:
+            document.notes += outputs.picture("design.png", style.save, picture, document)
         outputs.write("design.json", write_json, document)
-        if drawing and (failed := outputs.picture("design.png", style.save, picture, document)):
-            document.notes += failed
-            outputs.write("design.json", write_json, document)
         outputs.finish()
         run.show(document, print_table)
         run.end(f"written to {self.out} in {{seconds}}")
-
-    def _network(self, model: str, run: Run) -> None:
-        from cavirheo.companions.network_design import network_design, print_table, recipe
-        from cavirheo.inference.posterior_network import load_posterior
-        from cavirheo.parallel import aside
-        from cavirheo.physics.simulate import load_solver
-        from cavirheo.writing.document import Outputs, write_json
-
-        network, recordings = load_posterior(model), self.recordings or 120
-        outputs = Outputs(self.out, "network-design.json", "recipe.toml")
-        aside(load_solver)
-        with run.bar("simulating", recordings) as advance:
-            document = network_design(
-                network, self.material, recordings=recordings, seed=self.seed, done=advance, **run.head
-            )
-        outputs.write("network-design.json", write_json, document)
-        outputs.write("recipe.toml", Path.write_text, recipe(document, network), encoding="utf-8")
-        outputs.finish()
-        run.show(document, print_table)
-        run.end(f"{document.recordings} recordings in {{seconds}}; recipe: {self.out / 'recipe.toml'}")
 
 
 def _numbers(option: str, text: str) -> list[float]:

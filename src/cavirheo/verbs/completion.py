@@ -9,41 +9,43 @@ from pathlib import Path
 
 def values(*words: str, commas: bool = False) -> Callable[[str], list[str]]:
     """These values; with `commas` also after each comma."""
-    return lambda incomplete: _begun(incomplete, words, "," if commas else "")
+    return lambda incomplete: _continuations(incomplete, words, "," if commas else "")
 
 
 def law_names(incomplete: str) -> list[str]:
     """Laws that can be fitted, also as the next part of a sum, and auto."""
-    return [*sum_names(incomplete), *_begun(incomplete, ["auto"])]
+    return [*sum_names(incomplete), *_continuations(incomplete, ["auto"])]
 
 
 def sum_names(incomplete: str) -> list[str]:
     """Laws that can be fitted, also as the next part of a sum."""
-    return _begun(incomplete, _laws(), "+")
+    return _continuations(incomplete, _laws(), "+")
 
 
 def many_law_names(incomplete: str) -> list[str]:
     """Laws that can be fitted, after each comma."""
-    return _begun(incomplete, _laws(), "+,")
+    return _continuations(incomplete, _laws(), "+,")
 
 
 def any_law_names(incomplete: str) -> list[str]:
     """All laws, also as the next part of a sum."""
     from cavirheo.physics.materials import LAWS
 
-    return _begun(incomplete, LAWS, "+")
+    return _continuations(incomplete, LAWS, "+")
 
 
 def model_names(incomplete: str) -> list[str]:
     """The shipped models, by their files: to read their cards takes longer than a key should."""
-    return _begun(incomplete, sorted(path.stem for path in (Path(__file__).parents[1] / "models").glob("*.onnx")))
+    return _continuations(
+        incomplete, sorted(path.stem for path in (Path(__file__).parents[1] / "models").glob("*.onnx"))
+    )
 
 
 def medium_names(incomplete: str) -> list[str]:
     """The named sets of constants."""
     from cavirheo.physics.media import MEDIA
 
-    return _begun(incomplete, MEDIA)
+    return _continuations(incomplete, MEDIA)
 
 
 def _laws() -> list[str]:
@@ -51,18 +53,17 @@ def _laws() -> list[str]:
     from cavirheo.parameters import PARAMETERS, inferred_as
     from cavirheo.physics.materials import LAWS
 
-    takes = {name: inspect.signature(law).parameters.values() for name, law in LAWS.items()}
-    return [
-        name
-        for name, given in takes.items()
-        if all(PARAMETERS[inferred_as(one.name)].searched or one.default is not one.empty for one in given)
-    ]
+    def able(name: str) -> bool:
+        parameters = inspect.signature(LAWS[name]).parameters.values()
+        return all(PARAMETERS[inferred_as(p.name)].searched or p.default is not p.empty for p in parameters)
+
+    return [name for name in LAWS if able(name)]
 
 
-def _begun(incomplete: str, words: Iterable[str], between: str = "") -> list[str]:
-    """The words that go on from what is typed; where several may be given, from what follows the last separator."""
+def _continuations(incomplete: str, words: Iterable[str], between: str = "") -> list[str]:
+    """The words that continue what is typed; where several may be given, from what follows the last separator."""
     start = max((incomplete.rfind(mark) for mark in between), default=-1) + 1
-    prefix, typed = incomplete[:start], incomplete[start:]
-    prefix += typed[: len(typed) - len(typed.lstrip())]
+    prefix, beginning = incomplete[:start], incomplete[start:]
+    prefix += beginning[: len(beginning) - len(beginning.lstrip())]
     used = prefix.replace(",", " ").split() if "," in between else []
-    return [prefix + word for word in words if word.startswith(typed.strip()) and word not in used]
+    return [prefix + word for word in words if word.startswith(beginning.strip()) and word not in used]

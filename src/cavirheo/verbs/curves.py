@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
 _WEIGHTS = "learnt: the residuals tell how much less frames beside collapses count"
-_OTHERS = "look at the field's bubble beside the real one, or the other way round"
+_OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other way round"
 
 
 @dataclass(kw_only=True)
@@ -45,21 +45,18 @@ class _Report(options.Cluster, options.Figures, options.Measured):
 
     def report(self, run: Run, curves: list[RadiusCurve], analysis: Analysis, executor: Executor | None = None) -> None:
         """The curves answered, documents, the table, the exit status. Raises InputError, and typer.Exit."""
-        from cavirheo.parallel import cores
         from cavirheo.reporting import outputs, write_report
-        from cavirheo.reporting.record import Answered
+        from cavirheo.reporting.record import CurveAnswers
         from cavirheo.reporting.table import print_table
         from cavirheo.workflow.analyse import Unfinished
         from cavirheo.writing import digits
 
         out, figures = self.out, self.figure_kinds
-        folder, unfinished = outputs(out, curves, figures), Unfinished(out, shown=not run.quiet, executor=executor)
+        folder, unfinished = outputs(out, curves, figures), Unfinished(out, visible=not run.quiet, executor=executor)
         analysis.check(curves)
         answers = unfinished.answers(curves, analysis)
-        pairs, note = (
-            Answered([curves[i] for i in answers.indices], answers),
-            unfinished.note(len(answers), len(curves)),
-        )
+        pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
+        note = unfinished.note(len(answers), len(curves))
         if note:
             if folder.holds("report.html"):
                 run.stop(f"{note}; until then the earlier answers stay", out / "result.json")
@@ -67,9 +64,9 @@ class _Report(options.Cluster, options.Figures, options.Measured):
                 notes = [note, *run.notes]
                 write_report(out, pairs, run.command, date=run.date, notes=notes, complete=False)
             run.stop(note, out / "result.json" if pairs else None)
-        how: dict[str, Any] = {"date": run.date, "notes": run.notes, "draw": self.pictures, "workers": cores()}
+        how: dict[str, Any] = {"date": run.date, "notes": run.notes, "draw": self.pictures}
         with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
-            result = write_report(out, pairs, run.command, figures, done=advance, **how)
+            result = write_report(out, pairs, run.command, figures, advance=advance, **how)
         unfinished.remove()
         run.show(result, partial(print_table, analysis=analysis, out=out, notes_shown=run.refusals))
         message = f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
@@ -99,7 +96,7 @@ class _FitOptions:
     t0_us: Annotated[float | None, option("largest |t0|, us  [default: half a frame]", INTERVAL)] = None
     scale_percent: Annotated[float, option("limit of the change of scale and rmax, %", INTERVAL)] = 1.5
     weights: Annotated[Literal["learnt", "equal"], option(_WEIGHTS, INTERVAL)] = "learnt"
-    others: Annotated[bool, option(_OTHERS, INTERVAL, "--others/--no-others")] = True
+    others: Annotated[bool, option(_OTHER_BUBBLE, INTERVAL, "--others/--no-others")] = True
 
 
 @dataclass(kw_only=True)
@@ -144,9 +141,8 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         from cavirheo import reporting
         from cavirheo.inference.options import Options
         from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
-        from cavirheo.parallel import cores
         from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting.figures import laws_figure, names, save
+        from cavirheo.reporting.figures import write_laws
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
         from cavirheo.workflow.analyse import Unfinished
         from cavirheo.workflow.cluster import connected
@@ -159,42 +155,36 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         outputs = document.Outputs(out, "laws.json", inputs=files)
         report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
         with connected(self.scheduler, run.say) as executor:
-            unfinished = Unfinished(out, shown=not run.quiet, executor=executor)
+            unfinished = Unfinished(out, visible=not run.quiet, executor=executor)
             curves = self.read(run, files)
             reporting.outputs(out, curves, figures)
             how: dict[str, Any] = {"medium": liquid, "window": self.window, "trust_input": self.trust_input}
             analyses = plans(candidates, stretch=self.stretch, seed=self.seed, discrepancy=not self.exact_law, **how)
             by_law = weighed(curves, analyses, lambda *these: unfinished.answers(*these).numbered())
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
-        answered, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
-        singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in by_law.items()})
-        by_curve, by_group = records(answered, singles, groups)
+        complete_curves, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
+        complete_answers = {law: [answers[i] for i in complete] for law, answers in by_law.items()}
+        singles, groups = ranked(complete_curves, complete_answers)
+        by_curve, by_group = records(complete_curves, singles, groups)
         notes = [*([note] if note else []), *run.notes]
         laws = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
         if note and report.holds("report.html"):
             run.stop(f"{note}; until then the earlier answers stay", out / "laws.json")
-        if answered:
+        if "paper" in figures and not note:
+            laws.notes += write_laws(outputs, laws)
+        if complete_curves:
             outputs.write("laws.json", document.write_json, laws)
         if note:
-            run.stop(note, out / "laws.json" if answered else None)
-        if "paper" in figures:
-            stems = names([one.name for one in laws.curves], [one.name for one in laws.groups], "paper-laws-")
-            undrawn: list[str] = []
-            for stem, record in zip(stems, [*laws.curves, *laws.groups], strict=True):
-                with document.drawing(stem, undrawn):
-                    save(outputs, stem, laws_figure(record))
-            if undrawn:
-                notes += undrawn
-                outputs.write("laws.json", document.write_json, laws.model_copy(update={"notes": notes}))
+            run.stop(note, out / "laws.json" if complete_curves else None)
         outputs.finish()
-        pairs = list(zip(answered, explained(singles, groups), strict=True))
-        how = {"date": run.date, "draw": self.pictures, "workers": cores(), "notes": [*firmly(laws), *notes]}
+        pairs = list(zip(complete_curves, explained(singles, groups), strict=True))
+        how = {"date": run.date, "draw": self.pictures, "notes": [*firmly(laws), *laws.notes]}
         with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
-            reporting.write_report(out, pairs, run.command, figures, done=advance, **how)
+            reporting.write_report(out, pairs, run.command, figures, advance=advance, **how)
         unfinished.remove()
         run.show(laws, print_table)
-        verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}
-        failed = "check_input" in verdicts or any(one.chosen is None for one in singles)
+        verdicts = {answer.checks.verdict for ranking in singles for answer in ranking.answers.values()}
+        failed = "check_input" in verdicts or any(ranking.chosen is None for ranking in singles)
         places = f"{out / 'laws.json'}; report: {out / 'report.html'}"
         run.end(f"{digits.counted(len(curves), 'curve')} in {{seconds}}; {places}", failed)
 
@@ -211,7 +201,7 @@ class Watch(options.Inference):
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
         from cavirheo.io.option_tables import is_size, read_column
-        from cavirheo.parallel import aside, cores
+        from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import html, write_report
         from cavirheo.reporting.table import print_line, print_table
@@ -223,13 +213,14 @@ class Watch(options.Inference):
         analysis = self.analysis
         if self.column is not None and not is_size(self.column):
             read_column(self.column)
-        reading = {one.name: getattr(self, one.name) for one in fields(options.Reading) if one.name != "column"}
+        names = [field.name for field in fields(options.FileSettings) if field.name != "column"]
+        read_settings = {name: getattr(self, name) for name in names}
         watched = watch.Watch(
             folder,
             out,
             analysis,
             lambda path: self.recordings([path]),
-            reading,
+            read_settings,
             group=self.group,
             column=self.column,
             command=run.command,
@@ -239,7 +230,7 @@ class Watch(options.Inference):
             patience=self.patience,
             half_width=0.01 * self.wanted_percent,
         )
-        aside(load_solver)
+        run_in_thread(load_solver)
         result = watched.write()
         page = f"{out / html.LIVE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
         run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
@@ -249,8 +240,8 @@ class Watch(options.Inference):
             stopped = False
         except KeyboardInterrupt:  # the usual end
             stopped = True
-        pairs, notes = watched.answered()
-        how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": self.pictures, "workers": cores()}
+        pairs, notes = watched.pairs()
+        how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": self.pictures}
         result = write_report(out, pairs, run.command, **how)
         run.show(result, print_table)
         run.unreadable = 0 if stopped else watched.unreadable

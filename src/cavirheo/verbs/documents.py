@@ -164,10 +164,10 @@ def _show_curves(path: Path, shots: str | None) -> None:
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
     console.print(table)
     terminal.print_warnings(
-        console, ((one.name, warning.text) for one in curves for warning in input_checks.plain(one, WATER))
+        console, ((curve.name, warning.text) for curve in curves for warning in input_checks.plain(curve, WATER))
     )
-    terminal.print_remarks(console, terminal.once(remarks))
-    terminal.print_remarks(console, terminal.once((one.name, note) for one in curves for note in one.notes))
+    terminal.print_remarks(console, terminal.by_message(remarks))
+    terminal.print_remarks(console, terminal.by_message((curve.name, note) for curve in curves for note in curve.notes))
 
 
 def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")]) -> None:

@@ -59,18 +59,18 @@ class Measure(options.Printing, options.Documents):
                 return stack.enter_context(run.bar("measuring", count, unit="frames"))
 
             measurement, curve = examine(path, begin=begin, **settings)
-        doubts = [warning.text for warning in input_checks.plain(curve, WATER)]
-        made = document.describe(
-            measurement, curve, doubts, command=run.command, date=run.date, notes=list(measurement.notes)
+        warnings = [warning.text for warning in input_checks.plain(curve, WATER)]
+        record = document.describe(
+            measurement, curve, warnings, command=run.command, date=run.date, notes=list(measurement.notes)
         )
         outputs.write("measured.csv", document.write_csv, measurement)
-        made.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
+        record.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
         if self.overlay:
             outputs.write("overlay.mp4", picture.write_overlay, measurement)
-        outputs.write("measure.json", write_json, made)
+        outputs.write("measure.json", write_json, record)
         outputs.finish()
-        run.show(made, document.print_table)
-        run.end(f"written to {self.out} in {{seconds}}", bool(doubts or made.unusable))
+        run.show(record, document.print_table)
+        run.end(f"written to {self.out} in {{seconds}}", bool(warnings or record.unusable))
 
 
 def _numbers(option: str, text: str | None, count: int) -> tuple[int, ...] | None:

@@ -92,8 +92,8 @@ Stretch = Annotated[Any, number(_STRETCH, None, "plateau", "free")]
 _WINDOW = "number of collapses to compare  [default: 3, or all if there are fewer]"
 Window = Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)]
 ExactLaw = Annotated[bool, option("the bubble follows the law exactly (narrower intervals)", INTERVAL, "--exact-law")]
-_WANTED = "wanted half-width of the 90 % interval, % of the value"
-WantedPercent = Annotated[float, option(_WANTED, min=0.1, max=99.0)]
+_HALF_WIDTH = "wanted half-width of the 90 % interval, % of the value"
+WantedPercent = Annotated[float, option(_HALF_WIDTH, min=0.1, max=99.0)]
 _SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, option(_SCHEDULER, CLUSTER)]
 WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead of --confinement-inertia", BUBBLE)]
@@ -120,7 +120,7 @@ class Trust:
 
 
 @dataclass(kw_only=True)
-class Reading(Trust):
+class FileSettings(Trust):
     """What is known of measured files besides what they hold. Raises InputError: --shots is no list of numbers."""
 
     fps: Fps = None
@@ -313,7 +313,7 @@ class Question:
 
 
 @dataclass(kw_only=True)
-class Answering(Printing, Documents, Pictures, Seed, Liquid, Reading):
+class Answering(Printing, Documents, Pictures, Seed, Liquid, FileSettings):
     """What all verbs share that answer measured curves."""
 
     def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
@@ -323,7 +323,7 @@ class Answering(Printing, Documents, Pictures, Seed, Liquid, Reading):
         message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
         require(exclude is None or len(files) == 1, message, "option.exclude")
         exposure = self.exposure_us and self.exposure_us * 1e-6
-        found = read_shots(
+        curve_set = read_shots(
             files,
             max_radius=None if self.rmax_um is None else self.rmax_um * 1e-6,
             group=self.group,
@@ -336,8 +336,8 @@ class Answering(Printing, Documents, Pictures, Seed, Liquid, Reading):
             exposure=exposure,
         )
         if exposure is None:
-            return found
-        return found._replace(curves=[curve.labelled(exposure_s=exposure) for curve in found.curves])
+            return curve_set
+        return curve_set._replace(curves=[curve.labelled(exposure_s=exposure) for curve in curve_set.curves])
 
 
 @dataclass(kw_only=True)
@@ -350,7 +350,7 @@ class Measured(Answering):
     def read(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """All curves of the files, with what a declared column says of them, and the solver loaded. Raises InputError:
         there is none, or the column is not theirs."""
-        from cavirheo.parallel import aside
+        from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
 
         recordings = self.recordings(files, self.exclude)
@@ -362,7 +362,7 @@ class Measured(Answering):
             from cavirheo.io.option_tables import with_column
 
             curves = with_column(curves, self.column)
-        aside(load_solver)
+        run_in_thread(load_solver)
         return curves
 
 

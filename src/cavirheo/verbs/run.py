@@ -54,7 +54,7 @@ class Run:
         self, what: str, total: int | None = None, *, unit: str = "curves"
     ) -> AbstractContextManager[Callable[..., None]]:
         """`terminal.bar`, if anything is to be seen."""
-        return terminal.bar(what, total, shown=not self.quiet, unit=unit)
+        return terminal.bar(what, total, visible=not self.quiet, unit=unit)
 
     def files(self, patterns: list[Path]) -> list[Path]:
         """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""

@@ -105,7 +105,7 @@ class Simulate(options.Documents, options.Liquid):
         writers = {_FRAMES: _write_frames} | ({_FIELDS: _write_fields} if self.fields else {})
         outputs = Outputs(self.out, *writers, inputs=[driving] if driving else [])
         forward.load_solver()
-        with _named(driving):
+        with _naming(driving):
             simulation = forward.simulate(
                 law,
                 max_radius=self.rmax_um * 1e-6,
@@ -167,7 +167,7 @@ class Simulate(options.Documents, options.Liquid):
 
 
 @contextmanager
-def _named(driving: Path | None) -> Iterator[None]:
+def _naming(driving: Path | None) -> Iterator[None]:
     """A simulation that fails is that of the file that drives it, if one does."""
     try:
         yield

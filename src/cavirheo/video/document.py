@@ -147,4 +147,4 @@ def print_table(record: Measured) -> None:
         console.print(f"{what}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
     terminal.print_warnings(console, ((record.name, doubt) for doubt in record.doubts))
     notes = [note for note in (record.unusable, *record.notes) if note]
-    terminal.print_remarks(console, terminal.once((record.name, note) for note in notes))
+    terminal.print_remarks(console, terminal.by_message((record.name, note) for note in notes))

@@ -26,14 +26,14 @@ def analyse(
     store: Store,
     executor: Executor | None = None,
     *,
-    begun: Sequence[Posterior] | None = None,
-    shown: bool = False,
+    starts: Sequence[Posterior] | None = None,
+    visible: bool = False,
 ) -> Iterator[tuple[int, Posterior]]:
-    """(index of the curve, its answer): those that are kept first, then the others as they are found.
+    """(index of the curve, its answer): those that the store has first, then the others as they are found.
 
-    executor: where each is found; by default on all cores of this machine. begun: as of `Analysis.answer`. shown: a bar
-    on stderr. A failed answer is held while the store lives, and has no file: another run may have more memory; that of
-    a curve without anything to be read off has one. Close it, and what has not begun is dropped.
+    executor: where each is found; by default on all cores of this machine. starts: a first answer of each curve, as of
+    `Analysis.answer`. visible: show a bar on stderr. A failed answer is held in memory alone, because another run may
+    have more memory; that of a curve that cannot be used has a file. Closing the iterator drops what has not begun.
     """
     keys, left = [analysis.key(curve) for curve in curves], list[int]()
     for index, (curve, key) in enumerate(zip(curves, keys, strict=True)):
@@ -44,9 +44,9 @@ def analyse(
     if not left:
         return
     inner = 1 if executor else max(cores() // len(left), 1)
-    jobs = [(curves[index], begun[index] if begun else None) for index in left]
+    jobs = [(curves[index], starts[index] if starts else None) for index in left]
     with (
-        bar(analysis.doing, len(left), shown=shown) as advance,
+        bar(analysis.doing, len(left), visible=visible) as advance,
         closing((executor or Threads()).flow(partial(_answer, analysis, inner), jobs)) as flow,
     ):
         for place, answer in flow:
@@ -99,38 +99,38 @@ class Unfinished:
         InputError: something else has the name of that folder.
     """
 
-    def __init__(self, out: str | Path, *, shown: bool = True, executor: Executor | None = None) -> None:
+    def __init__(self, out: str | Path, *, visible: bool = True, executor: Executor | None = None) -> None:
         self.store = Store(Path(out) / "unfinished")
-        self.shown, self.executor, self.interrupted = shown, executor, False
+        self.visible, self.executor, self.interrupted = visible, executor, False
         self._keys: set[str] = set()  # of all that this run may keep
         folder = self.store.folder
         way = f"{folder} must be a folder, for answers are kept there: give another place with -o"
         require(folder is None or folder.is_dir() or not folder.exists(), way, "document.folder")
 
     def answers(
-        self, curves: Sequence[RadiusCurve], analysis: Analysis, begun: Sequence[Posterior] | None = None
+        self, curves: Sequence[RadiusCurve], analysis: Analysis, starts: Sequence[Posterior] | None = None
     ) -> Answers:
-        """The answers of the curves; not all of them if it is interrupted. begun: as of `Analysis.answer`."""
+        """The answers of the curves; not all of them if it is interrupted. starts: as of `analyse`."""
         keys = [analysis.key(curve) for curve in curves]
         self._keys.update(keys)
         self.store.most = 0 if len(curves) > HELD else None
-        answered: list[int] = []
+        indices: list[int] = []
         if self.interrupted:
-            return Answers(self.store, keys, answered)
+            return Answers(self.store, keys, indices)
         taken = sum(self.store.get(key) is not None for key in set(keys) - self.store.written)
-        if taken and self.shown:
+        if taken and self.visible:
             message = f"{taken} of {len(curves)} answers are taken from {self.store.folder}"
             say(f"{message}, where an unfinished run left them")
         try:
-            for index, _ in analyse(curves, analysis, self.store, self.executor, begun=begun, shown=self.shown):
-                answered.append(index)
+            for index, _ in analyse(curves, analysis, self.store, self.executor, starts=starts, visible=self.visible):
+                indices.append(index)
         except KeyboardInterrupt:
             self.interrupted = True
-        return Answers(self.store, keys, answered)
+        return Answers(self.store, keys, indices)
 
-    def note(self, answered: int, total: int) -> str:
+    def note(self, count: int, total: int) -> str:
         """What is to be said of a run that was interrupted; nothing of another."""
-        message = f"interrupted: {answered} of {total} answered; the same command again answers the rest"
+        message = f"interrupted: {count} of {total} answered; the same command again answers the rest"
         return message if self.interrupted else ""
 
     def remove(self) -> None:

@@ -56,9 +56,9 @@ class Store:
             self.written.add(key)
         self._hold(key, value)
 
-    def once(self, key: str, work: Callable[[], _Value]) -> _Value:
-        """What is held under a key, or what `work` finds: the first thread that asks finds it, and the others wait. A
-        failure is told to all who wait, and is not kept."""
+    def once(self, key: str, function: Callable[[], _Value]) -> _Value:
+        """What is held under a key, or what `function` returns. The first thread that asks calls it, and the others
+        wait. All of them get its error, which is not kept."""
         with self._lock:
             mine = key not in self._held
             task: Future[_Value] = self._held.setdefault(key, Future())
@@ -66,7 +66,7 @@ class Store:
             self._trim()
         if mine:
             try:
-                task.set_result(work())
+                task.set_result(function())
             except BaseException as error:  # raised again in every thread that waits
                 with self._lock:
                     self._held.pop(key, None)

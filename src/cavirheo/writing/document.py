@@ -135,13 +135,13 @@ def spread_of(values: list[float | None]) -> Spread:
 @contextmanager
 def into(folder: str | Path) -> Iterator[Path]:
     """A folder to write into, made if it is missing. Raises InputError for whatever cannot be written there."""
-    with _told(folder):
+    with _folder_errors(folder):
         Path(folder).mkdir(parents=True, exist_ok=True)
         yield Path(folder)
 
 
 @contextmanager
-def _told(folder: str | Path) -> Iterator[None]:
+def _folder_errors(folder: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -212,7 +212,7 @@ class Outputs:
             read = f"{path} is read by this command, and its results would replace it: {remedy}"
             require(os.path.realpath(path) not in self._inputs, read, "document.input")
             foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
-            with _told(self.folder):
+            with _folder_errors(self.folder):
                 require(not _is_there(path) or self.holds(name), foreign, "document.foreign")
 
     def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:

@@ -30,15 +30,15 @@ def column(name: str, unit: str) -> str:
     return f"{name}_{unit.replace(' ', '_')}".removesuffix("_1")
 
 
-def dataframe(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
-    """A pandas.DataFrame of columns of one length, with `about` as its attrs. Raises InputError without pandas."""
+def dataframe(columns: Mapping[str, Any], attributes: Mapping[str, Any]) -> Any:
+    """A pandas.DataFrame of columns of one length, with `attributes` as its attrs. Raises InputError without pandas."""
     frame = needed("pandas").DataFrame(dict(columns))
-    frame.attrs = dict(about)
+    frame.attrs = dict(attributes)
     return frame
 
 
 def inference_data(
-    groups: Mapping[str, Mapping[str, Floats]], units: Mapping[str, str], about: Mapping[str, str]
+    groups: Mapping[str, Mapping[str, Floats]], units: Mapping[str, str], attributes: Mapping[str, str]
 ) -> Any:
     """Arrays (draws,) of each group as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on), one chain.
 
@@ -47,7 +47,7 @@ def inference_data(
     sets = {}
     for group, values in groups.items():
         places = {"chain": [0], "draw": np.arange(len(next(iter(values.values()))))}
-        sets[group] = xarray.Dataset(coords=places, attrs=dict(about))
+        sets[group] = xarray.Dataset(coords=places, attrs=dict(attributes))
         for name, draws in values.items():
             sets[group][name] = (tuple(places), draws[None, :], {"units": units.get(name, "1")})
     tree: Any = getattr(xarray, "DataTree", None)

@@ -26,11 +26,8 @@ if TYPE_CHECKING:
 BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222", "#888888"
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 DPI = 150  # of PNG files
-_WHOLE, _UPPER, _LOWER = (
-    (0.1, 0.115, 0.875, 0.72),
-    (0.1, 0.415, 0.875, 0.4),
-    (0.1, 0.115, 0.875, 0.22),
-)  # places of axes in a figure
+_WHOLE = (0.1, 0.115, 0.875, 0.72)  # places of axes in a figure: left, bottom, width, height
+_UPPER, _LOWER = (0.1, 0.415, 0.875, 0.4), (0.1, 0.115, 0.875, 0.22)
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
 # Where it can write no home it takes a temporary folder, of which no user need hear.
 _HOMELESS = ("mkdir -p failed for path", "%s is not a writable directory", "Matplotlib created a temporary")

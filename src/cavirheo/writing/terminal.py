@@ -42,7 +42,7 @@ def say(text: str) -> None:
 
 @contextmanager
 def bar(
-    what: str, total: int | None = None, *, shown: bool = True, unit: str = "curves"
+    what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
 ) -> Iterator[Callable[..., None]]:
     """A bar on stderr that vanishes when done, with so many of `unit` per second and the time left; nothing where
     stderr is no terminal. Yields `advance(count=1, total=None, what=None)`.
@@ -50,7 +50,7 @@ def bar(
     advance counts what is done; it may also tell the total, or say anew what is being done.
     """
     on = console(stderr=True)
-    if not (shown and on.is_terminal):  # rich 13 ends a bar that is disabled with an empty line
+    if not (visible and on.is_terminal):  # rich 13 ends a bar that is disabled with an empty line
         yield lambda count=1, total=None, what=None: None
         return
 
@@ -103,9 +103,9 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
             columns = sorted(self.columns[::-1], key=lambda column: column.justify == "left")  # numbers come first
             sizes = [Measurement.get(console, options, column.header) for column in columns]
             heads, title_lines = [size.minimum for size in sizes], [size.maximum for size in sizes]
-            cells = [[Measurement.get(console, options, cell) for cell in column.cells] for column in columns]
-            words = [max((size.minimum for size in of), default=0) for of in cells]
-            lines = [max((size.maximum for size in of), default=0) for of in cells]
+            cell_sizes = [[Measurement.get(console, options, cell) for cell in column.cells] for column in columns]
+            words = [max((size.minimum for size in of), default=0) for of in cell_sizes]
+            lines = [max((size.maximum for size in of), default=0) for of in cell_sizes]
             for floor in (11, 6):  # letters to which a word may be cut in pieces; numbers stay whole
                 widths = [
                     min(max(head, word), floor) if column.justify == "left" else max(min(head, floor), word)
@@ -134,11 +134,11 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
 
 def add_rows(to: Table, rows: Sequence[tuple[str, Sequence[Any], str]]) -> None:
     """A row for each (name, cells, style), long names shortened."""
-    for name, (_, cells, style) in zip(shortened([name for name, *_ in rows]), rows, strict=True):
-        to.add_row(name, *cells, style=style)
+    for name, (_, entries, style) in zip(shortened([name for name, *_ in rows]), rows, strict=True):
+        to.add_row(name, *entries, style=style)
 
 
-def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+def by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """{message: names} of (name, message), each message once and in order; empty messages are left out.
 
     Messages that differ in their numbers alone are one: amounts that are not the same in all become "6.5 to 12 %".
@@ -146,7 +146,7 @@ def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     each of them.
     """
     by_form: dict[str, list[tuple[str, list[str]]]] = {}
-    for name, message in about:
+    for name, message in messages:
         form = _NUMBER.sub("{}", re.sub("[{}]", "", message))
         if message:
             by_form.setdefault(form, []).append((name, _NUMBER.findall(message)))
@@ -189,8 +189,8 @@ def print_remarks(
         to.print(Text(f"• {printable(note)}"))
 
 
-def print_warnings(to: Console, about: Iterable[tuple[str, str]]) -> None:
+def print_warnings(to: Console, warnings: Iterable[tuple[str, str]]) -> None:
     """What is to be checked of recordings and settings, of (name, sentence): each once, before all other remarks."""
     look = LOOKS["check_input"]
-    names = {message: list(dict.fromkeys(of)) for message, of in once(about).items()}
+    names = {message: list(dict.fromkeys(of)) for message, of in by_message(warnings).items()}
     print_remarks(to, names, most=2, mark=f"{look.words}:", colour=look.terminal)

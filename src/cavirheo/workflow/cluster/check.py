@@ -77,7 +77,7 @@ def _simulated(count: int = 4) -> str:
     return digest.hexdigest()
 
 
-def about() -> dict[str, Any]:
+def self_description() -> dict[str, Any]:
     """Of this process, for `WorkerReport`."""
     import platform
 
@@ -87,15 +87,15 @@ def about() -> dict[str, Any]:
 
 
 def _probe() -> Callable[[], dict[str, Any]]:
-    """`about` as a function that travels whole: a worker without cavirheo, or with an older one, can say so."""
+    """`self_description` as a function that is sent whole, so that a worker without cavirheo can answer, too."""
 
     def probe() -> dict[str, Any]:
         import platform
 
         try:
-            from cavirheo.workflow.cluster.check import about
+            from cavirheo.workflow.cluster.check import self_description
 
-            return about()
+            return self_description()
         except ImportError as error:
             return {"host": platform.node(), "identity": None, "wrong": f"cannot import what is needed: {error}"}
 
@@ -113,12 +113,14 @@ def reports(client: Client) -> list[WorkerReport]:
             answer = {"host": "?", "identity": None, "wrong": f"{type(answer).__name__}: {answer}"}
         workers.append(WorkerReport(address, threads=threads.get(address, 0), **answer))
     mine = identity()
-    bits = Counter(worker.identity.bits for worker in workers if worker.identity and not _other(worker.identity, mine))
+    bits = Counter(
+        worker.identity.bits for worker in workers if worker.identity and not _difference(worker.identity, mine)
+    )
     usual = bits.most_common(1)[0][0] if bits else ""
     return [_judged(worker, mine, usual) for worker in workers]
 
 
-def _other(theirs: Identity, mine: Identity) -> str:
+def _difference(theirs: Identity, mine: Identity) -> str:
     if theirs.version != mine.version:
         return f"it has cavirheo {theirs.version}, and this is {mine.version}"
     message = f"its cavirheo {theirs.version} has other code ({theirs.code[:8]}, here {mine.code[:8]})"
@@ -128,7 +130,7 @@ def _other(theirs: Identity, mine: Identity) -> str:
 def _judged(worker: WorkerReport, mine: Identity, usual: str) -> WorkerReport:
     if worker.identity is None:
         return worker
-    wrong = _other(worker.identity, mine)
+    wrong = _difference(worker.identity, mine)
     if not wrong and worker.identity.bits != usual:
         wrong = f"its simulations differ in their last bits ({worker.identity.bits[:8]}, the others {usual[:8]})"
     return replace(worker, wrong=wrong)

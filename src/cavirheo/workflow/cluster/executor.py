@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Job = TypeVar("Job")
-Done = TypeVar("Done")
+Output = TypeVar("Output")
 
 SECONDS = 2.0  # of a batch, at least
 SECONDS_PER_THREAD = 0.016  # more for many: a batch costs the driver a quarter of it (benchmarks/scale.py)
@@ -32,16 +32,16 @@ def seconds_for(threads: int) -> float:
 
 @dataclass(frozen=True)
 class Workers:
-    """All workers of a cluster, also those that come later; each must be `wanted`."""
+    """All workers of a cluster, also those that come later; each must be as `required`."""
 
     client: Client
-    wanted: Identity
+    required: Identity
 
-    def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
+    def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
         """As `Executor.flow`. A worker that is lost costs only time: its batches are done by another.
 
         Raises:
-            InputError: a worker came that would answer otherwise, or the scheduler is gone. What `work` raises is
+            InputError: a worker came that would answer otherwise, or the scheduler is gone. What `function` raises is
                 raised here.
         """
         from distributed import as_completed
@@ -59,13 +59,13 @@ class Workers:
                     count = min(round(size), max(len(waiting) // places, 1))
                     batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
                     content = [jobs[index] for index in batch]
-                    future = self.client.submit(_batch, self.wanted, work, content, pure=False)
+                    future = self.client.submit(_batch, self.required, function, content, pure=False)
                     sent[future] = batch
                     running.add(future)
                 future, outcome = next(running)
                 indices = sent.pop(future)
                 if future.status != "finished":
-                    raise _told(future.status, outcome)
+                    raise _error_of(future.status, outcome)
                 seconds, results = outcome
                 future.release()
                 ideal = seconds_for(threads) * len(results) / max(seconds, 1e-6)
@@ -76,7 +76,7 @@ class Workers:
             self.client.cancel(list(sent), force=True)
 
 
-def _batch(required: Identity, work: Callable[[Job], Done], jobs: Sequence[Job]) -> tuple[float, list[Done]]:
+def _batch(required: Identity, function: Callable[[Job], Output], jobs: Sequence[Job]) -> tuple[float, list[Output]]:
     """(s that it took, what came of each job), by a worker."""
     mine = identity()
     if mine != required:
@@ -85,11 +85,11 @@ def _batch(required: Identity, work: Callable[[Job], Done], jobs: Sequence[Job])
         message = f"the worker {get_worker().address} has cavirheo {mine.version} with other code or other last bits"
         raise InputError(f"{message}: stop it, and the same command goes on", "cluster.refused")
     began = time.perf_counter()
-    results = [work(job) for job in jobs]
+    results = [function(job) for job in jobs]
     return time.perf_counter() - began, results
 
 
-def _told(status: str, outcome: object) -> BaseException:
+def _error_of(status: str, outcome: object) -> BaseException:
     """What to raise for a batch that did not end: our own errors as they are."""
     error = outcome[1] if isinstance(outcome, tuple) and len(outcome) == 3 else outcome
     if isinstance(error, InputError | SolverError):
