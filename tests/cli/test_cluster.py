@@ -176,7 +176,7 @@ def test_another_version_and_a_worker_without_the_package_are_refused_by_name(ru
 
 @pytest.mark.parametrize("part", ["bits", "code", "version"])
 def test_a_worker_that_would_answer_otherwise_is_refused(workers, monkeypatch, part):
-    mine = check.about()
+    mine = check.self_description()
     wrong = iter([{}, {part: "0" * 64}])
 
     def reported(function, on_error):

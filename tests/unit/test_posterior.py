@@ -411,7 +411,9 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
     settings = {"free": (), "discrepancy": False, "budget": Budget(draws=200), "seed": 2}
     found = verify.verify(curve, answer, **settings)
     target = Estimation(Verification(**settings), curve, answer).target
-    for row, expected in list(zip(found.theta, found.log_q + found.log_weight, strict=True))[:5]:
+    expectations = found.log_q + found.log_weight
+    for i in np.argsort(-expectations)[:5]:
+        row, expected = found.theta[i], expectations[i]
         x = np.array([row[0], row[1], np.log10(row[2])])
         residual = target.experiment.difference(x, DEFAULT)
         density = target.noise.frames.log_density(residual[None])[0] + target.prior.log_density(x)

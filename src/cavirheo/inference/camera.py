@@ -160,16 +160,14 @@ class CameraNuisances:
         shapes, last = np.ascontiguousarray(shapes[:, : self.numbers]), len(self.grid) - 1.0
         return np.asarray(_of_shapes(shapes, last, self.shape_frames, self.starts, *how))
 
-    def missed(self, shapes: Floats, z: Floats, later: float = 1.0) -> Floats:
-        """(k, n) measured minus simulated of bubbles of these shapes (k, numbers), by a camera z (k, m). later: factor
-        of the frames' times."""
+    def missed(self, shapes: Floats, z: Floats) -> Floats:
+        """(k, n) measured minus simulated of bubbles of these shapes (k, numbers), by a camera z (k, m)."""
         if self.sized:
             values = self.natural(z)
             grown = values["radius_scale"] * values["max_radius_factor"] - 1.0
             shapes = shapes[:, : self.numbers] + (grown / SIZE_STEP)[:, None] * shapes[:, self.numbers :]
         shapes, z = np.ascontiguousarray(shapes), np.ascontiguousarray(z)
-        frames = self.shape_frames._replace(time=later * self.time)
-        return np.asarray(_missed(shapes, z, len(self.grid) - 1.0, frames))
+        return np.asarray(_missed(shapes, z, len(self.grid) - 1.0, self.shape_frames))
 
     def radius_of(self, shape: Floats) -> Floats:
         """R/R_max on `grid` of a bubble of this shape (numbers,)."""

@@ -266,7 +266,10 @@ class AdaptiveProposal:
             return None
         surrogate = Surrogate(self.target, self.u, self.residual, self.value)
         size = self.target.noise.pulls
-        found = annealed(surrogate, self.joint or CameraProposal(self.mixture, size), count, rng, moved)
+        proposal: Proposal = CameraProposal(self.mixture, size)
+        if self.joint:
+            proposal = GuardedProposal(self.joint, proposal, TUNING.guard_wide)
+        found = annealed(surrogate, proposal, count, rng, moved)
         if not np.any(np.isfinite(found.log_weight)):
             return None
         wide = shelves(found, self.u.shape[1])

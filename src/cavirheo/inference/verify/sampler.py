@@ -306,7 +306,7 @@ def annealed(
                 gain += jump.log_density(here) - jump.log_density(there)
             else:
                 first, second = (rng.choice(others, len(half)) for _ in range(2))
-                there = here + length * rng.uniform(0.5, 1.5, (len(half), 1)) * (u[first] - u[second])
+                there = here + length * rng.uniform(0.2, 1.6, (len(half), 1)) ** 2 * (u[first] - u[second])
                 there += 1e-6 * rng.standard_normal(here.shape)
             new_target, new_q = target(there), proposal.log_density(there)
             gain += power * (new_target - log_target[half]) + (1.0 - power) * (new_q - log_q[half])

@@ -44,7 +44,7 @@ class Tuning:
     emulated_weighed: int = 1200  # of its draws that are simulated where it is never trusted, at most
     emulated_last: int = 8  # times that its last draws are drawn, at most,
     emulated_alike: float = 0.3  # until the log evidence changes by less
-    emulated_draws: float = 2.0  # over effective ones that are asked for
+    emulated_draws: float = 4.0  # over effective ones that are asked for
     emulated_enough: float = 0.3  # standard deviation of what they find wrong in log weights: then it is trusted,
     emulated_wrong: float = 3.0  # from which
     emulated_more: int = 3  # times as many check the next one
@@ -114,6 +114,7 @@ class Tuning:
     stage_accepted: float = 0.25  # share of them that the length is changed for
     flat_share: float = 0.5  # of a mixture through its draws that is
     flat_factor: float = 4.0  # so much wider, where the next ones begin
+    guard_wide: float = 0.5  # of the draws that begin where u is wide, and the camera as wide as its prior
     shelf_share: float = 0.5  # of a mixture of u and camera in which one coordinate is as wide as its prior
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
     wrong_scatter: float = 1.0  # of surrogate minus log posterior of its own draws, from which it is wrong,
@@ -146,6 +147,7 @@ class Tuning:
     systematic: float = 0.03  # of R_max: misfit beyond noise that rejects a law
     systematic_seen: float = 5e-4  # of R_max: misfit below which none is stated
     pulled: float = 2.3  # a nuisance that far from its middle has 1 % of its prior beyond it
+    moved: int = 200  # draws that tell what another scale would change
     nearest_steps: int = 12  # of least squares from the maximum, where a misfit is no noise
     replicates: int = 2000  # of the predictive check
     rejected: float = 0.01  # probability of its rejection where the law is right

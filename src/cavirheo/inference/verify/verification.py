@@ -292,7 +292,7 @@ class Estimation:
             by_target = drawn is not None and drawn.camera is not None
             x, log_camera = target.completed(u, target.camera.z(residuals), best.u, settings.seed, drawn=by_target)
         if drawn is not None and len(u) > 1:
-            over_scale = self._moved_modulus(best, u, residuals, drawn.log_weight, drawn.camera is None)
+            over_scale = self._moved_modulus(best, *self._integrated(drawn, residuals))
         else:
             over_scale = self._moved_gaussian(best)
         log_q = log_weight = None
@@ -359,21 +359,27 @@ class Estimation:
 
     def modulus_over_scale(self, found: WeightedDraws) -> float | None:
         """Relative change of G over that of R_max, of weighted draws."""
-        drawn = found.drawn
-        best, integrated = found.best or found.modes[0], drawn.camera is None
-        return self._moved_modulus(best, drawn.u, found.residual, drawn.log_weight, integrated)
+        return self._moved_modulus(found.best or found.modes[0], *self._integrated(found.drawn, found.residual))
+
+    def _integrated(self, drawn: Sample, residual: Floats) -> tuple[Floats, Floats, Floats]:
+        """u, extended residuals and log weights of draws; of those with a camera of their own some, with the most
+        likely one."""
+        if drawn.camera is None:
+            return drawn.u, residual, drawn.log_weight
+        some = slice(None, TUNING.moved)
+        shapes = self.noise.shapes(residual[some])
+        frames = self.target.camera.of_shapes(shapes, self.target.noise.frames)
+        return drawn.u[some], np.hstack([frames, shapes]), drawn.log_weight[some]
 
     def _moved_gaussian(self, best: Mode) -> float | None:
         """As `_moved_modulus`, of draws of the Gaussian about the maximum, whose frames are linear in u."""
         u = best.draws(TUNING.draws, self.settings.seed)
         return self._moved_modulus(best, u, best.residual - (u - best.u) @ best.jacobian.T, np.zeros(len(u)))
 
-    def _moved_modulus(
-        self, best: Mode, u: Floats, residuals: Floats, log_weight: Floats, integrated: bool = True
-    ) -> float | None:
+    def _moved_modulus(self, best: Mode, u: Floats, residuals: Floats, log_weight: Floats) -> float | None:
         """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in t_c, and the draws
-        u (k, d) with extended residuals (k, size) are weighted anew by frames that are moved so. integrated: whether
-        the camera is, so that it follows. None for a law without G, or where a simulation failed."""
+        u (k, d) with extended residuals (k, size) are weighted anew by frames that are moved so. The camera
+        follows. None for a law without G, or where a simulation failed."""
         shot, target, names = self.shot, self.target, self.prior.names
         if "shear_modulus" not in names:
             return None
@@ -381,14 +387,8 @@ class Estimation:
         bubble = shot.sampled(target.with_camera(best.u[None])[0], camera, noise)
         if bubble is None:
             return None
-        sides = (1.0 - 0.5 * SCALED, 1.0 + 0.5 * SCALED)
-        if integrated:
-            cameras = [replace(camera, time=camera.time * side) for side in sides]
-            nearer, farther = (one.extended(bubble, noise)[0] for one in cameras)
-        else:
-            nearer, farther = np.zeros((2, residuals.shape[1]))
-            shape, z = target.noise.shapes(best.residual)[None], camera.z(best.residual)[None]
-            nearer[: noise.size], farther[: noise.size] = (camera.missed(shape, z, side)[0] for side in sides)
+        sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
+        nearer, farther = (side.extended(bubble, noise)[0] for side in sides)
         counted = np.isfinite(log_weight)
         u, residuals, weight = u[counted], residuals[counted], unscaled(log_weight[counted])
         gain = target.log_posterior(u, residuals + nearer - farther) - target.log_posterior(u, residuals)
