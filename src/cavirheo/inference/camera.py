@@ -11,6 +11,10 @@ p is Laplace's about it, H the curvature of -log(likelihood x prior) there:
 
     p(frames | simulation) = p(frames | p) prior(p) (2 pi)^(m/2) |H|^(-1/2).
 
+That leads to maxima. Where a collapse is beside a frame, the curvature depends on which side of the frame the most
+likely clock is, and this integral is wrong by 1 in log, at times by 6. What counts is therefore not integrated so:
+draws of a surrogate are of p, too (surrogate.py); simulations that are weighed have an integral by points (mode.py).
+
 The clock is not linearised about one value for all simulations: that is what bends posteriors. Its prior is normal
 here, with the standard deviation of the uniform one within its bound.
 
@@ -20,7 +24,7 @@ besides likelihood and exp(-pulls^2/2); then the shape of the bubble, from which
 
 A shape is the instants of the collapses, over the length of the grid, and R/R_max at nodes between them, at fixed
 shares of the way from one to the next. R at an instant has a kink where a collapse passes it, a shape has none: it is
-what changes smoothly with a parameter.
+what changes smoothly with a parameter. Where size counts, what a bubble that is SIZE_STEP larger has more follows.
 """
 
 from __future__ import annotations

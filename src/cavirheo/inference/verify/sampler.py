@@ -271,8 +271,8 @@ def annealed(
     Sequential Monte Carlo (Del Moral, Doucet and Jasra 2006, doi:10.1111/j.1467-9868.2006.00553.x): draws of the
     proposal are moved towards the target in stages, each as large as keeps their weights alike; after each they are
     drawn anew by their weights, and walk by differences of each other (ter Braak 2006,
-    doi:10.1007/s11222-006-8769-1) and jump to where a mixture through all of them is, in turn. Every step of the last
-    walks counts as a draw.
+    doi:10.1007/s11222-006-8769-1) and jump to where a mixture through them is, in turn. One half moves by what the
+    other is, as in Foreman-Mackey et al. 2013, doi:10.1086/670067. Every step of the last walks counts as a draw.
     """
     u = proposal.draw(count, rng)
     log_target, log_q = target(u), proposal.log_density(u)

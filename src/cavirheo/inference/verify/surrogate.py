@@ -2,11 +2,11 @@
 
 The shape of the bubble (camera.py) is in its few common directions a set of Gaussian processes with one kernel
 (Rasmussen and Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml) of coordinates in which it is nearly linear,
-whitened by the posterior. (In u it is not: a stress is linear in a modulus, not in its logarithm.) The camera is then
-integrated as for a simulation: frames, clock and scale have a kink where a collapse passes a frame, a shape has none.
-The kernel is the one that tells simulations best which are left out.
+whitened by the posterior. (In u it is not: a stress is linear in a modulus, not in its logarithm.) A camera films it
+then as it films a simulation: at an instant R has a kink where a collapse passes, a shape has none. Clock, scale and
+factor are coordinates of the surrogate beside u. The kernel is the one that tells simulations best which are left out.
 
-A surrogate only shapes proposals (proposals.py): what counts is simulated.
+Its draws are the answer if default simulations of some agree; else they are simulated and weighed (proposals.py).
 """
 
 from __future__ import annotations
