@@ -182,7 +182,7 @@ class ExactCamera:
     def of_shapes(self, shapes, noise):
         return np.column_stack([shapes, np.zeros(len(shapes))])
 
-    def missed(self, shapes, z):
+    def difference_of_shapes(self, shapes, z):
         return shapes
 
     def radius_of(self, shape):

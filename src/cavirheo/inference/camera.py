@@ -154,7 +154,7 @@ class CameraNuisances:
         larger = SimulatedCurve(radius, np.gradient(radius, self.step), run.by_size)
         return np.concatenate([residual, shape, _shape(larger, self.step, self.collapses) - shape]), curvature
 
-    def filmed(self, run: SimulatedCurve, z: Floats) -> Floats:
+    def difference(self, run: SimulatedCurve, z: Floats) -> Floats:
         """(n,) measured minus simulated of a simulation on `grid` by a camera z (m,)."""
         return np.asarray(_simulated_frames(run, self.frames, z)[:, -1])
 
@@ -164,14 +164,14 @@ class CameraNuisances:
         shapes, last = np.ascontiguousarray(shapes[:, : self.numbers]), len(self.grid) - 1.0
         return np.asarray(_of_shapes(shapes, last, self.shape_frames, self.starts, *how))
 
-    def missed(self, shapes: Floats, z: Floats) -> Floats:
-        """(k, n) measured minus simulated of bubbles of these shapes (k, numbers), by a camera z (k, m)."""
+    def difference_of_shapes(self, shapes: Floats, z: Floats) -> Floats:
+        """(k, n) the same of bubbles of these shapes (k, numbers), by a camera z (k, m)."""
         if self.sized:
             values = self.natural(z)
             grown = values["radius_scale"] * values["max_radius_factor"] - 1.0
             shapes = shapes[:, : self.numbers] + (grown / SIZE_STEP)[:, None] * shapes[:, self.numbers :]
         shapes, z = np.ascontiguousarray(shapes), np.ascontiguousarray(z)
-        return np.asarray(_missed(shapes, z, len(self.grid) - 1.0, self.shape_frames))
+        return np.asarray(_difference_of_shapes(shapes, z, len(self.grid) - 1.0, self.shape_frames))
 
     def radius_of(self, shape: Floats) -> Floats:
         """R/R_max on `grid` of a bubble of this shape (numbers,)."""
@@ -426,11 +426,11 @@ def _of_shapes(
 
 
 @compiled
-def _missed(shapes: Floats, z: Floats, last: float, frames: Frames) -> Floats:
-    """What `CameraNuisances.missed` gives."""
+def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames) -> Floats:
+    """What `CameraNuisances.difference_of_shapes` gives: as `_simulated_frames`, without derivatives, which take as
+    long again."""
     free, widths, nothing = frames.free, frames.widths, np.empty(0)
     found, p = np.empty((len(shapes), len(frames.time))), np.empty(3)
-    z = z if len(free) else np.empty((len(shapes), 0))
     for k in range(len(shapes)):
         run = SimulatedCurve(nothing, nothing, nothing, shapes[k], last)
         p[0], p[1], p[2] = 0.0, 1.0, 1.0

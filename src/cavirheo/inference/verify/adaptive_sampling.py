@@ -205,14 +205,14 @@ class AdaptiveSampling:
         target, explorer = self.near.exact, self.explorer
         found, self.emulated = None, None
         rng = np.random.Generator(np.random.Philox(self.seed))
-        error = 0.0
+        error, count = 0.0, int(TUNING.emulated_draws * enough)
         for turn in range(TUNING.emulated_rounds):
             found = explorer.emulated(rng)
             if found is None:
                 return None
             often = TUNING.emulated_more if error > TUNING.emulated_wrong else 1
             drawn, some = found.sample, found.chosen(often * TUNING.emulated_checked, rng)
-            explorer(found.sample.u[found.chosen(TUNING.emulated_flatter, rng, TUNING.flatter)])
+            explorer(drawn.u[found.chosen(TUNING.emulated_flatter, rng, TUNING.flatter)])
             assert drawn.camera is not None
             checked, value = target.checks(drawn.u[some], drawn.camera[some])
             explorer.learn(*checked)
@@ -220,11 +220,10 @@ class AdaptiveSampling:
             wrong = value - drawn.log_target[some]
             error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
             if error <= TUNING.emulated_enough * (1.0 + turn / TUNING.emulated_patience):
-                break  # what more simulations do not mend is how rough the posterior is
+                break
         else:
             return self._weighed(enough, rng)
         for _ in range(TUNING.emulated_last):  # a mode that is a shelf is walked along more than once
-            count = int(TUNING.emulated_draws * enough)
             earlier, found = found, explorer.emulated(rng, count, TUNING.stage_moved_last)
             if found is None:
                 return None
@@ -335,7 +334,7 @@ class AdaptiveSampling:
         residual = explorer.residuals_of(drawn.u)
         if drawn.camera is not None:
             shapes = known.surrogate.shapes(drawn.u) if known else self.target.noise.shapes(residual)
-            residual = self.target.filmed(shapes, drawn.camera)
+            residual = self.target.extended(shapes, drawn.camera)
         best = self.near.highest(explorer.highest, known.surrogate if known else None)
         return WeightedDraws(drawn, residual, best, explorer.modes, self.trusted, self.apart, error)
 

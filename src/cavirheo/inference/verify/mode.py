@@ -67,16 +67,18 @@ class Target:
             x[:, :law] = rescaled(self.experiment.family.parameters, x[:, :law], size)
         return x
 
-    def completed(self, u: Floats, z: Floats, at: Floats, seed: int, *, drawn: bool = False) -> tuple[Floats, Floats]:
+    def completed(
+        self, u: Floats, z: Floats, at: Floats, seed: int, *, camera_drawn: bool = False
+    ) -> tuple[Floats, Floats]:
         """x (k, all) of u (k, d) whose most likely camera is z (k, m), the camera drawn from its distribution given
-        each, whose spread is that at u `at` (d,), and the log density (k,) of these draws over x; drawn: z is drawn
-        already, and its density over z is not counted."""
+        each, whose spread is that at u `at` (d,), and the log density (k,) of these draws over x. camera_drawn: z is
+        drawn already, and its density over z is not counted."""
         free, shot = self.camera.free, self.experiment
         middle, log_width = np.nan_to_num(z), 0.0
         if len(free):
             widths = np.array([shot.free[NAMES[i]][1] for i in free]) / self.camera.widths[free]
             log_width = float(np.sum(np.log(widths)))
-        if drawn:
+        if camera_drawn:
             return self.with_camera(u, middle), np.full(len(u), log_width)
         curvature = shot.extended(self.with_camera(at[None])[0], self.camera, self.noise.frames)[1]
         if not len(free) or not np.all(np.isfinite(curvature)):
@@ -88,11 +90,10 @@ class Target:
         """(k,) of u (k, d), where the extended residuals are (k, size); -inf where one is not finite."""
         return self.noise.log_density(residual) + log_normal(u)
 
-    def filmed(self, shapes: Floats, z: Floats) -> Floats:
-        """(k, size) extended residuals of bubbles of these shapes (k, numbers) by a camera z (k, m) that is not
+    def extended(self, shapes: Floats, z: Floats) -> Floats:
+        """(k, size) extended residuals of bubbles of these shapes (k, numbers) by a camera z (k, m), which is not
         integrated."""
-        prior = np.full((len(z), 1), -0.5 * z.shape[1] * np.log(2.0 * np.pi))  # with the pulls, its normal density
-        return np.hstack([self.camera.missed(shapes, z), z, prior, shapes])
+        return np.hstack([_with_prior(self.camera.difference_of_shapes(shapes, z), z), shapes])
 
     def checks(self, u: Floats, z: Floats) -> tuple[Simulated, Floats]:
         """Default simulations at u (k, d), and their log posterior with a camera z (k, m)."""
@@ -102,13 +103,12 @@ class Target:
             run = shot.sampled(pair[0], self.camera, frames, DEFAULT)
             if run is None:
                 return np.full(self.noise.size, np.nan), np.full(frames.size, np.nan)
-            return self.camera.extended(run, frames)[0], self.camera.filmed(run, pair[1])
+            return self.camera.extended(run, frames)[0], self.camera.difference(run, pair[1])
 
         both = each(one, list(zip(self.with_camera(u), z, strict=True)), self.workers)
-        residual, filmed = (np.array(values) for values in zip(*both, strict=True))
-        prior = np.full((len(z), 1), -0.5 * z.shape[1] * np.log(2.0 * np.pi))
+        residual, difference = (np.array(values) for values in zip(*both, strict=True))
         found = Simulated(u, residual, self.log_posterior(u, residual))
-        return found, self.log_posterior(u, np.hstack([filmed, z, prior]))
+        return found, self.log_posterior(u, _with_prior(difference, z))
 
     def integrated(self, found: Simulated) -> Simulated:
         """The same with the camera integrated by importance sampling for those that are likely: Laplace's integral is
@@ -123,7 +123,7 @@ class Target:
             z, shape = self.camera.z(residual), self.noise.shapes(residual)
 
             def log_density(z: Floats) -> Floats:
-                return noise.log_density(self.filmed(np.tile(shape, (len(z), 1)), z))
+                return noise.log_density(self.extended(np.tile(shape, (len(z), 1)), z))
 
             return integral_about(log_density, z, TUNING.integrated_scale, TUNING.integrated_points)
 
@@ -134,7 +134,7 @@ class Target:
     def log_joint(self, u: Floats, residual: Floats, z: Floats | None) -> Floats:
         """(k,) log posterior of u (k, d) whose simulations have extended residuals (k, size), of a camera z (k, m) or,
         without one, of any."""
-        return self.log_posterior(u, residual if z is None else self.filmed(self.noise.shapes(residual), z))
+        return self.log_posterior(u, residual if z is None else self.extended(self.noise.shapes(residual), z))
 
     def linear(self, u: Floats) -> Floats:
         """(k, d) coordinates that frames are nearly linear in, of u (k, d): parameters, not their logarithms. Of the
@@ -153,6 +153,12 @@ class Target:
         moves = np.minimum(FORWARD * steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
         moved = self.residuals(u + np.diag(moves), accuracy)
         return np.nan_to_num((residual - moved) / moves[:, None]).T
+
+
+def _with_prior(difference: Floats, z: Floats) -> Floats:
+    """(k, n + m + 1) differences (k, n) and a camera z (k, m) with the density of its prior, as extended residuals have
+    them."""
+    return np.hstack([difference, z, np.full((len(z), 1), -0.5 * z.shape[1] * np.log(2.0 * np.pi))])
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,6 +97,7 @@ class AdaptiveProposal:
         self.places: list[Mode] = []
         self.surrogate: Surrogate | None = None  # of the last proposal, and how many simulations it knew
         self.known, self.wrong_surrogates = 0, 0
+        self.taught: tuple[Surrogate, int] | None = None  # by the first so many simulations
         for mode in modes:
             self._settle(mode)  # best first
         self.mixture = self.start
@@ -213,8 +214,7 @@ class AdaptiveProposal:
 
     @property
     def surrogates_fail(self) -> bool:
-        """Whether too many surrogates were wrong: the camera may have two solutions for one simulation, and the frames
-        then jump from one to the other."""
+        """Whether too many surrogates were wrong."""
         return self.wrong_surrogates > TUNING.wrong_surrogates
 
     def _check_surrogate(self) -> None:
@@ -264,7 +264,9 @@ class AdaptiveProposal:
         are too few for one, or nothing that is drawn is likely."""
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
             return None
-        surrogate = Surrogate(self.target, self.u, self.residual, self.value)
+        if self.taught is None or self.taught[1] != len(self.u):
+            self.taught = Surrogate(self.target, self.u, self.residual, self.value), len(self.u)
+        surrogate, _ = self.taught
         size = self.target.noise.pulls
         proposal: Proposal = CameraProposal(self.mixture, size)
         if self.joint:
@@ -272,10 +274,8 @@ class AdaptiveProposal:
         found = annealed(surrogate, proposal, count, rng, moved)
         if not np.any(np.isfinite(found.log_weight)):
             return None
-        wide = shelves(found, self.u.shape[1])
-        self.joint = (
-            self._followed(found, rng, TUNING.stage_component).widened(0.5, 1.5).beside(wide, TUNING.shelf_share)
-        )
+        joint = self._followed(found, rng, TUNING.stage_component).widened(TUNING.joint_share, TUNING.joint_factor)
+        self.joint = joint.beside(shelves(found, self.u.shape[1]), TUNING.shelf_share)
         u, camera = np.split(found.u, [found.u.shape[1] - size], axis=1)
         found = replace(found, u=u, camera=camera)
         self.mixture = self._through(found, rng).widened(TUNING.flat_share, TUNING.flat_factor)

@@ -294,37 +294,54 @@ def annealed(
         ends = np.cumsum(weight) * (1.0 + 1e-12)
         chosen = np.minimum(np.searchsorted(ends, (rng.uniform() + np.arange(count)) / count), len(u) - 1)
         u, log_target, log_q = u[chosen], log_target[chosen], log_q[chosen]
-        # each half moves by what the other is, which must not depend on it: those drawn from one are in one half
-        halves = np.array_split(np.arange(count), 2)
-        jumps = [_through_all(u[half], rng) for half in reversed(halves)]
-        walk, accepted = [(u, log_target, log_q)], 0.0  # moves of a draw, in the mean
-        for turn in range(int(2 * TUNING.stage_moves * moved)):
-            half, others, jump = halves[turn % 2], halves[(turn + 1) % 2], jumps[turn % 2]
-            here, gain = u[half], np.zeros(len(half))
-            if turn % 4 > 1:
-                there = jump.draw(len(half), rng)
-                gain += jump.log_density(here) - jump.log_density(there)
-            else:
-                first, second = (rng.choice(others, len(half)) for _ in range(2))
-                there = here + length * rng.uniform(0.2, 1.6, (len(half), 1)) ** 2 * (u[first] - u[second])
-                there += 1e-6 * rng.standard_normal(here.shape)
-            new_target, new_q = target(there), proposal.log_density(there)
-            gain += power * (new_target - log_target[half]) + (1.0 - power) * (new_q - log_q[half])
-            taken = np.log(rng.uniform(size=len(half))) < gain
-            u, log_target, log_q = u.copy(), log_target.copy(), log_q.copy()
-            u[half[taken]], log_target[half[taken]], log_q[half[taken]] = there[taken], new_target[taken], new_q[taken]
-            walk.append((u, log_target, log_q))
-            accepted += 0.5 * float(np.mean(taken))
-            if turn % 4 < 2:
-                length *= np.exp(0.5 * (np.mean(taken) - TUNING.stage_accepted))
-            if accepted >= moved:
-                break
+        walk, length = _walk(target, proposal, power, (u, log_target, log_q), length, moved, rng)
+        u, log_target, log_q = walk[-1]
     u, log_target, log_q = (np.concatenate(values) for values in zip(*walk, strict=True))
     some = rng.choice(len(u), count, replace=False)
     u, log_target, log_q = u[some], log_target[some], log_q[some]
     good = np.isfinite(log_target)
     log_weight = np.where(good, left * (log_target - np.where(good, log_q, 0.0)) + log_norm, 0.0)
     return Sample(u, np.where(good, log_target, -np.inf), np.where(good, log_target - log_weight, 0.0), annealed=True)
+
+
+States = tuple[Floats, Floats, Floats]  # u (k, d), log density of target and proposal (k,)
+
+
+def _walk(
+    target: Density, proposal: Proposal, power: float, states: States, length: float, moved: float,
+    rng: np.random.Generator,
+) -> tuple[list[States], float]:  # fmt: skip
+    """Every step of a walk by target^power proposal^(1 - power), and the length of its last ones.
+
+    Each half moves by what the other is, which must not depend on it: `states` that are copies of one are beside each
+    other.
+    """
+    halves, (u, log_target, log_q) = np.array_split(np.arange(len(states[0])), 2), states
+    jumps = [_through_all(u[half], rng) for half in reversed(halves)]
+    walk, accepted = [states], 0.0  # moves of a draw, in the mean
+    for turn in range(int(2 * TUNING.stage_moves * moved)):
+        half, others, jump = halves[turn % 2], halves[(turn + 1) % 2], jumps[turn % 2]
+        here, gain = u[half], np.zeros(len(half))
+        jumping = turn % 4 > 1
+        if jumping:
+            there = jump.draw(len(half), rng)
+            gain += jump.log_density(here) - jump.log_density(there)
+        else:
+            first, second = (rng.choice(others, len(half)) for _ in range(2))
+            shares = rng.uniform(*TUNING.stage_scales, (len(half), 1)) ** 2
+            there = here + length * shares * (u[first] - u[second]) + 1e-6 * rng.standard_normal(here.shape)
+        new_target, new_q = target(there), proposal.log_density(there)
+        gain += power * (new_target - log_target[half]) + (1.0 - power) * (new_q - log_q[half])
+        taken = np.log(rng.uniform(size=len(half))) < gain
+        u, log_target, log_q = u.copy(), log_target.copy(), log_q.copy()
+        u[half[taken]], log_target[half[taken]], log_q[half[taken]] = there[taken], new_target[taken], new_q[taken]
+        walk.append((u, log_target, log_q))
+        accepted += 0.5 * float(np.mean(taken))
+        if not jumping:
+            length *= float(np.exp(0.5 * (np.mean(taken) - TUNING.stage_accepted)))
+        if accepted >= moved:
+            break
+    return walk, length
 
 
 def _through_all(u: Floats, rng: np.random.Generator) -> Mixture:

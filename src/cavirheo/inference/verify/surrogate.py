@@ -107,7 +107,7 @@ class Surrogate:
 
     def _log_density(self, u: Floats, camera: Floats, shapes: Floats) -> Floats:
         """(k,) of u (k, d) and a camera z (k, m) for bubbles of these shapes (k, numbers)."""
-        return self.noise.log_density(self.target.filmed(shapes, camera)) + log_normal(u)
+        return self.noise.log_density(self.target.extended(shapes, camera)) + log_normal(u)
 
     def shapes(self, u: Floats) -> Floats:
         """(k, numbers) of the bubbles at u (k, d)."""

@@ -46,9 +46,9 @@ class Tuning:
     emulated_alike: float = 0.3  # until the log evidence changes by less
     emulated_draws: float = 4.0  # over effective ones that are asked for
     emulated_enough: float = 0.3  # standard deviation of what they find wrong in log weights: then it is trusted,
-    emulated_wrong: float = 3.0  # from which
-    emulated_more: int = 3  # times as many check the next one
     emulated_patience: float = 8.0  # or after so many more rounds twice as much
+    emulated_wrong: float = 3.0  # the same, from which
+    emulated_more: int = 3  # times as many draws check the next one
 
     # the camera of a simulation that counts, integrated by points
     integrated_points: tuple[int, ...] = (32, 32, 48)  # in stages,
@@ -111,9 +111,12 @@ class Tuning:
     stage_moves: int = 16  # of so many times more that are tried, at most,
     stage_component: float = 12.0  # draws for each coordinate that a component takes of the mixture that they jump to
     stage_length: float = 1.7  # of the usual length in so many dimensions at first,
+    stage_scales: tuple[float, float] = (0.2, 1.6)  # roots of the shares of it that are walked
     stage_accepted: float = 0.25  # share of them that the length is changed for
     flat_share: float = 0.5  # of a mixture through its draws that is
     flat_factor: float = 4.0  # so much wider, where the next ones begin
+    joint_share: float = 0.5  # of a mixture of u and camera through its draws that is
+    joint_factor: float = 1.5  # so much wider
     guard_wide: float = 0.5  # of the draws that begin where u is wide, and the camera as wide as its prior
     shelf_share: float = 0.5  # of a mixture of u and camera in which one coordinate is as wide as its prior
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses

@@ -177,8 +177,8 @@ class Estimation:
     def as_part(self, found: WeightedDraws) -> Preview:
         """Weighted draws in the form of a preview."""
         drawn, best = found.drawn, found.best or found.modes[0]
-        z, known = self.target.camera.z(found.residual), drawn.camera is not None
-        x, _ = self.target.completed(drawn.u, z, best.u, self.settings.seed, drawn=known)
+        z, camera_drawn = self.target.camera.z(found.residual), drawn.camera is not None
+        x, _ = self.target.completed(drawn.u, z, best.u, self.settings.seed, camera_drawn=camera_drawn)
         told, evidence = intervals(*self.shot.answer(x), drawn.log_weight), Evidence(*drawn.log_evidence)
         other = replace(answer_at(self.target, best), intervals=told, evidence=evidence)
         return Preview(other, x, drawn.log_weight)
@@ -289,8 +289,8 @@ class Estimation:
         (at,) = target.with_camera(best.u[None], z[None])
         x, log_camera = at[None], np.zeros(1)
         if len(u) > 1:
-            by_target = drawn is not None and drawn.camera is not None
-            x, log_camera = target.completed(u, target.camera.z(residuals), best.u, settings.seed, drawn=by_target)
+            camera_drawn, z = drawn is not None and drawn.camera is not None, target.camera.z(residuals)
+            x, log_camera = target.completed(u, z, best.u, settings.seed, camera_drawn=camera_drawn)
         if drawn is not None and len(u) > 1:
             over_scale = self._moved_modulus(best, *self._integrated(drawn, residuals))
         else:
