@@ -34,6 +34,9 @@ from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import OtherAnswer
 
 
+LAST = {"each": TUNING.emulated_each, "fewest": TUNING.emulated_fewest, "batches": TUNING.emulated_batches}
+
+
 class WeightedDraws(NamedTuple):
     """drawn: the weighted draws. residual: (k, size) their extended residuals, of simulations or of a surrogate. best:
     the maximum beside the highest simulation; None if the default one fails there. modes: all that were found. few:
@@ -205,7 +208,7 @@ class AdaptiveSampling:
         target, explorer = self.near.exact, self.explorer
         found, self.emulated = None, None
         rng = np.random.Generator(np.random.Philox(self.seed))
-        error, count = 0.0, int(TUNING.emulated_draws * enough)
+        error = 0.0
         for turn in range(TUNING.emulated_rounds):
             found = explorer.emulated(rng)
             if found is None:
@@ -223,14 +226,11 @@ class AdaptiveSampling:
                 break
         else:
             return self._weighed(enough, rng)
-        for _ in range(TUNING.emulated_last):  # a mode that is a shelf is walked along more than once
-            earlier, found = found, explorer.emulated(rng, count, TUNING.stage_moved_last)
-            if found is None:
-                return None
-            if abs(found.sample.log_evidence[0] - earlier.sample.log_evidence[0]) < TUNING.emulated_alike:
-                break
+        found = explorer.emulated(rng, TUNING.emulated_worth * enough, **LAST)
+        if found is None:
+            return None
         self.emulated, self.error = found, error
-        unsure = float(np.hypot(error / np.sqrt(len(wrong)) * (1.0 + error), TUNING.emulated_alike))
+        unsure = float(np.hypot(error / np.sqrt(len(wrong)) * (1.0 + error), TUNING.emulated_unsure))
         self.drawn = replace(found.sample, common=unsure)
         self.trusted = self._agrees(self.drawn)
         return self.drawn
@@ -238,7 +238,7 @@ class AdaptiveSampling:
     def _weighed(self, enough: float, rng: np.random.Generator) -> Sample | None:
         """Draws of a surrogate that is wrong in places, each simulated and weighed; None where they are worth too
         little."""
-        found = self.explorer.emulated(rng, TUNING.emulated_weighed, TUNING.stage_moved_last)
+        found = self.explorer.emulated(rng, TUNING.emulated_weighed / TUNING.emulated_draws, **LAST)
         if found is None:
             return None
         order, needed = rng.permutation(len(found.sample.u)), min(enough, TUNING.effective_fewest)
@@ -272,7 +272,7 @@ class AdaptiveSampling:
     ) -> Sample:  # fmt: skip
         """Draws that are worth `enough` independent ones, of a good surrogate. Where there is none, or it is not to be
         trusted, more simulations, if it may be thorough; else draws of a mixture, `most` simulations at most."""
-        most_worth = budget.draws / TUNING.emulated_draws
+        most_worth = budget.draws / (TUNING.emulated_worth * TUNING.emulated_draws)
         enough = min(enough, most_worth)
         if thorough:
             self.search_windows()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
-from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, annealed, effective_size, sample, tempered
+from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, effective_size, importance_sample, sample, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
@@ -66,18 +66,33 @@ class CameraProposal:
         return self.mixture.log_density(u) + log_normal(z)
 
 
-def shelves(counted: Sample, size: int) -> Mixture:
-    """Through weighted draws, but that one of the first `size` coordinates, another in each component, does not depend
-    on the others and is as wide as its prior: frames may bound it from one side only."""
-    log_weight = tempered(counted.log_weight, 0.25 * len(counted.u))
-    weight, d = np.exp(log_weight - log_sum(log_weight)), counted.u.shape[1]
-    mean = weight @ counted.u
-    covariance = ((counted.u - mean).T * weight) @ (counted.u - mean) + 1e-12 * np.eye(d)
-    means, covariances = np.tile(mean, (size, 1)), np.tile(covariance, (size, 1, 1))
+def shelves(target: Target, counted: Sample, size: int) -> Mixture | None:
+    """Of weighted draws whose first `size` coordinates are u: where frames bound one of these from one side only.
+
+    Towards an end of its range a coordinate changes the frames less and less (Target.linear): its posterior is as wide
+    as its prior there. The others are where their regression on what the frames see of it tells. A component for each
+    end that this regression does not exclude; None without one.
+    """
+    d = counted.u.shape[1]
+    log_weight = tempered(counted.log_weight, min(TUNING.shelf_worth * d, 0.25 * len(counted.u)))
+    weight = np.exp(log_weight - log_sum(log_weight))
+    seen, mean = target.linear(counted.u[:, :size]), weight @ counted.u
+    off, off_seen = counted.u - mean, seen - weight @ seen
+    variance = weight @ off_seen**2 + 1e-30
+    means, covariances = [], []
     for j in range(size):
-        means[j, j], covariances[j, j], covariances[j, :, j] = 0.0, 0.0, 0.0
-        covariances[j, j, j] = 1.0
-    return Mixture(np.full(size, 1.0 / size), means, covariances)
+        slope = (weight * off_seen[:, j]) @ off / variance[j]
+        covariance = ((off - np.outer(off_seen[:, j], slope)).T * weight) @ (off - np.outer(off_seen[:, j], slope))
+        covariance[j], covariance[:, j] = 0.0, 0.0
+        covariance += np.diag(np.where(np.arange(d) == j, 1.0, 1e-9))
+        for end in (-TUNING.shelf_end, TUNING.shelf_end):
+            place = mean[None, :size].copy()
+            place[0, j] = end
+            away = target.linear(place)[0, j] - weight @ seen[:, j]
+            if away**2 < TUNING.shelf_reach**2 * variance[j]:
+                means.append(np.where(np.arange(d) == j, 0.0, mean + slope * away))
+                covariances.append(covariance)
+    return Mixture(np.full(len(means), 1.0 / len(means)), np.array(means), np.array(covariances)) if means else None
 
 
 class AdaptiveProposal:
@@ -257,11 +272,9 @@ class AdaptiveProposal:
             self.modes.append(mode)
             self._settle(mode)
 
-    def emulated(
-        self, rng: np.random.Generator, count: int = TUNING.pool, moved: float = TUNING.stage_moved
-    ) -> SurrogateDraws | None:
-        """`count` draws, as `annealed` has them, of a surrogate of all simulations so far; None where the simulations
-        are too few for one, or nothing that is drawn is likely."""
+    def emulated(self, rng: np.random.Generator, enough: float = TUNING.pool, **sizes: Any) -> SurrogateDraws | None:
+        """Draws, worth `enough` independent ones, of a surrogate of all simulations so far; None where the simulations
+        are too few for one, or nothing that is drawn is likely. sizes: of `importance_sample`."""
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
             return None
         if self.taught is None or self.taught[1] != len(self.u):
@@ -270,16 +283,34 @@ class AdaptiveProposal:
         size = self.target.noise.pulls
         proposal: Proposal = CameraProposal(self.mixture, size)
         if self.joint:
-            proposal = GuardedProposal(self.joint, proposal, TUNING.guard_wide)
-        found = annealed(surrogate, proposal, count, rng, moved)
+            proposal = GuardedProposal(self.joint, proposal, TUNING.joint_guard)
+        sizes = {"each": TUNING.adapted_each_round} | sizes
+        found = importance_sample(surrogate, proposal, self._adapted, rng, enough=enough, **sizes)
         if not np.any(np.isfinite(found.log_weight)):
             return None
-        joint = self._followed(found, rng, TUNING.stage_component).widened(TUNING.joint_share, TUNING.joint_factor)
-        self.joint = joint.beside(shelves(found, self.u.shape[1]), TUNING.shelf_share)
+        self.joint = self._adapted(found, rng)
+        found = found.resampled(int(TUNING.emulated_draws * enough), rng)
         u, camera = np.split(found.u, [found.u.shape[1] - size], axis=1)
         found = replace(found, u=u, camera=camera)
         self.mixture = self._through(found, rng).widened(TUNING.flat_share, TUNING.flat_factor)
         return SurrogateDraws(surrogate, found)
+
+    def _adapted(self, drawn: Sample, rng: np.random.Generator) -> Mixture:
+        """A mixture through weighted draws of u and camera, wide enough to find what they miss."""
+        log_target = np.where(np.isfinite(drawn.log_target), TUNING.joint_power * drawn.log_target, -np.inf)
+        flat = replace(drawn, log_target=log_target)
+        near, wide = (self._components(draws, rng) for draws in (drawn, flat))
+        found = near.widened(TUNING.joint_wide, TUNING.joint_factor).beside(wide, TUNING.joint_flat)
+        shelf = shelves(self.target, drawn, self.u.shape[1])
+        return found.beside(shelf, TUNING.shelf_share) if shelf else found
+
+    def _components(self, drawn: Sample, rng: np.random.Generator) -> Mixture:
+        """A mixture through weighted draws, as many components as they are worth."""
+        d = drawn.u.shape[1]
+        log_weight = tempered(drawn.log_weight, min(TUNING.joint_worth * d, 0.25 * len(drawn.u)))
+        count = int(np.clip(effective_size(log_weight) / (TUNING.joint_each * d), 1, TUNING.joint_components))
+        few = Sample(drawn.u, log_weight, np.zeros(len(log_weight))).resampled(TUNING.joint_fitted, rng)
+        return Mixture.through(few.u, few.log_weight, count, rng)
 
     def _wide(self) -> Mixture:
         """The mixture with the modes beside it, widened."""

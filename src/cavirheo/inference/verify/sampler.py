@@ -112,14 +112,14 @@ class Mixture:
 @dataclass(frozen=True, eq=False)
 class Sample:
     """Draws u (k, d), log density of target and proposal (k,); the mean of exp(log_weight) is the evidence.
-    common: standard error of what all log weights share, a correction of the target. annealed: whether they were moved
-    to where they are, so that no large weight is missing. camera: (k, m) z that was drawn with u, if it was."""
+    common: standard error of what all log weights share, a correction of the target. chosen: whether they were chosen
+    by their weights, whose tail is not seen any more. camera: (k, m) z that was drawn with u, if it was."""
 
     u: Floats
     log_target: Floats
     log_q: Floats
     common: float = 0.0
-    annealed: bool = False
+    chosen: bool = False
     camera: Floats | None = None
 
     @property
@@ -168,7 +168,17 @@ class Sample:
     def reliable(self) -> bool:
         """Whether the mean of the weights can be trusted; where they are too few to tell, it has to be."""
         index, unseen = self.tail
-        return self.annealed or not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
+        return self.chosen or not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
+
+    def resampled(self, count: int, rng: np.random.Generator) -> Sample:
+        """`count` of the draws chosen by their weights; one that is chosen more than once is one with more weight."""
+        log_whole = log_sum(self.log_weight)
+        ends = np.cumsum(np.exp(self.log_weight - log_whole))
+        places = (rng.uniform() + np.arange(count)) / count * ends[-1]
+        which, often = np.unique(np.searchsorted(ends, places), return_counts=True)
+        log_weight = np.log(often * len(which) / count) + log_whole - np.log(len(self.u))
+        log_target = self.log_target[which]
+        return Sample(self.u[which], log_target, log_target - log_weight, self.common, chosen=True)
 
     def distrust(self, needed: float) -> Message | None:
         """Why the draws are not worth an interval that takes so many effective ones; None if they are. Of a small
@@ -190,6 +200,7 @@ class Proposal(Protocol):
 
 Density = Callable[[Floats], Floats]  # log, (k,) at (k, d)
 Propose = Callable[[np.random.Generator, "Sample | None"], Proposal | None]
+Adapt = Callable[["Sample", np.random.Generator], Proposal]
 
 
 class Sampling:
@@ -262,92 +273,38 @@ def sample(
     return Sampling(target, propose, seed=seed, first=first).run(**sizes)
 
 
-def annealed(
-    target: Density, proposal: Proposal, count: int, rng: np.random.Generator, moved: float = TUNING.stage_moved
-) -> Sample:
-    """`count` draws of a density that is quick to know, however unlike the proposal it is. moved: accepted moves of a
-    draw in each stage, in the mean.
+def importance_sample(
+    target: Density, proposal: Proposal, adapt: Adapt, rng: np.random.Generator, *, enough: float, each: int,
+    fewest: int = 0, most: int = TUNING.adapted_rounds, batches: int = 1,
+) -> Sample:  # fmt: skip
+    """Weighted draws of a density that is quick to know, worth `enough` independent ones if they can be had.
 
-    Sequential Monte Carlo (Del Moral, Doucet and Jasra 2006, doi:10.1111/j.1467-9868.2006.00553.x): draws of the
-    proposal are moved towards the target in stages, each as large as keeps their weights alike; after each they are
-    drawn anew by their weights, and walk by differences of each other (ter Braak 2006,
-    doi:10.1007/s11222-006-8769-1) and jump to where a mixture through them is, in turn. One half moves by what the
-    other is, as in Foreman-Mackey et al. 2013, doi:10.1086/670067. Every step of the last walks counts as a draw.
+    Rounds of `each` draws, `fewest` at least and `most` at most, adapt the proposal until one of its rounds is worth a
+    quarter of that; then it does not change any more, and up to `batches` of its rounds count. So no draw counts that
+    shaped its own proposal.
     """
-    u = proposal.draw(count, rng)
-    log_target, log_q = target(u), proposal.log_density(u)
-    power, log_norm, length = 0.0, 0.0, TUNING.stage_length / np.sqrt(2.0 * u.shape[1])
-    walk = [(u, log_target, log_q)]
-    while True:
-        log_ratio, left = np.where(np.isfinite(log_target), log_target - log_q, -np.inf), 1.0 - power
-        if not np.any(np.isfinite(log_ratio)) or effective_size(left * log_ratio) >= TUNING.stage_last * len(u):
+    rounds: list[Sample] = []
+    for turn in range(most + 1):
+        u = proposal.draw(each, rng)
+        rounds.append(Sample(u, target(u), proposal.log_density(u)))
+        good = turn >= fewest and rounds[-1].ess >= TUNING.adapted_worth * enough
+        if good or turn == most or not rounds[-1].ess:
             break
-        low, high = 0.0, left
-        for _ in range(20):
-            middle = 0.5 * (low + high)
-            enough = effective_size(middle * log_ratio) >= TUNING.stage_kept * len(u)
-            low, high = (middle, high) if enough else (low, middle)
-        log_weight = high * log_ratio
-        log_norm += float(log_sum(log_weight) - np.log(len(u)))
-        power += high
-        weight = np.exp(log_weight - log_sum(log_weight))
-        ends = np.cumsum(weight) * (1.0 + 1e-12)
-        chosen = np.minimum(np.searchsorted(ends, (rng.uniform() + np.arange(count)) / count), len(u) - 1)
-        u, log_target, log_q = u[chosen], log_target[chosen], log_q[chosen]
-        walk, length = _walk(target, proposal, power, (u, log_target, log_q), length, moved, rng)
-        u, log_target, log_q = walk[-1]
-    u, log_target, log_q = (np.concatenate(values) for values in zip(*walk, strict=True))
-    some = rng.choice(len(u), count, replace=False)
-    u, log_target, log_q = u[some], log_target[some], log_q[some]
-    good = np.isfinite(log_target)
-    log_weight = np.where(good, left * (log_target - np.where(good, log_q, 0.0)) + log_norm, 0.0)
-    return Sample(u, np.where(good, log_target, -np.inf), np.where(good, log_target - log_weight, 0.0), annealed=True)
-
-
-States = tuple[Floats, Floats, Floats]  # u (k, d), log density of target and proposal (k,)
-
-
-def _walk(
-    target: Density, proposal: Proposal, power: float, states: States, length: float, moved: float,
-    rng: np.random.Generator,
-) -> tuple[list[States], float]:  # fmt: skip
-    """Every step of a walk by target^power proposal^(1 - power), and the length of its last ones.
-
-    Each half moves by what the other is, which must not depend on it: `states` that are copies of one are beside each
-    other.
-    """
-    halves, (u, log_target, log_q) = np.array_split(np.arange(len(states[0])), 2), states
-    jumps = [_through_all(u[half], rng) for half in reversed(halves)]
-    walk, accepted = [states], 0.0  # moves of a draw, in the mean
-    for turn in range(int(2 * TUNING.stage_moves * moved)):
-        half, others, jump = halves[turn % 2], halves[(turn + 1) % 2], jumps[turn % 2]
-        here, gain = u[half], np.zeros(len(half))
-        jumping = turn % 4 > 1
-        if jumping:
-            there = jump.draw(len(half), rng)
-            gain += jump.log_density(here) - jump.log_density(there)
-        else:
-            first, second = (rng.choice(others, len(half)) for _ in range(2))
-            shares = rng.uniform(*TUNING.stage_scales, (len(half), 1)) ** 2
-            there = here + length * shares * (u[first] - u[second]) + 1e-6 * rng.standard_normal(here.shape)
-        new_target, new_q = target(there), proposal.log_density(there)
-        gain += power * (new_target - log_target[half]) + (1.0 - power) * (new_q - log_q[half])
-        taken = np.log(rng.uniform(size=len(half))) < gain
-        u, log_target, log_q = u.copy(), log_target.copy(), log_q.copy()
-        u[half[taken]], log_target[half[taken]], log_q[half[taken]] = there[taken], new_target[taken], new_q[taken]
-        walk.append((u, log_target, log_q))
-        accepted += 0.5 * float(np.mean(taken))
-        if not jumping:
-            length *= float(np.exp(0.5 * (np.mean(taken) - TUNING.stage_accepted)))
-        if accepted >= moved:
+        proposal = adapt(joined(rounds[-TUNING.adapted_last :]), rng)
+    drawn = rounds[-1]
+    for _ in range(batches - 1):
+        if drawn.ess >= enough:
             break
-    return walk, length
+        u = proposal.draw(each, rng)
+        drawn = joined([drawn, Sample(u, target(u), proposal.log_density(u))])
+    return drawn
 
 
-def _through_all(u: Floats, rng: np.random.Generator) -> Mixture:
-    """A mixture through draws u (k, d) that count alike."""
-    count = int(np.clip(len(u) / (TUNING.stage_component * u.shape[1]), 1, TUNING.adapted_components))
-    return Mixture.through(u, np.zeros(len(u)), count, rng).widened()
+def joined(samples: Sequence[Sample]) -> Sample:
+    """The draws of all, each with its own weight."""
+    values = zip(*((each.u, each.log_target, each.log_q) for each in samples), strict=True)
+    u, log_target, log_q = (np.concatenate(value) for value in values)
+    return Sample(u, log_target, log_q)
 
 
 def integral_about(log_density: Density, middle: Floats, scale: float, counts: Sequence[int]) -> float:

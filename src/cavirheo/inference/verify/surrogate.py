@@ -36,10 +36,21 @@ class Kernel(NamedTuple):
     def __call__(self, z: Floats, other: Floats) -> Floats:
         """(k, m) of z (k, d) and others (m, d)."""
         product = z @ other.T
-        distance = np.sum(z**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * product
-        distance = np.sqrt(np.maximum(distance, 0.0)) * (np.sqrt(5.0) / self.length)
-        matern = ((distance / 3.0 + 1.0) * distance + 1.0) * np.exp(-distance)
-        return np.asarray(self.matern * matern + (product / self.scale + 1.0) ** 2)
+        distance = -2.0 * product
+        distance += np.sum(z**2, axis=1)[:, None]
+        distance += np.sum(other**2, axis=1)
+        np.sqrt(np.maximum(distance, 0.0, out=distance), out=distance)
+        distance *= np.sqrt(5.0) / self.length
+        matern = distance / 3.0  # in place, for the time goes into memory
+        matern += 1.0
+        matern *= distance
+        matern += 1.0
+        matern *= np.exp(np.negative(distance, out=distance), out=distance)
+        matern *= self.matern
+        product /= self.scale
+        product += 1.0
+        matern += np.square(product, out=product)
+        return np.asarray(matern)
 
 
 # a smooth posterior takes the last, one where the law changes what the bubble does the first
