@@ -34,7 +34,7 @@ from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import OtherAnswer
 
 
-LAST = {"each": TUNING.emulated_each, "fewest": TUNING.emulated_fewest, "batches": TUNING.emulated_batches}
+LAST = {"each": TUNING.emulated_each, "fewest": TUNING.emulated_fewest}
 
 
 class WeightedDraws(NamedTuple):

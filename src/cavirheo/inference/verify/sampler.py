@@ -89,23 +89,26 @@ class Mixture:
 
     def fitted(self, u: Floats, log_weight: Floats) -> Mixture:
         """Steps of expectation maximisation towards weighted draws; where few decide, the old shape keeps a say."""
-        found, d = self, u.shape[1]
+        found, (count, d) = self, u.shape
         log_weight = tempered(log_weight, 4.0 * d)
         weight = np.exp(log_weight - log_sum(log_weight))
+        middle = weight @ u
+        off = u - middle
+        products = (off[:, :, None] * off[:, None, :]).reshape(count, d * d)
         for _ in range(3):
             terms, squares = found._terms(u)
             resp = np.exp(terms - log_sum(terms, axis=0)) * weight
             share = np.sum(resp, axis=1)
             kept = share > TUNING.smallest_share
-            gamma = resp * (TUNING.freedom + d) / (TUNING.freedom + squares)
-            mean, scale = found.mean.copy(), found.scale.copy()
-            for c in np.flatnonzero(kept):
-                mean[c] = gamma[c] @ u / np.sum(gamma[c])
-                off = u - mean[c]
-                effective = share[c] ** 2 / np.sum(resp[c] ** 2)
-                old = (d + 2.0) / (effective + d + 2.0)
-                scale[c] = (1.0 - old) * (off.T * gamma[c]) @ off / share[c] + old * scale[c] + 1e-12 * np.eye(d)
-            found = Mixture(share[kept] / np.sum(share[kept]), mean[kept], scale[kept])
+            resp, share = resp[kept], share[kept]
+            gamma = resp * (TUNING.freedom + d) / (TUNING.freedom + squares[kept])
+            trust = np.sum(gamma, axis=1)[:, None, None]
+            mean = (gamma @ off)[:, :, None] / trust
+            scatter = (gamma @ products).reshape(-1, d, d) - trust * mean * mean.transpose(0, 2, 1)
+            effective = share**2 / np.sum(resp**2, axis=1)
+            old = ((d + 2.0) / (effective + d + 2.0))[:, None, None]
+            scale = (1.0 - old) * scatter / share[:, None, None] + old * found.scale[kept] + 1e-12 * np.eye(d)
+            found = Mixture(share / np.sum(share), middle + mean[:, :, 0], scale)
         return found
 
 
@@ -275,29 +278,30 @@ def sample(
 
 def importance_sample(
     target: Density, proposal: Proposal, adapt: Adapt, rng: np.random.Generator, *, enough: float, each: int,
-    fewest: int = 0, most: int = TUNING.adapted_rounds, batches: int = 1,
+    fewest: int = 0, most: int = TUNING.adapted_most,
 ) -> Sample:  # fmt: skip
     """Weighted draws of a density that is quick to know, worth `enough` independent ones if they can be had.
 
-    Rounds of `each` draws, `fewest` at least and `most` at most, adapt the proposal until one of its rounds is worth a
-    quarter of that; then it does not change any more, and up to `batches` of its rounds count. So no draw counts that
-    shaped its own proposal.
+    Rounds of `each` draws, `most` at most. While too few of the draws of a proposal are effective, or it is one of the
+    first `fewest`, the next one is adapted to the last rounds; each that is not good enough makes that easier. Only
+    rounds of one proposal are given, so that no draw counts that shaped its own.
     """
     rounds: list[Sample] = []
-    for turn in range(most + 1):
+    best, drawn, adapted = None, None, 0
+    while len(rounds) < most:
         u = proposal.draw(each, rng)
         rounds.append(Sample(u, target(u), proposal.log_density(u)))
-        good = turn >= fewest and rounds[-1].ess >= TUNING.adapted_worth * enough
-        if good or turn == most or not rounds[-1].ess:
+        drawn = joined([drawn, rounds[-1]]) if drawn else rounds[-1]
+        if adapted < fewest or drawn.ess < TUNING.adapted_good * TUNING.adapted_eased**adapted * len(drawn.u):
+            if not drawn.ess:
+                break
+            proposal = adapt(joined(rounds[-TUNING.adapted_last :]), rng)
+            drawn, adapted = None, adapted + 1
+            continue
+        best = drawn if best is None or drawn.ess > best.ess else best
+        if best.ess >= enough:
             break
-        proposal = adapt(joined(rounds[-TUNING.adapted_last :]), rng)
-    drawn = rounds[-1]
-    for _ in range(batches - 1):
-        if drawn.ess >= enough:
-            break
-        u = proposal.draw(each, rng)
-        drawn = joined([drawn, Sample(u, target(u), proposal.log_density(u))])
-    return drawn
+    return best or rounds[-1]
 
 
 def joined(samples: Sequence[Sample]) -> Sample:

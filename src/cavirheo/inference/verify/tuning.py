@@ -103,14 +103,14 @@ class Tuning:
     # learning where to draw, by rough simulations
     learning_rounds: int = 3  # before any draw counts
     learnt_per_round: int = 80
-    pool: float = 60.0  # effective draws of a surrogate while it learns
-    adapted_rounds: int = 10  # of its draws that adapt their proposal, at most,
-    adapted_last: int = 3  # the last ones of them,
-    adapted_worth: float = 0.25  # of the effective draws that are asked for, in one round: then it does not change
-    adapted_each_round: int = 1500  # draws in one of these,
+    pool: float = 40.0  # effective draws of a surrogate while it learns
+    adapted_most: int = 24  # rounds of its draws, at most,
+    adapted_good: float = 0.05  # effective draws over draws, below which a proposal is adapted,
+    adapted_eased: float = 0.8  # times as many after each,
+    adapted_last: int = 3  # to the last rounds
+    adapted_each_round: int = 1000  # draws in one of these,
     emulated_each: int = 3000  # where they are the answer,
-    emulated_fewest: int = 2  # which then takes so many rounds at least,
-    emulated_batches: int = 10  # and of an unchanging proposal at most
+    emulated_fewest: int = 1  # which takes so many adapted proposals at least
     flat_share: float = 0.5  # of a mixture through its draws that is
     flat_factor: float = 4.0  # so much wider, where the next ones begin
     joint_guard: float = 0.2  # of the draws that begin where u is wide, and the camera as wide as its prior
