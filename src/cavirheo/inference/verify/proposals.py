@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cavirheo.arrays import Floats, log_sum
+from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, effective_size, importance_sample, sample, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
@@ -73,9 +73,8 @@ def shelves(target: Target, counted: Sample, size: int) -> Mixture | None:
     as its prior there. The others are where their regression on what the frames see of it tells. A component for each
     end that this regression does not exclude; None without one.
     """
-    d = counted.u.shape[1]
-    log_weight = tempered(counted.log_weight, min(TUNING.shelf_worth * d, 0.25 * len(counted.u)))
-    weight = np.exp(log_weight - log_sum(log_weight))
+    d, weight = counted.u.shape[1], unscaled(counted.log_weight)
+    weight /= np.sum(weight)
     seen, mean = target.linear(counted.u[:, :size]), weight @ counted.u
     off, off_seen = counted.u - mean, seen - weight @ seen
     variance = weight @ off_seen**2 + 1e-30
@@ -298,19 +297,21 @@ class AdaptiveProposal:
     def _adapted(self, drawn: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture through weighted draws of u and camera, wide enough to find what they miss."""
         log_target = np.where(np.isfinite(drawn.log_target), TUNING.joint_power * drawn.log_target, -np.inf)
-        flat = replace(drawn, log_target=log_target)
-        near, wide = (self._components(draws, rng) for draws in (drawn, flat))
-        found = near.widened(TUNING.joint_wide, TUNING.joint_factor).beside(wide, TUNING.joint_flat)
-        shelf = shelves(self.target, drawn, self.u.shape[1])
+        near, flat = self._few(drawn, rng), self._few(replace(drawn, log_target=log_target), rng)
+        found = self._components(near, rng).widened(TUNING.joint_wide, TUNING.joint_factor)
+        found = found.beside(self._components(flat, rng), TUNING.joint_flat)
+        shelf = shelves(self.target, near, self.u.shape[1])
         return found.beside(shelf, TUNING.shelf_share) if shelf else found
+
+    def _few(self, drawn: Sample, rng: np.random.Generator) -> Sample:
+        """Some of weighted draws, chosen by their weights where these are worth much, else by a power of them."""
+        log_weight = tempered(drawn.log_weight, min(TUNING.joint_worth * drawn.u.shape[1], 0.25 * len(drawn.u)))
+        return Sample(drawn.u, log_weight, np.zeros(len(log_weight))).resampled(TUNING.joint_fitted, rng)
 
     def _components(self, drawn: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture through weighted draws, as many components as they are worth."""
-        d = drawn.u.shape[1]
-        log_weight = tempered(drawn.log_weight, min(TUNING.joint_worth * d, 0.25 * len(drawn.u)))
-        count = int(np.clip(effective_size(log_weight) / (TUNING.joint_each * d), 1, TUNING.joint_components))
-        few = Sample(drawn.u, log_weight, np.zeros(len(log_weight))).resampled(TUNING.joint_fitted, rng)
-        return Mixture.through(few.u, few.log_weight, count, rng)
+        count = drawn.ess / (TUNING.joint_each * drawn.u.shape[1])
+        return Mixture.through(drawn.u, drawn.log_weight, int(np.clip(count, 1, TUNING.joint_components)), rng)
 
     def _wide(self) -> Mixture:
         """The mixture with the modes beside it, widened."""

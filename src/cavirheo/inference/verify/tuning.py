@@ -125,7 +125,6 @@ class Tuning:
     shelf_share: float = 0.2  # of it where one coordinate is as wide as its prior,
     shelf_end: float = 2.0  # at such an end of the prior
     shelf_reach: float = 4.0  # standard deviations at most from where the frames are,
-    shelf_worth: float = 8.0  # told by so many effective draws for each coordinate
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
     wrong_scatter: float = 1.0  # of surrogate minus log posterior of its own draws, from which it is wrong,
     wrong_fewest: int = 8  # told by so many draws
