@@ -30,7 +30,15 @@ from cavirheo.inference.verify.evidence import models, rank_laws, ranked
 from cavirheo.inference.verify.mode import Simulated, Target, climb, modes
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
-from cavirheo.inference.verify.sampler import Mixture, Sample, annealed, effective_size, sample, tempered
+from cavirheo.inference.verify.sampler import (
+    Mixture,
+    Sample,
+    adapted,
+    effective_size,
+    importance_sample,
+    sample,
+    tempered,
+)
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
@@ -234,7 +242,7 @@ def test_a_surrogate_knows_what_simulations_would_say():
 
 
 @pytest.mark.parametrize(("width", "tolerance"), [(3.0, 0.15), (1.0, 0.25)])
-def test_annealed_draws_are_those_of_the_density_wherever_they_begin(width, tolerance):
+def test_draws_of_an_adapted_proposal_are_those_of_the_density_wherever_they_begin(width, tolerance):
     """A curved density in four dimensions of known evidence; from a wide proposal and from one that misses its ends."""
 
     def density(u):
@@ -242,7 +250,10 @@ def test_annealed_draws_are_those_of_the_density_wherever_they_begin(width, tole
         return log_normal(bent) - np.log(2.0 * 0.3) + 5.0
 
     proposal = Mixture(np.ones(1), np.zeros((1, 4)), width**2 * np.eye(4)[None])
-    found = [annealed(density, proposal, 400, np.random.default_rng(seed)) for seed in range(12)]
+    sizes = {"enough": 300.0, "each": 1000}
+    generators = map(np.random.default_rng, range(12))
+    found = [importance_sample(density, proposal, adapted, rng, **sizes) for rng in generators]
+    assert min(one.ess for one in found) >= 300.0
     assert np.mean([one.log_evidence[0] for one in found]) == pytest.approx(5.0, abs=tolerance)
     ends = np.mean([weighted_quantile(one.u[:, 0], np.array([0.05, 0.95]), one.log_weight) for one in found], axis=0)
     assert ends == pytest.approx(2.0 * norm.ppf([0.05, 0.95]), rel=tolerance)
@@ -617,3 +628,4 @@ def test_against_emcee(seed, monkeypatch):
         width = np.sqrt(np.average((ours - np.average(ours, weights=found.weights)) ** 2, weights=found.weights))
         assert np.log10(found.median(name)) == pytest.approx(np.median(x[:, i]), abs=0.1 * sd)
         assert width == pytest.approx(sd, rel=0.15)
+

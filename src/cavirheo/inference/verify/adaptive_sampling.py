@@ -33,7 +33,6 @@ from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import OtherAnswer
 
-
 LAST = {"each": TUNING.emulated_each, "fewest": TUNING.emulated_fewest}
 
 
@@ -272,11 +271,9 @@ class AdaptiveSampling:
     ) -> Sample:  # fmt: skip
         """Draws that are worth `enough` independent ones, of a good surrogate. Where there is none, or it is not to be
         trusted, more simulations, if it may be thorough; else draws of a mixture, `most` simulations at most."""
-        most_worth = budget.draws / (TUNING.emulated_worth * TUNING.emulated_draws)
-        enough = min(enough, most_worth)
         if thorough:
             self.search_windows()
-        self.failed = self.failed or self.emulate(min(max(enough, TUNING.effective_fewest), most_worth)) is None
+        self.failed = self.failed or self.emulate(max(enough, TUNING.effective_fewest)) is None
         if self.failed or (thorough and not self.trusted):
             return self.thorough(budget) if thorough else self.mixture_draws(enough, budget, most)
         assert self.drawn is not None

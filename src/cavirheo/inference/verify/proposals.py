@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
-from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, effective_size, importance_sample, sample, tempered
+from cavirheo.inference.verify.sampler import (
+    Mixture,
+    Proposal,
+    Sample,
+    adapted,
+    effective_size,
+    few_draws,
+    importance_sample,
+    sample,
+    tempered,
+)
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
@@ -206,7 +216,7 @@ class AdaptiveProposal:
             self.climb_higher()
             rounds += 1
         self.climb_higher()
-        known = self.emulated(rng)
+        known = self.emulated(rng, TUNING.pool_followed)
         if known is None or known.sample.ess < TUNING.adapted * self.u.shape[1]:
             return self._wide()
         self.surrogate, self.known = known.surrogate, len(self.u)
@@ -283,7 +293,7 @@ class AdaptiveProposal:
         proposal: Proposal = CameraProposal(self.mixture, size)
         if self.joint:
             proposal = GuardedProposal(self.joint, proposal, TUNING.joint_guard)
-        sizes = {"each": TUNING.adapted_each_round} | sizes
+        sizes = {"each": TUNING.emulated_taught} | sizes
         found = importance_sample(surrogate, proposal, self._adapted, rng, enough=enough, **sizes)
         if not np.any(np.isfinite(found.log_weight)):
             return None
@@ -296,22 +306,9 @@ class AdaptiveProposal:
 
     def _adapted(self, drawn: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture through weighted draws of u and camera, wide enough to find what they miss."""
-        log_target = np.where(np.isfinite(drawn.log_target), TUNING.joint_power * drawn.log_target, -np.inf)
-        near, flat = self._few(drawn, rng), self._few(replace(drawn, log_target=log_target), rng)
-        found = self._components(near, rng).widened(TUNING.joint_wide, TUNING.joint_factor)
-        found = found.beside(self._components(flat, rng), TUNING.joint_flat)
-        shelf = shelves(self.target, near, self.u.shape[1])
+        shelf = shelves(self.target, few_draws(drawn, rng), self.u.shape[1])
+        found = adapted(drawn, rng)
         return found.beside(shelf, TUNING.shelf_share) if shelf else found
-
-    def _few(self, drawn: Sample, rng: np.random.Generator) -> Sample:
-        """Some of weighted draws, chosen by their weights where these are worth much, else by a power of them."""
-        log_weight = tempered(drawn.log_weight, min(TUNING.joint_worth * drawn.u.shape[1], 0.25 * len(drawn.u)))
-        return Sample(drawn.u, log_weight, np.zeros(len(log_weight))).resampled(TUNING.joint_fitted, rng)
-
-    def _components(self, drawn: Sample, rng: np.random.Generator) -> Mixture:
-        """A mixture through weighted draws, as many components as they are worth."""
-        count = drawn.ess / (TUNING.joint_each * drawn.u.shape[1])
-        return Mixture.through(drawn.u, drawn.log_weight, int(np.clip(count, 1, TUNING.joint_components)), rng)
 
     def _wide(self) -> Mixture:
         """The mixture with the modes beside it, widened."""

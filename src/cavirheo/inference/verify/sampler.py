@@ -5,13 +5,13 @@ steps of expectation maximisation (Cappe et al. 2008, doi:10.1007/s11222-008-905
 mixture of all rounds' proposals, so that a place that one round overlooked gets no huge weight: the balance heuristic
 (Veach and Guibas 1995, doi:10.1145/218380.218498) in adaptive multiple importance sampling (Cornuet et al. 2012,
 doi:10.1111/j.1467-9469.2011.00756.x). Mixtures that follow the draws they weigh make tails too light; the last one is
-therefore drawn from anew (AdaptiveProposal.after). A density that costs little is drawn from by `annealed`.
+therefore drawn from anew (AdaptiveProposal.after). A density that costs little is drawn from by `importance_sample`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, Protocol
 
@@ -302,6 +302,25 @@ def importance_sample(
         if best.ess >= enough:
             break
     return best or rounds[-1]
+
+
+def few_draws(drawn: Sample, rng: np.random.Generator) -> Sample:
+    """So many of weighted draws as a mixture is fitted to, chosen by their weights, or by a power of these where they
+    are worth little."""
+    log_weight = tempered(drawn.log_weight, min(TUNING.joint_worth * drawn.u.shape[1], 0.25 * len(drawn.u)))
+    return Sample(drawn.u, log_weight, np.zeros(len(log_weight))).resampled(TUNING.joint_fitted, rng)
+
+
+def adapted(drawn: Sample, rng: np.random.Generator) -> Mixture:
+    """A mixture through weighted draws, and one through a flatter density, which finds what they miss."""
+    log_target = np.where(np.isfinite(drawn.log_target), TUNING.joint_power * drawn.log_target, -np.inf)
+    mixtures = []
+    for one in (drawn, replace(drawn, log_target=log_target)):
+        few = few_draws(one, rng)
+        count = int(np.clip(few.ess / (TUNING.joint_each * few.u.shape[1]), 1, TUNING.joint_components))
+        mixtures.append(Mixture.through(few.u, few.log_weight, count, rng))
+    near, flat = mixtures
+    return near.widened(TUNING.joint_wide, TUNING.joint_factor).beside(flat, TUNING.joint_flat)
 
 
 def joined(samples: Sequence[Sample]) -> Sample:

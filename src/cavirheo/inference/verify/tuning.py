@@ -42,6 +42,11 @@ class Tuning:
     emulated_checked: int = 20  # of its draws in each, by default simulations,
     emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
     emulated_weighed: int = 1200  # of its draws that are simulated where it is never trusted, at most
+    pool: float = 40.0  # effective draws of one while it is taught,
+    pool_followed: float = 200.0  # of one that a mixture follows,
+    emulated_taught: int = 1000  # in rounds of so many,
+    emulated_each: int = 3000  # of so many where they are the answer,
+    emulated_fewest: int = 1  # which takes so many adapted proposals at least,
     emulated_worth: float = 1.5  # effective draws over those that are asked for,
     emulated_draws: float = 2.5  # and draws over these
     emulated_unsure: float = 0.1  # standard error of its log evidence, at least
@@ -49,6 +54,12 @@ class Tuning:
     emulated_patience: float = 8.0  # or after so many more rounds twice as much
     emulated_wrong: float = 3.0  # the same, from which
     emulated_more: int = 3  # times as many draws check the next one
+
+    # draws of a density that is quick to know
+    adapted_most: int = 24  # rounds of them, at most
+    adapted_good: float = 0.05  # effective draws over draws, below which a proposal is adapted,
+    adapted_eased: float = 0.8  # times as many after each,
+    adapted_last: int = 3  # to the last rounds
 
     # the camera of a simulation that counts, integrated by points
     integrated_points: tuple[int, ...] = (32, 32, 48)  # in stages,
@@ -103,14 +114,6 @@ class Tuning:
     # learning where to draw, by rough simulations
     learning_rounds: int = 3  # before any draw counts
     learnt_per_round: int = 80
-    pool: float = 40.0  # effective draws of a surrogate while it learns
-    adapted_most: int = 24  # rounds of its draws, at most,
-    adapted_good: float = 0.05  # effective draws over draws, below which a proposal is adapted,
-    adapted_eased: float = 0.8  # times as many after each,
-    adapted_last: int = 3  # to the last rounds
-    adapted_each_round: int = 1000  # draws in one of these,
-    emulated_each: int = 3000  # where they are the answer,
-    emulated_fewest: int = 1  # which takes so many adapted proposals at least
     flat_share: float = 0.5  # of a mixture through its draws that is
     flat_factor: float = 4.0  # so much wider, where the next ones begin
     joint_guard: float = 0.2  # of the draws that begin where u is wide, and the camera as wide as its prior
