@@ -293,23 +293,29 @@ class RadiusCurve:
         return np.array([collapse_time(time, radius, i) for i in self._turning_points[0]])
 
     def window(self, collapses: int | None = None, end: float | None = None) -> RadiusCurve:
-        """The part from R_max on: up to the rebound maximum after the given number of collapses, at most a period after
-        the last, or up to `end` s after R_max, whichever is earlier. R_max and its time stay those of the whole curve.
+        """The part from R_max on: up to the middle of the rebound after the given number of collapses, or up to `end` s
+        after R_max, whichever is earlier. R_max and its time stay those of the whole curve.
+
+        The middle is between two collapses, the second of which is told by the heights of the rebounds where it is not
+        shown. The largest frame of the rebound is near, but would be the last one because its noise is positive.
 
         Raises:
             InputError: the curve shows fewer collapses, or fewer than two frames are left.
         """
         start, top = self.time_of_max, self.max_radius
-        time, _ = self._after_max
+        time, radius = self._after_max
         stop = time[-1] if end is None else start + end
         if collapses is not None:
             minima, maxima = self._turning_points
             message = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
             self._require(1 <= collapses <= len(minima), message, "collapses")
-            last = minima[collapses - 1]
-            before = time[minima[collapses - 2]] if collapses > 1 else 2.0 * start - time[last]
-            ends = [time[i] for i in maxima if i > last] + [2.0 * time[last] - before]
-            stop = min(stop, *ends)
+            times, tops = self.collapse_times(), [top, *radius[maxima]]
+            last = times[collapses - 1]
+            period = last - (times[collapses - 2] if collapses > 1 else 2.0 * start - last)
+            if collapses < len(tops):
+                period *= min(tops[collapses] / tops[collapses - 1], 1.0)
+            following = times[collapses] if collapses < len(times) else last + period
+            stop = min(stop, 0.5 * (last + following))
         inside = (self.time >= start) & (self.time <= stop)
         left = np.count_nonzero(inside & np.isfinite(self.radius))
         few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"

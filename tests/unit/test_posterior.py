@@ -628,4 +628,3 @@ def test_against_emcee(seed, monkeypatch):
         width = np.sqrt(np.average((ours - np.average(ours, weights=found.weights)) ** 2, weights=found.weights))
         assert np.log10(found.median(name)) == pytest.approx(np.median(x[:, i]), abs=0.1 * sd)
         assert width == pytest.approx(sd, rel=0.15)
-
