@@ -190,6 +190,18 @@ def test_resampled_skips_missing_frames_and_refuses_to_extrapolate():
     assert np.all(np.isfinite(RadiusCurve(curve.time, gap).resampled(1e-6, 60)))
 
 
+def test_noise_does_not_decide_which_frame_a_window_ends_with():
+    """The largest frame of a rebound is too large: by one standard deviation of the noise in the mean."""
+    exact, noise = measured(), 0.01
+    for collapses in (1, 2, 3):
+        last = []
+        for seed in range(400):
+            error = noise * R_MAX * np.random.default_rng(seed).standard_normal(len(exact.time))
+            curve = RadiusCurve(exact.time, exact.radius + error)
+            last.append(error[curve.time == curve.window(collapses).time[-1]][0])
+        assert abs(np.mean(last)) < 4.0 * noise * R_MAX / np.sqrt(400.0)
+
+
 def test_window_ends_at_the_rebound_after_the_collapses_and_keeps_the_maximum():
     curve = measured()
     one, two = curve.window(1), curve.window(2)

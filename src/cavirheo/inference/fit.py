@@ -41,7 +41,7 @@ def fit_many(
         material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "qkv", "zener", ...);
             "auto": the simplest of AUTO that the evidence does not reject, the others being in `Posterior.others`.
         medium: constants of the liquid or gel, or the name of a set.
-        window: collapses that are fitted, up to the rebound's maximum after the last, at most a period; "all" for the
+        window: collapses that are fitted, up to the middle of the rebound after the last; "all" for the
             whole recording. Default: 3, or as many as there are, unless `end` is given.
         end: s after R_max at which the window ends at the latest.
         stretch: R_max/R_0 where it is known; "plateau": free, with the late plateau as prior; "free"; default: free,
