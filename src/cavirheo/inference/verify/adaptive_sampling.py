@@ -27,7 +27,7 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant
 from cavirheo.inference.verify.proposals import AdaptiveProposal, SurrogateDraws
-from cavirheo.inference.verify.sampler import Proposal, Sample, Sampling, tempered
+from cavirheo.inference.verify.sampler import Proposal, Sample, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
@@ -94,36 +94,38 @@ class TwoFidelityTarget(Target):
             for mode, residual, value in zip(modes, now.residual, now.value, strict=True)
         ]
 
-    def checked(self, drawn: Sample, seed: int) -> tuple[Sample, float]:
+    def checked(self, draws: Sample, seed: int) -> tuple[Sample, float]:
         """The draws with log targets that default simulations of some agree with, none of which taught the correction,
         and the standard deviation of what these found wrong; all that have a weight are simulated anew if that is too
         much, all if one of them fails."""
-        if not self.rough or not np.any(np.isfinite(drawn.log_weight)):
-            return drawn, 0.0
-        weight = unscaled(drawn.log_weight)
-        new = ~np.any(np.all(drawn.u[:, None] == self.learnt, axis=2), axis=1)
+        if not self.rough or not np.any(np.isfinite(draws.log_weight)):
+            return draws, 0.0
+        weight = unscaled(draws.log_weight)
+        new = ~np.any(np.all(draws.u[:, None] == self.learnt, axis=2), axis=1)
         chance = np.where(new, weight, 0.0)
         count = min(TUNING.mended_checked, int(np.count_nonzero(chance)))
         rng = np.random.Generator(np.random.Philox(seed))
         wrong, error = np.array([]), np.inf
         if count > 1:
             some = rng.choice(len(weight), count, replace=False, p=chance / np.sum(chance))
-            wrong = self._exact_value(drawn, some) - drawn.log_target[some]
+            wrong = self._exact_value(draws, some) - draws.log_target[some]
             error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
         if error <= TUNING.mended_enough:
-            common = float(np.hypot(drawn.common, error / np.sqrt(count)))
-            return replace(drawn, log_target=drawn.log_target + np.mean(wrong), common=common), error
+            common = float(np.hypot(draws.common, error / np.sqrt(count)))
+            return replace(draws, log_target=draws.log_target + np.mean(wrong), common=common), error
         heaviest = np.argsort(-weight)
         counted = 1 + np.searchsorted(np.cumsum(weight[heaviest]), TUNING.mended_heavy * np.sum(weight))
-        again, value = heaviest[:counted] if np.isfinite(error) else heaviest, drawn.log_target.copy()
-        value[again] = self._exact_value(drawn, again)
-        return replace(drawn, log_target=value), error
+        inexact, value = heaviest[:counted] if np.isfinite(error) else heaviest, draws.log_target.copy()
+        value[inexact] = self._exact_value(draws, inexact)
+        return replace(draws, log_target=value), error
 
-    def _exact_value(self, drawn: Sample, which: NDArray[np.int64]) -> Floats:
+    def _exact_value(self, draws: Sample, which: NDArray[np.int64]) -> Floats:
         """Log target of some of the draws by default simulations."""
-        u, camera = drawn.u[which], None if drawn.camera is None else drawn.camera[which]
-        found = Simulated.at(self.exact, u)
-        return self.exact.integrated(found).value if camera is None else self.exact.log_joint(*found[:2], camera)
+        u, camera = draws.u[which], None if draws.camera is None else draws.camera[which]
+        simulated = Simulated.at(self.exact, u)
+        return (
+            self.exact.integrated(simulated).value if camera is None else self.exact.log_joint(*simulated[:2], camera)
+        )
 
     def highest(self, start: Floats, surrogate: Surrogate | None) -> Mode | None:
         """The maximum reached from u (d,), by a surrogate if there is one, with the default simulation there; None if
@@ -172,18 +174,18 @@ class AdaptiveSampling:
     ) -> None:  # fmt: skip
         self.target, self.network, self.scanned, self.windowed, self.seed = target, network, scanned, windowed, seed
         self.near = near = TwoFidelityTarget(target)
-        known, found = None, list[Mode]()
+        simulated, maxima = None, list[Mode]()
         if network:
-            u, known, mode = _begun(near, network, seed)
+            u, simulated, mode = _begun(near, network, seed)
             if mode:
-                found = [mode, *modes(near, _beyond(mode, known))]
-        searched = not found
+                maxima = [mode, *modes(near, _beyond(mode, simulated))]
+        searched = not maxima
         if searched:
-            found = modes(near, starts(), scanned())
-        if not found:
+            maxima = modes(near, starts(), scanned())
+        if not maxima:
             raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-        near.correct(_likely(near, found[0], None if searched else known, seed))
-        self.modes = near.lifted(found)
+        near.correct(_likely(near, maxima[0], None if searched else simulated, seed))
+        self.modes = near.lifted(maxima)
         self.explorer = AdaptiveProposal(near, self.modes, TUNING.auto_learning, follow=searched, network=network)
         self.own: Sample | None = None
         self.drawn: Sample | None = None
@@ -191,10 +193,10 @@ class AdaptiveSampling:
         self.emulated: SurrogateDraws | None = None
         self.error = 0.0
         self.trusted = self.searched = self.ended = self.failed = False  # failed: no surrogate was good enough
-        if network and known:
-            known = near.integrated(near.again(known.u, known.residual))
-            self.explorer.learn(*known)
-            self.own = Sample(u, known.value[: len(u)], network.log_density(u))
+        if network and simulated:
+            simulated = near.integrated(near.again(simulated.u, simulated.residual))
+            self.explorer.learn(*simulated)
+            self.own = Sample(u, simulated.value[: len(u)], network.log_density(u))
 
     @property
     def log_laplace(self) -> float:
@@ -205,59 +207,61 @@ class AdaptiveSampling:
         """Draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own draws
         that check it; None where it is not good enough."""
         target, explorer = self.near.exact, self.explorer
-        found, self.emulated = None, None
+        emulation, self.emulated = None, None
         rng = np.random.Generator(np.random.Philox(self.seed))
         error = 0.0
         for turn in range(TUNING.emulated_rounds):
-            found = explorer.emulated(rng)
-            if found is None:
+            emulation = explorer.emulated(rng)
+            if emulation is None:
                 return None
             often = TUNING.emulated_more if error > TUNING.emulated_wrong else 1
-            drawn, some = found.sample, found.chosen(often * TUNING.emulated_checked, rng)
-            explorer(drawn.u[found.chosen(TUNING.emulated_flatter, rng, TUNING.flatter)])
-            assert drawn.camera is not None
-            checked, value = target.checks(drawn.u[some], drawn.camera[some])
+            draws, some = emulation.sample, emulation.chosen(often * TUNING.emulated_checked, rng)
+            explorer(draws.u[emulation.chosen(TUNING.emulated_flatter, rng, TUNING.flatter)])
+            assert draws.camera is not None
+            checked, value = target.checks(draws.u[some], draws.camera[some])
             explorer.learn(*checked)
             explorer.climb_higher()
-            wrong = value - drawn.log_target[some]
+            wrong = value - draws.log_target[some]
             error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
             if error <= TUNING.emulated_enough * (1.0 + turn / TUNING.emulated_patience):
                 break
         else:
             return self._weighed(enough, rng)
-        found = explorer.emulated(rng, TUNING.emulated_worth * enough, **LAST)
-        if found is None:
+        emulation = explorer.emulated(rng, TUNING.emulated_worth * enough, **LAST)
+        if emulation is None:
             return None
-        self.emulated, self.error = found, error
+        self.emulated, self.error = emulation, error
         unsure = float(np.hypot(error / np.sqrt(len(wrong)) * (1.0 + error), TUNING.emulated_unsure))
-        self.drawn = replace(found.sample, common=unsure)
+        self.drawn = replace(emulation.sample, common=unsure)
         self.trusted = self._agrees(self.drawn)
         return self.drawn
 
     def _weighed(self, enough: float, rng: np.random.Generator) -> Sample | None:
         """Draws of a surrogate that is wrong in places, each simulated and weighed; None where they are worth too
         little."""
-        found = self.explorer.emulated(rng, TUNING.emulated_weighed / TUNING.emulated_draws, **LAST)
-        if found is None:
+        emulation = self.explorer.emulated(rng, TUNING.emulated_weighed / TUNING.emulated_draws, **LAST)
+        if emulation is None:
             return None
-        order, needed = rng.permutation(len(found.sample.u)), min(enough, TUNING.effective_fewest)
-        assert found.sample.camera is not None
-        u, log_q, camera = (values[order] for values in (found.sample.u, found.sample.log_q, found.sample.camera))
+        order, needed = rng.permutation(len(emulation.sample.u)), min(enough, TUNING.effective_fewest)
+        assert emulation.sample.camera is not None
+        u, log_q, camera = (
+            values[order] for values in (emulation.sample.u, emulation.sample.log_q, emulation.sample.camera)
+        )
         value = np.empty(0)
         while len(value) < len(u):
             some = slice(len(value), len(value) + TUNING.draws_per_round)
             self.explorer(u[some])
             residual = self.explorer.residuals_of(u[some])
             value = np.append(value, self.near.log_joint(u[some], residual, camera[some]))
-            drawn = Sample(u[: len(value)], value, log_q[: len(value)], camera=camera[: len(value)])
-            if drawn.ess >= needed and drawn.reliable:
+            draws = Sample(u[: len(value)], value, log_q[: len(value)], camera=camera[: len(value)])
+            if draws.ess >= needed and draws.reliable:
                 break
-            if drawn.ess / len(value) * len(u) < 0.5 * needed:
+            if draws.ess / len(value) * len(u) < 0.5 * needed:
                 return None
         else:
             return None
-        self.drawn, self.trusted = drawn, self._agrees(drawn)
-        return drawn
+        self.drawn, self.trusted = draws, self._agrees(draws)
+        return draws
 
     def search_windows(self) -> None:
         """Look for further modes by windows that grow, where the best one leaves more than noise."""
@@ -275,38 +279,24 @@ class AdaptiveSampling:
             self.search_windows()
         self.failed = self.failed or self.emulate(max(enough, TUNING.effective_fewest)) is None
         if self.failed or (thorough and not self.trusted):
-            return self.thorough(budget) if thorough else self.mixture_draws(enough, budget, most)
+            return self.thorough(budget) if thorough else self._simulated(enough, min(most, budget.draws), budget)
         assert self.drawn is not None
         return self.drawn
 
-    def mixture_draws(self, enough: float, budget: Budget, most: int) -> Sample:
-        """Draws of a mixture until all are worth `enough` independent ones, or until it is plain that they will not
+    def _simulated(self, enough: float, most: int, budget: Budget) -> Sample:
+        """Draws that are simulated, until all are worth `enough` independent ones, or it is plain that they will not
         be."""
-        sizes: dict[str, Any] = {"most": min(most, budget.draws), "fewest": 1, "least": enough}
-        sizes |= {"each": TUNING.settled_per_round, "enough": enough, "patience": budget.patience}
-        self.drawn = self.explorer.after(self.following.run(**sizes), self.seed + 3, **sizes)
+        sizes: dict[str, Any] = {"each": budget.each, "fewest": 1, "least": enough, "patience": budget.patience}
+        self.drawn = self.explorer.sample(self.seed + 2, most=most, enough=enough, **sizes)
         self.trusted = self.drawn.ess >= enough and self.drawn.reliable
         return self.drawn
 
-    def _agrees(self, drawn: Sample) -> bool:
+    def _agrees(self, draws: Sample) -> bool:
         """Whether the network's own evidence is not larger than that of the draws."""
         guard, self.apart = self._guard, None
         if guard and guard[1].ess >= TUNING.own_worth:
-            self.apart = _standard_errors(guard[1], drawn)
+            self.apart = _standard_errors(guard[1], draws)
         return self.apart is None or self.apart <= TUNING.agree
-
-    @cached_property
-    def following(self) -> Sampling:
-        """Of a mixture through the draws of a surrogate, then of others that follow the weighted draws."""
-        explorer = self.explorer
-
-        def proposal(rng: np.random.Generator, counted: Sample | None) -> Proposal:
-            if counted is None or counted.ess < TUNING.adapted * counted.u.shape[1]:
-                known = explorer.emulated(rng)
-                counted = known.sample if known else counted
-            return explorer.settled(counted, rng) if counted else explorer.start
-
-        return Sampling(explorer.weigh, proposal, seed=self.seed + 2)
 
     def thorough(self, budget: Budget) -> Sample:
         """Draws of a surrogate, or as level "full" has them but of rough simulations, where few cannot be trusted:
@@ -326,56 +316,58 @@ class AdaptiveSampling:
     def weighted(self) -> WeightedDraws:
         """The draws, compared with default simulations. For the last call."""
         assert self.drawn is not None
-        explorer, known = self.explorer, self.emulated
-        drawn, error = (self.drawn, self.error) if known else self.near.checked(self.drawn, self.seed)
-        residual = explorer.residuals_of(drawn.u)
-        if drawn.camera is not None:
-            shapes = known.surrogate.shapes(drawn.u) if known else self.target.noise.shapes(residual)
-            residual = self.target.extended(shapes, drawn.camera)
-        best = self.near.highest(explorer.highest, known.surrogate if known else None)
-        return WeightedDraws(drawn, residual, best, explorer.modes, self.trusted, self.apart, error)
+        explorer, emulation = self.explorer, self.emulated
+        draws, error = (self.drawn, self.error) if emulation else self.near.checked(self.drawn, self.seed)
+        residual = explorer.residuals_of(draws.u)
+        if draws.camera is not None:
+            shapes = emulation.surrogate.shapes(draws.u) if emulation else self.target.noise.shapes(residual)
+            residual = self.target.extended(shapes, draws.camera)
+        best = self.near.highest(explorer.highest, emulation.surrogate if emulation else None)
+        return WeightedDraws(draws, residual, best, explorer.modes, self.trusted, self.apart, error)
 
     @property
     def _guard(self) -> tuple[Proposal, Sample] | None:
         return (self.network, self.own) if self.network and self.own is not None else None
 
 
-def _begun(near: TwoFidelityTarget, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:
+def _begun(target: TwoFidelityTarget, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:
     """(u of the network's own draws, their simulations and those on the way to the maximum, that maximum); None for it
     where hardly any could be simulated."""
     u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
-    known = Simulated.at(near, u)
-    if np.count_nonzero(np.isfinite(known.value)) <= 2 * (known.u.shape[1] + 1):
-        return u, known, None
-    mode, known = secant(near, known)
-    return u, known, mode
+    simulated = Simulated.at(target, u)
+    if np.count_nonzero(np.isfinite(simulated.value)) <= 2 * (simulated.u.shape[1] + 1):
+        return u, simulated, None
+    mode, simulated = secant(target, simulated)
+    return u, simulated, mode
 
 
-def _likely(near: TwoFidelityTarget, mode: Mode, known: Simulated | None, seed: int) -> Simulated:
-    """Rough simulations at a mode and where the posterior is: some of those that are known, for it may be curved and
+def _likely(target: TwoFidelityTarget, mode: Mode, simulated: Simulated | None, seed: int) -> Simulated:
+    """Rough simulations at a mode and where the posterior is: some of the known ones, for it may be curved and
     the Gaussian about its mode then leads far from it."""
-    if known is None:
-        return Simulated.at(near, np.concatenate([mode.u[None], mode.draws(TUNING.mended, seed)]))
-    top = np.argmax(known.value)
-    weight = np.exp(tempered(known.value - known.value[top], TUNING.mended_spread))
+    if simulated is None:
+        return Simulated.at(target, np.concatenate([mode.u[None], mode.draws(TUNING.mended, seed)]))
+    top = np.argmax(simulated.value)
+    weight = np.exp(tempered(simulated.value - simulated.value[top], TUNING.mended_spread))
     weight[top] = 0.0
     rng, most = np.random.Generator(np.random.Philox(seed)), min(TUNING.mended, int(np.count_nonzero(weight)))
-    here = np.append(top, rng.choice(len(weight), most, replace=False, p=weight / np.sum(weight)))
-    return Simulated(known.u[here], known.residual[here], known.value[here])
+    chosen = np.append(top, rng.choice(len(weight), most, replace=False, p=weight / np.sum(weight)))
+    return Simulated(simulated.u[chosen], simulated.residual[chosen], simulated.value[chosen])
 
 
-def _beyond(mode: Mode, known: Simulated) -> list[Floats]:
+def _beyond(mode: Mode, simulated: Simulated) -> list[Floats]:
     """The likeliest simulation that the Gaussian about the mode does not expect there, if there is one: on the way to
     another mode."""
-    expected = mode.log_posterior - 0.5 * mode.squares(known.u)
-    unexpected = known.value - expected > TUNING.own_unexpected
-    likely = np.where(unexpected & (known.value > mode.log_posterior - TUNING.lowest_mode), known.value, -np.inf)
+    expected = mode.log_posterior - 0.5 * mode.squares(simulated.u)
+    unexpected = simulated.value - expected > TUNING.own_unexpected
+    likely = np.where(
+        unexpected & (simulated.value > mode.log_posterior - TUNING.lowest_mode), simulated.value, -np.inf
+    )
     best = int(np.argmax(likely))
-    return [known.u[best]] if np.isfinite(likely[best]) else []
+    return [simulated.u[best]] if np.isfinite(likely[best]) else []
 
 
-def _standard_errors(own: Sample, rest: Sample) -> float:
+def _standard_errors(network_draws: Sample, draws: Sample) -> float:
     """By how much the network's evidence is larger than that of the others, which then miss a part of the posterior.
     A smaller one says that the network misses a part: they have it."""
-    (a, of_a), (b, of_b) = own.log_evidence, rest.log_evidence
+    (a, of_a), (b, of_b) = network_draws.log_evidence, draws.log_evidence
     return (a - b) / float(np.hypot(max(of_a, TUNING.own_error), of_b))

@@ -76,17 +76,17 @@ class CameraProposal:
         return self.mixture.log_density(u) + log_normal(z)
 
 
-def shelves(target: Target, counted: Sample, size: int) -> Mixture | None:
+def shelves(target: Target, draws: Sample, size: int) -> Mixture | None:
     """Of weighted draws whose first `size` coordinates are u: where frames bound one of these from one side only.
 
     Towards an end of its range a coordinate changes the frames less and less (Target.linear): its posterior is as wide
     as its prior there. The others are where their regression on what the frames see of it tells. A component for each
     end that this regression does not exclude; None without one.
     """
-    d, weight = counted.u.shape[1], unscaled(counted.log_weight)
+    d, weight = draws.u.shape[1], unscaled(draws.log_weight)
     weight /= np.sum(weight)
-    seen, mean = target.linear(counted.u[:, :size]), weight @ counted.u
-    off, off_seen = counted.u - mean, seen - weight @ seen
+    linear, mean = target.linear(draws.u[:, :size]), weight @ draws.u
+    off, off_seen = draws.u - mean, linear - weight @ linear
     variance = weight @ off_seen**2 + 1e-30
     means, covariances = [], []
     for j in range(size):
@@ -97,7 +97,7 @@ def shelves(target: Target, counted: Sample, size: int) -> Mixture | None:
         for end in (-TUNING.shelf_end, TUNING.shelf_end):
             place = mean[None, :size].copy()
             place[0, j] = end
-            away = target.linear(place)[0, j] - weight @ seen[:, j]
+            away = target.linear(place)[0, j] - weight @ linear[:, j]
             if away**2 < TUNING.shelf_reach**2 * variance[j]:
                 means.append(np.where(np.arange(d) == j, 0.0, mean + slope * away))
                 covariances.append(covariance)
@@ -130,9 +130,9 @@ class AdaptiveProposal:
     def _settle(self, mode: Mode) -> None:
         """A mode and the ridge through it become places to draw about, each known a standard deviation around."""
         heights = np.array([place.log_evidence for place in (mode, *self.places)])
-        worth = self.follow and heights[0] >= np.max(heights) - TUNING.ridge_worth
-        for place in (mode, *(ridge(self.target, mode) if worth else [])):
-            if not any(same(place, other) for other in self.places):
+        followed = self.follow and heights[0] >= np.max(heights) - TUNING.ridge_worth
+        for place in (mode, *(ridge(self.target, mode) if followed else [])):
+            if not any(same(place, earlier) for earlier in self.places):
                 self.places.append(place)
                 axes = np.linalg.cholesky(place.covariance).T
                 if self.follow:
@@ -143,15 +143,15 @@ class AdaptiveProposal:
 
     def __call__(self, u: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
-        found = Simulated.at(self.target, u, accuracy)
-        self.learn(*found)
-        return found.value
+        simulated = Simulated.at(self.target, u, accuracy)
+        self.learn(*simulated)
+        return simulated.value
 
     def weigh(self, u: Floats) -> Floats:
         """The same with the camera integrated as well as a weight asks for."""
-        found = self.target.integrated(Simulated.at(self.target, u))
-        self.learn(*found)
-        return found.value
+        simulated = self.target.integrated(Simulated.at(self.target, u))
+        self.learn(*simulated)
+        return simulated.value
 
     def learn(self, u: Floats, residual: Floats, value: Floats) -> None:
         """Know simulations at u (k, d) with residuals (k, n) and log posterior (k,)."""
@@ -166,8 +166,8 @@ class AdaptiveProposal:
         self.rounds = rounds
         if not self.follow or self.climbed:
             self.follow, self.places, self.climbed = True, [], 0
-            found = modes(self.target, [self.u[np.argmax(self.value)], *(mode.u for mode in self.modes)])
-            self.modes = found or self.modes
+            maxima = modes(self.target, [self.u[np.argmax(self.value)], *(mode.u for mode in self.modes)])
+            self.modes = maxima or self.modes
             for mode in self.modes:
                 self._settle(mode)
             self.mixture, self.joint = self.start, None
@@ -181,60 +181,60 @@ class AdaptiveProposal:
 
     def residuals_of(self, u: Floats) -> Floats:
         """(k, size) of what was simulated at u (k, d); NaN where nothing was, or it failed."""
-        known = {row.tobytes(): i for i, row in enumerate(self.u)}
-        found = np.full((len(u), self.residual.shape[1]), np.nan)
+        index = {row.tobytes(): i for i, row in enumerate(self.u)}
+        residuals = np.full((len(u), self.residual.shape[1]), np.nan)
         for k, row in enumerate(np.ascontiguousarray(u)):
-            if (i := known.get(row.tobytes())) is not None:
-                found[k] = self.residual[i]
-        return found
+            if (i := index.get(row.tobytes())) is not None:
+                residuals[k] = self.residual[i]
+        return residuals
 
     def also(self, modes: Sequence[Mode]) -> None:
         """Take up further modes that are not known yet."""
         for mode in modes:
-            if not any(same(mode, other) for other in self.modes):
+            if not any(same(mode, earlier) for earlier in self.modes):
                 self.modes.append(mode)
                 self._settle(mode)
 
-    def propose(self, rng: np.random.Generator, counted: Sample | None) -> Proposal:
+    def propose(self, rng: np.random.Generator, draws: Sample | None) -> Proposal:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
         be, and one more for each other mode found there."""
         rounds = 0
-        if counted is None:
+        if draws is None:
             self.surrogate, self.wrong_surrogates = None, 0
         self._check_surrogate()
-        if counted and self.surrogates_fail:
-            return self.settled(counted, rng)
-        if counted and len(counted.u) > TUNING.lost_after and counted.ess < TUNING.lost * len(counted.u):
+        if draws and self.surrogates_fail:
+            return self.settled(draws, rng)
+        if draws and len(draws.u) > TUNING.lost_after and draws.ess < TUNING.lost * len(draws.u):
             self.thorough()
-        while counted is None and rounds < self.rounds + self.climbed:
-            known = self.emulated(rng)
-            if known is None:
+        while draws is None and rounds < self.rounds + self.climbed:
+            emulation = self.emulated(rng)
+            if emulation is None:
                 u = self._wide().draw(TUNING.learnt_per_round, rng)
             else:
-                u = known.sample.u[known.chosen(TUNING.learnt_per_round, rng, TUNING.flatter)]
+                u = emulation.sample.u[emulation.chosen(TUNING.learnt_per_round, rng, TUNING.flatter)]
             self(u, ROUGH)
             self.climb_higher()
             rounds += 1
         self.climb_higher()
-        known = self.emulated(rng, TUNING.pool_followed)
-        if known is None or known.sample.ess < TUNING.adapted * self.u.shape[1]:
+        emulation = self.emulated(rng, TUNING.pool_followed)
+        if emulation is None or emulation.sample.ess < TUNING.adapted * self.u.shape[1]:
             return self._wide()
-        self.surrogate, self.known = known.surrogate, len(self.u)
-        return self._through(known.sample, rng)
+        self.surrogate, self.known = emulation.surrogate, len(self.u)
+        return self._through(emulation.sample, rng)
 
     def sample(self, seed: int, first: tuple[Proposal, Sample] | None = None, **sizes: Any) -> Sample:
         """Weighted draws of the proposals; where these had to follow the draws, of a last one that does not. sizes: of
-        `Sampling.run`."""
-        drawn = sample(self.weigh, self.propose, seed=seed, first=first, **sizes)
-        return self.after(drawn, seed + 1, **sizes) if self.surrogates_fail else drawn
+        `sample` (sampler.py)."""
+        draws = sample(self.weigh, self.propose, seed=seed, first=first, **sizes)
+        return self.after(draws, seed + 1, **sizes) if self.surrogates_fail else draws
 
-    def after(self, drawn: Sample, seed: int, **sizes: Any) -> Sample:
+    def after(self, draws: Sample, seed: int, **sizes: Any) -> Sample:
         """Draws of a mixture that follows these draws, and does not change any more: one that follows the draws that it
         weighs takes their tails for too heavy, and makes intervals too narrow by a tenth. Where they are worth too
         little for an interval, and those that it follows are not, these."""
-        last = self.settled(drawn, np.random.Generator(np.random.Philox(seed)))
-        found = sample(self.weigh, lambda *_: last, seed=seed, **sizes)
-        return drawn if found.ess < TUNING.effective_fewest <= drawn.ess else found
+        last = self.settled(draws, np.random.Generator(np.random.Philox(seed)))
+        fresh = sample(self.weigh, lambda *_: last, seed=seed, **sizes)
+        return draws if fresh.ess < TUNING.effective_fewest <= draws.ess else fresh
 
     @property
     def surrogates_fail(self) -> bool:
@@ -253,22 +253,22 @@ class AdaptiveProposal:
                 self.wrong_surrogates += scatter > TUNING.wrong_scatter
             self.surrogate = None
 
-    def settled(self, counted: Sample, rng: np.random.Generator) -> Proposal:
+    def settled(self, draws: Sample, rng: np.random.Generator) -> Proposal:
         """What has been learnt from weighted draws, as a proposal for others: draws that a proposal was fitted to
         exaggerate their own weight."""
-        mixture = self._through(counted, rng)
+        mixture = self._through(draws, rng)
         return mixture if self.network is None else GuardedProposal(mixture, self.network, TUNING.guard_share)
 
-    def _through(self, counted: Sample, rng: np.random.Generator) -> Mixture:
+    def _through(self, draws: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture that follows weighted draws, with as many components as they are worth."""
-        return self._followed(counted, rng).beside(self.start, TUNING.adapted_modes).widened()
+        return self._followed(draws, rng).beside(self.start, TUNING.adapted_modes).widened()
 
-    def _followed(self, counted: Sample, rng: np.random.Generator, each: float = TUNING.adapted_each) -> Mixture:
+    def _followed(self, draws: Sample, rng: np.random.Generator, each: float = TUNING.adapted_each) -> Mixture:
         """The same without the modes. each: effective draws for each coordinate that a component takes."""
-        d = counted.u.shape[1]
-        log_weight = tempered(counted.log_weight, min(TUNING.adapted * d, 0.25 * len(counted.u)))
+        d = draws.u.shape[1]
+        log_weight = tempered(draws.log_weight, min(TUNING.adapted * d, 0.25 * len(draws.u)))
         count = int(np.clip(effective_size(log_weight) / (each * d), 1, TUNING.adapted_components))
-        return Mixture.through(counted.u, log_weight, count, rng)
+        return Mixture.through(draws.u, log_weight, count, rng)
 
     def climb_higher(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
@@ -277,7 +277,7 @@ class AdaptiveProposal:
             return
         self.climbed += 1
         mode = climb(self.target, self.u[np.argmax(self.value)], ROUGH)
-        if mode is not None and not any(same(mode, other) for other in self.modes):
+        if mode is not None and not any(same(mode, earlier) for earlier in self.modes):
             self.modes.append(mode)
             self._settle(mode)
 
@@ -294,21 +294,21 @@ class AdaptiveProposal:
         if self.joint:
             proposal = GuardedProposal(self.joint, proposal, TUNING.joint_guard)
         sizes = {"each": TUNING.emulated_taught} | sizes
-        found = importance_sample(surrogate, proposal, self._adapted, rng, enough=enough, **sizes)
-        if not np.any(np.isfinite(found.log_weight)):
+        draws = importance_sample(surrogate, proposal, self._adapted, rng, enough=enough, **sizes)
+        if not np.any(np.isfinite(draws.log_weight)):
             return None
-        self.joint = self._adapted(found, rng)
-        found = found.resampled(int(TUNING.emulated_draws * enough), rng)
-        u, camera = np.split(found.u, [found.u.shape[1] - size], axis=1)
-        found = replace(found, u=u, camera=camera)
-        self.mixture = self._through(found, rng).widened(TUNING.flat_share, TUNING.flat_factor)
-        return SurrogateDraws(surrogate, found)
+        self.joint = self._adapted(draws, rng)
+        draws = draws.resampled(int(TUNING.emulated_draws * enough), rng)
+        u, camera = np.split(draws.u, [draws.u.shape[1] - size], axis=1)
+        draws = replace(draws, u=u, camera=camera)
+        self.mixture = self._through(draws, rng).widened(TUNING.flat_share, TUNING.flat_factor)
+        return SurrogateDraws(surrogate, draws)
 
-    def _adapted(self, drawn: Sample, rng: np.random.Generator) -> Mixture:
+    def _adapted(self, draws: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture through weighted draws of u and camera, wide enough to find what they miss."""
-        shelf = shelves(self.target, few_draws(drawn, rng), self.u.shape[1])
-        found = adapted(drawn, rng)
-        return found.beside(shelf, TUNING.shelf_share) if shelf else found
+        shelf = shelves(self.target, few_draws(draws, rng), self.u.shape[1])
+        mixture = adapted(draws, rng)
+        return mixture.beside(shelf, TUNING.shelf_share) if shelf else mixture
 
     def _wide(self) -> Mixture:
         """The mixture with the modes beside it, widened."""

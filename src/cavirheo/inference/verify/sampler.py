@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.special import gammaln, ndtri
@@ -45,21 +45,21 @@ class Mixture:
         middle = weight @ u
         scale = ((u - middle).T * weight) @ (u - middle) * count ** (-2.0 / u.shape[1]) + 1e-12 * np.eye(u.shape[1])
         places = u[rng.choice(len(u), count, p=weight)]
-        found = cls(np.full(count, 1.0 / count), places, np.array([scale] * count))
+        mixture = cls(np.full(count, 1.0 / count), places, np.array([scale] * count))
         for _ in range(TUNING.adapted_fits):
-            found = found.fitted(u, log_weight)
-        return found
+            mixture = mixture.fitted(u, log_weight)
+        return mixture
 
     def widened(self, part: float = TUNING.wide_share, factor: float = TUNING.wide_factor) -> Mixture:
         """With `part` of the draws from the same components, wider: fitted shapes lose their tails."""
         return self.beside(Mixture(self.share, self.mean, factor**2 * self.scale), part)
 
-    def beside(self, other: Mixture, part: float) -> Mixture:
-        """With `part` of the draws from the other."""
+    def beside(self, mixture: Mixture, part: float) -> Mixture:
+        """With `part` of the draws from another mixture."""
         return Mixture(
-            np.concatenate([(1.0 - part) * self.share, part * other.share]),
-            np.concatenate([self.mean, other.mean]),
-            np.concatenate([self.scale, other.scale]),
+            np.concatenate([(1.0 - part) * self.share, part * mixture.share]),
+            np.concatenate([self.mean, mixture.mean]),
+            np.concatenate([self.scale, mixture.scale]),
         )
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
@@ -89,27 +89,27 @@ class Mixture:
 
     def fitted(self, u: Floats, log_weight: Floats) -> Mixture:
         """Steps of expectation maximisation towards weighted draws; where few decide, the old shape keeps a say."""
-        found, (count, d) = self, u.shape
+        mixture, (count, d) = self, u.shape
         log_weight = tempered(log_weight, 4.0 * d)
         weight = np.exp(log_weight - log_sum(log_weight))
         middle = weight @ u
         off = u - middle
         products = (off[:, :, None] * off[:, None, :]).reshape(count, d * d)
         for _ in range(3):
-            terms, squares = found._terms(u)
+            terms, squares = mixture._terms(u)
             resp = np.exp(terms - log_sum(terms, axis=0)) * weight
             share = np.sum(resp, axis=1)
-            kept = share > TUNING.smallest_share
-            resp, share = resp[kept], share[kept]
-            gamma = resp * (TUNING.freedom + d) / (TUNING.freedom + squares[kept])
+            used = share > TUNING.smallest_share
+            resp, share = resp[used], share[used]
+            gamma = resp * (TUNING.freedom + d) / (TUNING.freedom + squares[used])
             trust = np.sum(gamma, axis=1)[:, None, None]
             mean = (gamma @ off)[:, :, None] / trust
             scatter = (gamma @ products).reshape(-1, d, d) - trust * mean * mean.transpose(0, 2, 1)
             effective = share**2 / np.sum(resp**2, axis=1)
             old = ((d + 2.0) / (effective + d + 2.0))[:, None, None]
-            scale = (1.0 - old) * scatter / share[:, None, None] + old * found.scale[kept] + 1e-12 * np.eye(d)
-            found = Mixture(share / np.sum(share), middle + mean[:, :, 0], scale)
-        return found
+            scale = (1.0 - old) * scatter / share[:, None, None] + old * mixture.scale[used] + 1e-12 * np.eye(d)
+            mixture = Mixture(share / np.sum(share), middle + mean[:, :, 0], scale)
+        return mixture
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,11 +160,11 @@ class Sample:
         if count < 5:
             return float("nan"), float("nan")
         weight = np.exp(finite[-count - 1 :] - finite[-1])
-        beyond = weight[1:] - weight[0]
-        if not beyond[-1] > 0:
+        excesses = weight[1:] - weight[0]
+        if not excesses[-1] > 0:
             return 0.0, 0.0
-        shape, scale = generalised_pareto(beyond)
-        excess = (scale + shape * beyond[-1]) / (1.0 - shape) if shape < 1.0 else np.inf
+        shape, scale = generalised_pareto(excesses)
+        excess = (scale + shape * excesses[-1]) / (1.0 - shape) if shape < 1.0 else np.inf
         return float(shape), float(max(excess, 0.0) / np.sum(np.exp(finite - finite[-1])))
 
     @property
@@ -188,9 +188,9 @@ class Sample:
         part of an answer the tail does not matter."""
         if self.ess >= needed and (self.reliable or needed < TUNING.part_small * TUNING.effective_fewest):
             return None
-        (index, unseen), worth = self.tail, {"effective": self.ess, "needed": needed}
+        (index, unseen), values = self.tail, {"effective": self.ess, "needed": needed}
         tail = {"tail": index, "unseen": None if self.reliable else unseen}
-        return Message("interval.distrusted", {"draws": len(self.u), **worth, **tail})
+        return Message("interval.distrusted", {"draws": len(self.u), **values, **tail})
 
 
 class Proposal(Protocol):
@@ -202,78 +202,48 @@ class Proposal(Protocol):
 
 
 Density = Callable[[Floats], Floats]  # log, (k,) at (k, d)
-Propose = Callable[[np.random.Generator, "Sample | None"], Proposal | None]
+Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
 Adapt = Callable[["Sample", np.random.Generator], Proposal]
 
 
-class Sampling:
-    """Weighted draws of a log density that go on when more are asked for; they depend on seed, target and proposals
-    alone.
-
-    `first` is a proposal whose draws count already, and no more are taken from it: it guards against what the others
-    never meet. A good proposal stays: one that is made from the draws that it then weighs loses a few per cent of the
-    tails. A proposal of None ends the rounds.
-    """
-
-    def __init__(
-        self, target: Density, propose: Propose, *, seed: int, first: tuple[Proposal, Sample] | None = None
-    ) -> None:  # fmt: skip
-        self.target, self.propose = target, propose
-        self.rng = np.random.Generator(np.random.Philox(seed))
-        self.proposals: list[Proposal] = [first[0]] if first else []
-        self.counts: list[int] = [len(first[1].u)] if first else []  # draws from each
-        self.densities: list[Floats] = [first[1].log_q] if first else []  # of each, log, at all draws so far
-        self.found: Sample | None = first[1] if first else None
-        self.before = sum(self.counts)
-
-    def run(
-        self, *, each: int, most: int, enough: float, fewest: int = TUNING.fewest_rounds, least: float = 0.0,
-        patience: int = 0,
-    ) -> Sample:  # fmt: skip
-        """Rounds of `each` draws (less where few are missing), `fewest` at least, until the effective size of all is
-        `enough` (and their tail index in order), there are `most`, or (after `patience` draws) so many are not likely
-        to be worth `least`."""
-        begun = sum(self.counts) - self.before
-        while begun < most:
-            found, new = self.found, sum(self.counts) == self.before
-            if found is None or new or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
-                proposal = self.propose(self.rng, None if new else found)
-                if proposal is None:
-                    break
-                self.proposals.append(proposal)
-                self.counts.append(0)
-                self.densities.append(proposal.log_density(found.u) if found else np.empty(0))
-            size = each if found is None or new else _needed(found, each, enough)
-            self._draw(min(size, most - sum(self.counts) + self.before))
-            found = self.found
-            assert found is not None
-            good = found.ess >= enough and found.reliable
-            drawn = len(found.u) - self.before
-            hopeless = drawn >= patience and found.ess * most < least * drawn
-            if drawn >= most or (drawn - begun >= fewest * each and (good or hopeless)):
-                break
-        assert self.found is not None  # the first proposal is one
-        return self.found
-
-    def _draw(self, count: int) -> None:
-        """So many draws of the last proposal."""
-        u, known = self.proposals[-1].draw(count, self.rng), self.found
-        self.counts[-1] += len(u)
-        self.densities = [
-            np.concatenate([q, p.log_density(u)]) for q, p in zip(self.densities, self.proposals, strict=True)
-        ]
-        value = self.target(u)
-        if known:
-            u, value = np.concatenate([known.u, u]), np.concatenate([known.log_target, value])
-        log_share = np.log(np.array(self.counts) / len(u))[:, None]
-        self.found = Sample(u, value, log_sum(log_share + self.densities, axis=0))
-
-
 def sample(
-    target: Density, propose: Propose, *, seed: int, first: tuple[Proposal, Sample] | None = None, **sizes: Any
-) -> Sample:
-    """The draws of one run of `Sampling`."""
-    return Sampling(target, propose, seed=seed, first=first).run(**sizes)
+    target: Density, propose: Propose, *, seed: int, first: tuple[Proposal, Sample] | None = None, each: int, most: int,
+    enough: float, fewest: int = TUNING.fewest_rounds, least: float = 0.0, patience: int = 0,
+) -> Sample:  # fmt: skip
+    """Weighted draws of a log density that costs a simulation each; they depend on seed, target and proposals alone.
+
+    Rounds of `each` draws (less where few are missing), `fewest` at least, until the effective size of all is `enough`
+    (and their tail index in order), there are `most`, or (after `patience` draws) so many are not likely to be worth
+    `least`. `first` is a proposal whose draws count already, and no more are taken from it: it guards against what the
+    proposals of `propose` never meet. A good proposal stays: one that is made from the draws that it then weighs loses
+    a few per cent of the tails.
+    """
+    rng = np.random.Generator(np.random.Philox(seed))
+    proposals, counts, densities = [], [], []  # densities: of each proposal, log, at all draws so far
+    u, log_target, weighted = np.empty(0), np.empty(0), None
+    if first:
+        proposals, counts, densities = [first[0]], [len(first[1].u)], [first[1].log_q]
+        u, log_target, weighted = first[1].u, first[1].log_target, first[1]
+    before = sum(counts)
+    while True:
+        adapting = sum(counts) > before
+        good = weighted is not None and weighted.ess >= TUNING.good_proposal * len(u) and weighted.reliable
+        if not (adapting and good):
+            proposals.append(propose(rng, weighted if adapting else None))
+            counts.append(0)
+            densities.append(proposals[-1].log_density(u) if weighted else np.empty(0))
+        size = _missing(weighted, each, enough) if weighted and adapting else each
+        new = proposals[-1].draw(min(size, most - sum(counts) + before), rng)
+        counts[-1] += len(new)
+        densities = [np.append(q, p.log_density(new)) for q, p in zip(densities, proposals, strict=True)]
+        u, log_target = np.concatenate([u, new]) if weighted else new, np.append(log_target, target(new))
+        log_share = np.log(np.array(counts) / len(u))[:, None]
+        weighted = Sample(u, log_target, log_sum(log_share + densities, axis=0))
+        count = len(u) - before
+        good = weighted.ess >= enough and weighted.reliable
+        hopeless = count >= patience and weighted.ess * most < least * count
+        if count >= most or (count >= fewest * each and (good or hopeless)):
+            return weighted
 
 
 def importance_sample(
@@ -287,35 +257,35 @@ def importance_sample(
     rounds of one proposal are given, so that no draw counts that shaped its own.
     """
     rounds: list[Sample] = []
-    best, drawn, adapted = None, None, 0
+    best, draws, adapted = None, None, 0
     while len(rounds) < most:
         u = proposal.draw(each, rng)
         rounds.append(Sample(u, target(u), proposal.log_density(u)))
-        drawn = joined([drawn, rounds[-1]]) if drawn else rounds[-1]
-        if adapted < fewest or drawn.ess < TUNING.adapted_good * TUNING.adapted_eased**adapted * len(drawn.u):
-            if not drawn.ess:
+        draws = joined([draws, rounds[-1]]) if draws else rounds[-1]
+        if adapted < fewest or draws.ess < TUNING.adapted_good * TUNING.adapted_eased**adapted * len(draws.u):
+            if not draws.ess:
                 break
             proposal = adapt(joined(rounds[-TUNING.adapted_last :]), rng)
-            drawn, adapted = None, adapted + 1
+            draws, adapted = None, adapted + 1
             continue
-        best = drawn if best is None or drawn.ess > best.ess else best
+        best = draws if best is None or draws.ess > best.ess else best
         if best.ess >= enough:
             break
     return best or rounds[-1]
 
 
-def few_draws(drawn: Sample, rng: np.random.Generator) -> Sample:
+def few_draws(draws: Sample, rng: np.random.Generator) -> Sample:
     """So many of weighted draws as a mixture is fitted to, chosen by their weights, or by a power of these where they
     are worth little."""
-    log_weight = tempered(drawn.log_weight, min(TUNING.joint_worth * drawn.u.shape[1], 0.25 * len(drawn.u)))
-    return Sample(drawn.u, log_weight, np.zeros(len(log_weight))).resampled(TUNING.joint_fitted, rng)
+    log_weight = tempered(draws.log_weight, min(TUNING.joint_worth * draws.u.shape[1], 0.25 * len(draws.u)))
+    return Sample(draws.u, log_weight, np.zeros(len(log_weight))).resampled(TUNING.joint_fitted, rng)
 
 
-def adapted(drawn: Sample, rng: np.random.Generator) -> Mixture:
+def adapted(draws: Sample, rng: np.random.Generator) -> Mixture:
     """A mixture through weighted draws, and one through a flatter density, which finds what they miss."""
-    log_target = np.where(np.isfinite(drawn.log_target), TUNING.joint_power * drawn.log_target, -np.inf)
+    log_target = np.where(np.isfinite(draws.log_target), TUNING.joint_power * draws.log_target, -np.inf)
     mixtures = []
-    for one in (drawn, replace(drawn, log_target=log_target)):
+    for one in (draws, replace(draws, log_target=log_target)):
         few = few_draws(one, rng)
         count = int(np.clip(few.ess / (TUNING.joint_each * few.u.shape[1]), 1, TUNING.joint_components))
         mixtures.append(Mixture.through(few.u, few.log_weight, count, rng))
@@ -370,11 +340,11 @@ def _normal_points(count: int, d: int) -> Floats:
     return np.asarray(ndtri((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0))
 
 
-def _needed(found: Sample, each: int, enough: float) -> int:
+def _missing(weighted: Sample, each: int, enough: float) -> int:
     """Draws that are likely to bring the effective size to `enough`, a fifth of `each` at least and `each` at most."""
-    if not each / len(found.u) * found.ess > enough - found.ess > 0:
+    if not each / len(weighted.u) * weighted.ess > enough - weighted.ess > 0:
         return each
-    return max(int(np.ceil((enough / found.ess - 1.0) * len(found.u))), each // 5)
+    return max(int(np.ceil((enough / weighted.ess - 1.0) * len(weighted.u))), each // 5)
 
 
 def generalised_pareto(x: Floats) -> tuple[float, float]:
@@ -391,8 +361,8 @@ def generalised_pareto(x: Floats) -> tuple[float, float]:
     height = count * (np.log(-theta / shape) - shape - 1.0)
     weight = np.exp(height - np.max(height))
     mean = float(weight @ theta / np.sum(weight))
-    found = float(np.mean(np.log1p(-mean * x)))
-    return found, -found / mean
+    shape_of_mean = float(np.mean(np.log1p(-mean * x)))
+    return shape_of_mean, -shape_of_mean / mean
 
 
 def effective_size(log_weight: Floats) -> float:

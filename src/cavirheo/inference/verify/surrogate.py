@@ -33,12 +33,12 @@ class Kernel(NamedTuple):
     scale: float
     nugget: float
 
-    def __call__(self, z: Floats, other: Floats) -> Floats:
+    def __call__(self, z: Floats, others: Floats) -> Floats:
         """(k, m) of z (k, d) and others (m, d)."""
-        product = z @ other.T
+        product = z @ others.T
         distance = -2.0 * product
         distance += np.sum(z**2, axis=1)[:, None]
-        distance += np.sum(other**2, axis=1)
+        distance += np.sum(others**2, axis=1)
         np.sqrt(np.maximum(distance, 0.0, out=distance), out=distance)
         distance *= np.sqrt(5.0) / self.length
         matern = distance / 3.0  # in place, for the time goes into memory
@@ -67,14 +67,14 @@ class Surrogate:
 
     def __init__(self, target: Target, u: Floats, residual: Floats, value: Floats) -> None:
         latest = np.arange(len(u)) >= len(u) - TUNING.surrogate_latest  # they tell where the last surrogate was wrong
-        kept = np.lexsort((-value, ~latest))[: TUNING.surrogate_latest + TUNING.surrogate_likely]
-        kept = kept[np.argsort(-value[kept], kind="stable")]
-        u, residual, value = u[kept], residual[kept], value[kept]
+        chosen = np.lexsort((-value, ~latest))[: TUNING.surrogate_latest + TUNING.surrogate_likely]
+        chosen = chosen[np.argsort(-value[chosen], kind="stable")]
+        u, residual, value = u[chosen], residual[chosen], value[chosen]
         below = value[0] - value
-        near = below < TUNING.flat_height
-        likely = np.flatnonzero(near)[: TUNING.left_out]
+        high = below < TUNING.flat_height
+        likely = np.flatnonzero(high)[: TUNING.left_out]
         self.target: Target = target
-        self.noise: MarginalNoise = target.noise.only(residual[near], TUNING.grid_share)
+        self.noise: MarginalNoise = target.noise.only(residual[high], TUNING.grid_share)
         v, weight = target.linear(u), np.exp(tempered(-below / TUNING.flat_height, TUNING.whitened * u.shape[1]))
         self.centre: Floats = weight @ v / np.sum(weight)
         off = v - self.centre
@@ -88,7 +88,7 @@ class Surrogate:
         self.best: Floats = shapes[0]
         self.axes, along = _directions(shapes - self.best, self._metric(), trust / np.sum(trust))
         camera = target.camera.z(residual)[likely]
-        known = self._log_density(u[likely], camera, shapes[likely])
+        exact = self._log_density(u[likely], camera, shapes[likely])
         grown = np.minimum((1.0 + below / TUNING.nugget_height) ** 3, TUNING.nugget_most)
         self.scatter = np.inf
         for kernel in KERNELS:
@@ -97,8 +97,8 @@ class Surrogate:
             inverse = np.linalg.inv(matrix)
             coefficients = inverse @ along
             missed = coefficients / np.diag(inverse)[:, None]  # of each, by the others
-            told = self._log_density(u[likely], camera, self._shapes(along[likely] - missed[likely]))
-            scatter = _scatter(told - known, trust[likely])
+            predicted = self._log_density(u[likely], camera, self._shapes(along[likely] - missed[likely]))
+            scatter = _scatter(predicted - exact, trust[likely])
             if scatter < self.scatter:
                 self.scatter, self.kernel, self.coefficients = scatter, kernel, coefficients
 
@@ -111,9 +111,9 @@ class Surrogate:
     def _expected(self, w: Floats) -> Floats:
         u, camera = np.split(w, [len(self.centre)], axis=1)
         z, value = self._whitened(u), np.full(len(u), -np.inf)
-        near = np.sum(z**2, axis=1) <= self.limit
-        if np.any(near):
-            value[near] = self._log_density(u[near], camera[near], self._shapes(self._along(z[near])))
+        reached = np.sum(z**2, axis=1) <= self.limit
+        if np.any(reached):
+            value[reached] = self._log_density(u[reached], camera[reached], self._shapes(self._along(z[reached])))
         return value
 
     def _log_density(self, u: Floats, camera: Floats, shapes: Floats) -> Floats:

@@ -133,7 +133,6 @@ class Tuning:
     wrong_fewest: int = 8  # told by so many draws
     wrong_surrogates: int = 4  # so many may be; then mixtures that follow the weighted draws are proposed,
     guard_share: float = 0.15  # with so many of the draws from the network,
-    settled_per_round: int = 100  # so many at a time
     adapted: float = 6.0  # effective draws for each coordinate that a mixture is then fitted to,
     adapted_components: int = 10  # with so many components at most,
     adapted_each: float = 2.0  # for each of its coordinates,
