@@ -91,8 +91,8 @@ class Verification:
     workers: int | None = None
 
     def __post_init__(self) -> None:
-        fine = self.level in ("auto", "map", "full")
-        require(fine, f"verify must be auto, map or full, got {self.level!r}", "option.verify")
+        valid = self.level in ("auto", "map", "full")
+        require(valid, f"verify must be auto, map or full, got {self.level!r}", "option.verify")
         object.__setattr__(self, "medium", named(self.medium))
         expect_whole(self.seed, "seed", 0, "option.seed")
         expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
@@ -166,13 +166,13 @@ class Estimation:
 
     def weighted_answer(self, draws: WeightedDraws, needed: float, limit: Part | None) -> Posterior:
         """The answer of level "auto". needed: effective draws that an interval takes. limit: of the rival."""
-        best = draws.best or self._best(draws.modes)
+        best, sample = draws.best or self._best(draws.modes), draws.drawn
         summary = {
             "few_simulations": draws.few, "evidences_apart_in_standard_errors": draws.apart,
             "log_weight_error": draws.rough,
         }  # fmt: skip
-        trusted = self._trusted_draws(draws.drawn, draws.residual, best, needed)
-        return self._answer(trusted, draws.drawn, best, Evidence(*draws.drawn.log_evidence), draws.modes, summary, limit)
+        trusted = self._trusted_draws(sample, draws.residual, best, needed)
+        return self._answer(trusted, sample, best, Evidence(*sample.log_evidence), draws.modes, summary, limit)
 
     def as_part(self, draws: WeightedDraws) -> Preview:
         """Weighted draws in the form of a preview."""
@@ -366,10 +366,10 @@ class Estimation:
         likely one."""
         if sample.camera is None:
             return sample.u, residual, sample.log_weight
-        some = slice(None, TUNING.moved)
-        shapes = self.noise.shapes(residual[some])
+        subset = slice(None, TUNING.moved)
+        shapes = self.noise.shapes(residual[subset])
         frames = self.target.camera.of_shapes(shapes, self.target.noise.frames)
-        return sample.u[some], np.hstack([frames, shapes]), sample.log_weight[some]
+        return sample.u[subset], np.hstack([frames, shapes]), sample.log_weight[subset]
 
     def _moved_gaussian(self, best: Mode) -> float | None:
         """As `_moved_modulus`, of draws of the Gaussian about the maximum, whose frames are linear in u."""
