@@ -44,9 +44,9 @@ class SearchedEstimation(Estimation):
         self.modes: list[Mode] = []
         for _ in ROUNDS[:1] if settings.level == "map" else ROUNDS:
             earlier, new = ([self.target.start(x) for x in some] for some in self.search.starts())
-            self.modes = modes(self.target, earlier, known=self.modes)
+            self.modes = modes(self.target, earlier, maxima=self.modes)
             if not (self.modes and self.search.only_noise(self._missed)):
-                self.modes = modes(self.target, new, known=self.modes)
+                self.modes = modes(self.target, new, maxima=self.modes)
             if self.modes and self.search.enough(self._missed):
                 break
 
@@ -147,8 +147,8 @@ class FitEstimation(SearchedEstimation):
                 best = fit.minimise(nearest, ROUGH).x
             missed = float(np.sqrt(np.mean(shot.difference(best) ** 2)))
             values = {name: value for name, value in shot.best(best).items() if name not in FREE.values()}
-            ended = np.minimum(best - low, high - best) < AT_BOUND * (high - low)
-            at_bound = tuple(name for name, at in zip(shot.names, ended, strict=True) if at)
+            at_end = np.minimum(best - low, high - best) < AT_BOUND * (high - low)
+            at_bound = tuple(name for name, at in zip(shot.names, at_end, strict=True) if at)
             rmse = missed if np.isfinite(missed) else None
             windows[str(collapses or self._whole())] = WindowAnswer(
                 values, shot.view.end / shot.time_scale, rmse, at_bound
