@@ -565,13 +565,13 @@ def test_the_law_of_the_group_explains_each_of_its_shots():
     logs = {"newtonian": [-90.0, -10.0, -10.0, None], "nhkv": [-40.0, -20.0, -20.0, None]}
     answers = {law: [weighed(law, log) for log in found] for law, found in logs.items()}
     curves = named("gel a", "gel b", "c c", "d d")
-    found = a, b, c, d = evidence.explained(*ranked(curves, answers))
+    found = a, b, c, d = evidence.choose_answers(*ranked(curves, answers))
     assert [one.material for one in found] == ["nhkv", "nhkv", "newtonian", "newtonian"]
     assert [one.checks.verdict for one in found] == ["ok", "other_model_preferred", "ok", "ok"]
     assert d.checks.messages == ()
     assert [[other.material for other in one.others] for one in (a, c)] == [["newtonian"], ["nhkv"]]
     again = {law: [replace(one, checks=b.checks) for one in found] for law, found in answers.items()}
-    told = evidence.explained(*ranked(curves, again))[1].checks.messages
+    told = evidence.choose_answers(*ranked(curves, again))[1].checks.messages
     assert [one.code for one in told].count("model.rejected") == 1
 
 

@@ -140,7 +140,7 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
     def __call__(self, run: Run) -> None:
         from cavirheo import reporting
         from cavirheo.inference.options import Options
-        from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
+        from cavirheo.inference.verify.evidence import choose_answers, models, plans, ranked, weigh_models
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting.figures import write_laws
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
@@ -160,7 +160,7 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
             reporting.outputs(out, curves, figures)
             how: dict[str, Any] = {"medium": liquid, "window": self.window, "trust_input": self.trust_input}
             analyses = plans(candidates, stretch=self.stretch, seed=self.seed, discrepancy=not self.exact_law, **how)
-            by_law = weighed(curves, analyses, lambda *these: unfinished.answers(*these).numbered())
+            by_law = weigh_models(curves, analyses, lambda *these: unfinished.answers(*these).numbered())
         complete = [i for i in range(len(curves)) if all(i in answers for answers in by_law.values())]
         complete_curves, note = [curves[i] for i in complete], unfinished.note(len(complete), len(curves))
         complete_answers = {law: [answers[i] for i in complete] for law, answers in by_law.items()}
@@ -177,7 +177,7 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         if note:
             run.stop(note, out / "laws.json" if complete_curves else None)
         outputs.finish()
-        pairs = list(zip(complete_curves, explained(singles, groups), strict=True))
+        pairs = list(zip(complete_curves, choose_answers(singles, groups), strict=True))
         how = {"date": run.date, "draw": self.pictures, "notes": [*firmly(laws), *laws.notes]}
         with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
             reporting.write_report(out, pairs, run.command, figures, advance=advance, **how)

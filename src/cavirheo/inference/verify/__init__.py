@@ -82,51 +82,51 @@ def verify_many(
     largest by more than 3.
     """
     curves = several(curves)
-    candidates: list[Any] = [list(one) if isinstance(one, list | tuple) else [one] for one in answers]
-    for answer in (one for ones in candidates for one in ones):
+    candidates: list[Any] = [list(item) if isinstance(item, list | tuple) else [item] for item in answers]
+    for answer in (answer for starts in candidates for answer in starts):
         expect(answer, Posterior, "a Posterior to be verified, of infer or fit, for each curve")
-    inner = max(cores(workers) // max(len(curves), 1), 1)
-    how: dict[str, Any] = {**settings}  # a medium by its name, too
-    chosen = Verification(workers=inner, **how)
-    estimation = FitEstimation if chosen.weights else SearchedEstimation if chosen.search else Estimation
+    threads = max(cores(workers) // max(len(curves), 1), 1)
+    arguments: dict[str, Any] = {**settings}  # a medium by its name, too
+    verification = Verification(workers=threads, **arguments)
+    estimator = FitEstimation if verification.weights else SearchedEstimation if verification.search else Estimation
     bubbles = () if bubble is None else bubbles_of(bubble)
 
     def verified(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
-        (curve, given), began = pair, time.perf_counter()
-        models = [replace(answer, bubble=kind) for answer in given for kind in bubbles] or given
-        found, problems = list[Posterior](), list[Posterior]()
+        (curve, starts), began = pair, time.perf_counter()
+        models = [replace(answer, bubble=kind) for answer in starts for kind in bubbles] or starts
+        posteriors, problems = list[Posterior](), list[Posterior]()
         estimations = list[Estimation]()
         for model in models:
             if model.checks.verdict == "failed":
                 problems.append(model)
                 continue
             try:
-                one = estimation(chosen, curve, model)
-                if chosen.level == "auto":
-                    estimations.append(one)
+                estimation = estimator(verification, curve, model)
+                if verification.level == "auto":
+                    estimations.append(estimation)
                 else:
-                    found.append(one.posterior())
+                    posteriors.append(estimation.posterior())
             except ERRORS as error:  # of this shot alone
-                problems.append(_failed(chosen, model, error))
-        apart = bool(chosen.weights) or chosen.search  # a fit, and a law that is searched, are sampled by themselves
-        for some in [[one] for one in estimations] if apart else [estimations] * bool(estimations):
+                problems.append(_failed(verification, model, error))
+        independent = bool(verification.weights) or verification.search  # a fit and a searched law are sampled alone
+        for batch in [[estimation] for estimation in estimations] if independent else [estimations] * bool(estimations):
             try:
-                found += answers_of(some, chosen.budget)
+                posteriors += answers_of(batch, verification.budget)
             except ERRORS as error:  # of this shot alone
-                problems.append(_failed(chosen, some[0].answer, error))
-        if not found:
+                problems.append(_failed(verification, batch[0].answer, error))
+        if not posteriors:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
-        if len(models) == 1 and chosen.level == "auto" and not chosen.weights:
-            (best,) = found
-            found = [best, *_damaged(chosen, curve, best)]
-        best = averaged_over_laws(found) if comparable(found) else _simplest(found)
-        if chosen.rival:
-            best = replace(best, others=(*best.others, *_rival(chosen, curve, best)))
-        own = next((model for model in models if model_of(model) == model_of(best)), given[0])
-        checked = own.checks.verdict != "check_input"
-        said = [] if best.laws else chosen_among(best, found)
-        checks = warned(judged(best, said), own.checks.warnings, trust_input=checked)
-        before = sum(answer.seconds for answer in given)
+        if len(models) == 1 and verification.level == "auto" and not verification.weights:
+            (best,) = posteriors
+            posteriors = [best, *_damaged(verification, curve, best)]
+        best = averaged_over_laws(posteriors) if comparable(posteriors) else _simplest(posteriors)
+        if verification.rival:
+            best = replace(best, others=(*best.others, *_rival(verification, curve, best)))
+        start = next((model for model in models if model_of(model) == model_of(best)), starts[0])
+        checked = start.checks.verdict != "check_input"
+        messages = [] if best.laws else chosen_among(best, posteriors)
+        checks = warned(judged(best, messages), start.checks.warnings, trust_input=checked)
+        before = sum(answer.seconds for answer in starts)
         return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 
     return each(verified, zip(curves, candidates, strict=True), workers, done)
@@ -143,45 +143,45 @@ def _failed(settings: Verification, answer: Posterior, error: Exception) -> Post
     return replace(answer, checks=checks)
 
 
-def _simplest(found: Sequence[Posterior]) -> Posterior:
+def _simplest(answers: Sequence[Posterior]) -> Posterior:
     """The simplest of those that the evidence cannot tell from the best, with what the others answer."""
-    chosen, *_ = contenders([one.evidence for one in found], [len(one.names) for one in found]) or [0]
-    best, rest = found[chosen], [one for i, one in enumerate(found) if i != chosen]
-    known = {model_of(one) for one in found}
-    modes = [one for one in best.others if model_of(one) == model_of(best)]
-    others = [one for one in best.others if model_of(one) not in known]
-    return replace(best, others=(*modes, *others, *map(as_alternative, rest)))
+    chosen, *_ = contenders([answer.evidence for answer in answers], [len(answer.names) for answer in answers]) or [0]
+    best, alternatives = answers[chosen], [answer for i, answer in enumerate(answers) if i != chosen]
+    models = {model_of(answer) for answer in answers}
+    modes = [mode for mode in best.others if model_of(mode) == model_of(best)]
+    further_models = [alternative for alternative in best.others if model_of(alternative) not in models]
+    return replace(best, others=(*modes, *further_models, *map(as_alternative, alternatives)))
 
 
 def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[Posterior]:
     """The answer with damage by strain, where the real bubble in an elastic law leaves more than noise, and where
     Laplace's evidence of damage is not the smaller one: strong gels break in the first collapse
     (docs/real-bubbles.md)."""
-    asked = answer.bubble == REAL and Family(answer.material).elastic and "shear_modulus" in answer.parameters
-    left = answer.diagnostics.systematic_misfit_over_rmax or 0.0
-    if not asked or left < TUNING.searched_above or len(answer.theta) < 2 or answer.bound("shear_modulus"):
+    damageable = answer.bubble == REAL and Family(answer.material).elastic and "shear_modulus" in answer.parameters
+    misfit = answer.diagnostics.systematic_misfit_over_rmax or 0.0
+    if not damageable or misfit < TUNING.searched_above or len(answer.theta) < 2 or answer.bound("shear_modulus"):
         return []
-    without = answer.evidence.log if answer.evidence else -np.inf
-    return _again(replace(settings, network=None), curve, answer, DAMAGED, without)
+    log_undamaged = answer.evidence.log if answer.evidence else -np.inf
+    return _verify_with_bubble(replace(settings, network=None), curve, answer, DAMAGED, log_undamaged)
 
 
 def _rival(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[OtherAnswer]:
     """What the other of the real and the field's bubble answers beside a fit: its maximum, and the Gaussian there."""
     rival = rival_of(answer.bubble)
-    if rival is None or any(model_of(one) == (answer.material, rival.name) for one in answer.others):
+    if rival is None or any(model_of(alternative) == (answer.material, rival.name) for alternative in answer.others):
         return []
-    how = replace(settings, level="map", weights=None, scanned=TUNING.rival_scanned)
-    return [as_alternative(one) for one in _again(how, curve, answer, rival)]
+    map_settings = replace(settings, level="map", weights=None, scanned=TUNING.rival_scanned)
+    return [as_alternative(posterior) for posterior in _verify_with_bubble(map_settings, curve, answer, rival)]
 
 
-def _again(
+def _verify_with_bubble(
     settings: Verification, curve: RadiusCurve, answer: Posterior, bubble: Bubble, least: float = -np.inf
 ) -> list[Posterior]:
     """The answer once more, of another bubble; none where that fails, or where Laplace's log evidence of level "auto"
     is smaller than `least`."""
-    other = replace(answer, bubble=bubble, others=(), windows={}, diagnostics=Diagnostics())
+    start = replace(answer, bubble=bubble, others=(), windows={}, diagnostics=Diagnostics())
     try:
-        estimation = Estimation(settings, curve, other)
+        estimation = Estimation(settings, curve, start)
         if settings.level == "map":
             return [estimation.posterior()]
         estimation.sampling.search_windows()

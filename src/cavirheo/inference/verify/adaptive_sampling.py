@@ -267,7 +267,7 @@ class AdaptiveSampling:
         """Look for further modes by windows that grow, where the best one leaves more than noise."""
         frames = self.target.noise.split(max(self.modes, key=lambda mode: mode.log_posterior).residual)[0]
         if not self.searched and self.target.experiment.misfit(frames) > TUNING.searched_above:
-            self.explorer.also(modes(self.near, self.windowed(), known=self.explorer.modes))
+            self.explorer.also(modes(self.near, self.windowed(), maxima=self.explorer.modes))
         self.searched = True
 
     def weigh(

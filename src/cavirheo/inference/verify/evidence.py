@@ -80,18 +80,18 @@ class Ranking:
     @property
     def log_evidence(self) -> dict[str, float | None]:
         """By law."""
-        return {law: found.log if found else None for law, found in self.evidence.items()}
+        return {law: evidence.log if evidence else None for law, evidence in self.evidence.items()}
 
     @property
     def error(self) -> dict[str, float | None]:
         """Standard error of the log evidence, by law."""
-        return {law: found.error if found else None for law, found in self.evidence.items()}
+        return {law: evidence.error if evidence else None for law, evidence in self.evidence.items()}
 
     @property
     def probability(self) -> dict[str, float]:
         """Of the laws that have an evidence, all being equally likely before."""
-        known = {law: found.log for law, found in self.evidence.items() if found}
-        return dict(zip(known, softmax(list(known.values())).tolist(), strict=True)) if known else {}
+        logs = {law: evidence.log for law, evidence in self.evidence.items() if evidence}
+        return dict(zip(logs, softmax(list(logs.values())).tolist(), strict=True)) if logs else {}
 
     @property
     def contenders(self) -> list[str]:
@@ -114,16 +114,16 @@ def models(laws: Sequence[str], bubbles: Sequence[Bubble] = (REAL,)) -> dict[str
     A law without an elastic part goes without damage. Raises InputError: fewer than two models, one twice, a law that
     is unknown, a number of a bubble out of its domain.
     """
-    words = ", ".join([*laws, *(one.name for one in bubbles)]) or "none"
+    words = ", ".join([*laws, *(bubble.name for bubble in bubbles)]) or "none"
     message = f"give two or more different models to choose from, got {words}"
-    unlike = all(len(set(several)) == len(several) > 0 for several in (laws, bubbles))
-    found: dict[str, Model] = {}
-    for law, bubble in product(laws, bubbles) if unlike else ():
+    distinct = all(len(set(choices)) == len(choices) > 0 for choices in (laws, bubbles))
+    candidates: dict[str, Model] = {}
+    for law, bubble in product(laws, bubbles) if distinct else ():
         Options(bubble=bubble)
         if Family(law).elastic or bubble.damage == "none":
-            found[f"{law}, {bubble.name}" if len(bubbles) > 1 else law] = law, bubble
-    require(len(found) >= 2, message, "option.laws")
-    return found
+            candidates[f"{law}, {bubble.name}" if len(bubbles) > 1 else law] = law, bubble
+    require(len(candidates) >= 2, message, "option.laws")
+    return candidates
 
 
 def by_network(model: Model, stretch: float | str | None = None) -> bool:
@@ -161,12 +161,12 @@ def rank_laws(
     laws = [laws] if isinstance(laws, str) else laws
     options |= {"medium": medium, "window": window, "trust_input": trust_input, "seed": seed}
     curves = several(curves)
-    asked = plans(models(laws, bubbles_of(bubble)), stretch=stretch, **options)
-    found = weighed(curves, asked, lambda some, one, begun: enumerate(one.run(some, workers, begun=begun)))
+    analyses = plans(models(laws, bubbles_of(bubble)), stretch=stretch, **options)
+    by_law = weigh_models(curves, analyses, lambda batch, plan, start: enumerate(plan.run(batch, workers, begun=start)))
     if done:
-        for i, answer in (pair for answers in found.values() for pair in answers.items()):
+        for i, answer in (pair for answers in by_law.values() for pair in answers.items()):
             done(i, answer)
-    return ranked(curves, {law: list(answers.values()) for law, answers in found.items()})
+    return ranked(curves, {law: list(answers.values()) for law, answers in by_law.items()})
 
 
 def plans(
@@ -177,52 +177,52 @@ def plans(
     (`by_network`), of a search for the others. options: of `Analysis`; ranges as `rank_laws` has them."""
     options.setdefault("budget", EVIDENCE)
     plain = not ranges and options.keys().isdisjoint(("free", "t0_bound", "scale_bound"))
-    found: dict[str, Analysis] = {}
+    analyses: dict[str, Analysis] = {}
     for name, (law, bubble) in chosen.items():
         model: dict[str, Any] = {"material": law, "bubble": bubble, "stretch": stretch, **options}
         if plain and by_network((law, bubble), stretch):
-            found[name] = Analysis("infer", **model)
+            analyses[name] = Analysis("infer", **model)
             continue
-        known = (*Family(law).parameters, "stretch")
-        mine = {parameter: pair for parameter, pair in (ranges or {}).items() if parameter in known}
-        found[name] = Analysis("search", ranges=mine, **model)
-    return found
+        parameters = (*Family(law).parameters, "stretch")
+        law_ranges = {parameter: pair for parameter, pair in (ranges or {}).items() if parameter in parameters}
+        analyses[name] = Analysis("search", ranges=law_ranges, **model)
+    return analyses
 
 
-def weighed(
+def weigh_models(
     curves: Sequence[RadiusCurve],
-    asked: Mapping[str, Analysis],
+    analyses: Mapping[str, Analysis],
     run: Callable[[Sequence[RadiusCurve], Analysis, Sequence[Posterior] | None], Iterable[tuple[int, Posterior]]],
 ) -> dict[str, dict[int, Posterior]]:
     """The answer of each model for each curve, by the index of the curve; a model whose Laplace evidence is far below
     the best of the curve (TUNING.hopeless) keeps that. run: (index, answer) of each curve, from these curves and the
     answers that theirs begin with; where some are missing, it was interrupted, and nothing is found."""
-    found = {law: dict(sorted(run(curves, one.before or one, None))) for law, one in asked.items()}
-    if any(len(answers) < len(curves) for answers in found.values()):
-        return {law: {} for law in found}
-    for law, near in contending({law: list(answers.values()) for law, answers in found.items()}).items():
-        if asked[law].before and near:
-            full = dict(run([curves[i] for i in near], asked[law], [found[law][i] for i in near]))
-            kept = {i: answer for i, answer in found[law].items() if i not in near}
-            found[law] = dict(sorted((kept | {near[k]: answer for k, answer in full.items()}).items()))
-    return found
+    by_law = {law: dict(sorted(run(curves, analysis.before or analysis, None))) for law, analysis in analyses.items()}
+    if any(len(answers) < len(curves) for answers in by_law.values()):
+        return {law: {} for law in by_law}
+    for law, indices in select_curves({law: list(answers.values()) for law, answers in by_law.items()}).items():
+        if analyses[law].before and indices:
+            full = dict(run([curves[i] for i in indices], analyses[law], [by_law[law][i] for i in indices]))
+            laplace = {i: answer for i, answer in by_law[law].items() if i not in indices}
+            by_law[law] = dict(sorted((laplace | {indices[k]: answer for k, answer in full.items()}).items()))
+    return by_law
 
 
-def contending(found: Mapping[str, Sequence[Posterior]]) -> dict[str, list[int]]:
+def select_curves(by_law: Mapping[str, Sequence[Posterior]]) -> dict[str, list[int]]:
     """By law, the curves for which its Laplace evidence is not far below the best; one that has none is among them."""
-    logs = np.array([[one.evidence.log if one.evidence else np.inf for one in answers] for answers in found.values()])
+    logs = np.array([[answer.evidence.log if answer.evidence else np.inf for answer in row] for row in by_law.values()])
     top = np.max(logs, axis=0, where=np.isfinite(logs), initial=-np.inf)
-    near = logs > top - TUNING.hopeless
-    return {law: np.flatnonzero(row).tolist() for law, row in zip(found, near, strict=True)}
+    in_reach = logs > top - TUNING.hopeless
+    return {law: np.flatnonzero(row).tolist() for law, row in zip(by_law, in_reach, strict=True)}
 
 
 def ranked(
-    curves: Sequence[RadiusCurve], found: Mapping[str, Sequence[Posterior]]
+    curves: Sequence[RadiusCurve], by_law: Mapping[str, Sequence[Posterior]]
 ) -> tuple[list[Ranking], list[Ranking]]:
     """As `rank_laws`, from the verified answers by law, in the order of the curves."""
     singles = []
     for i, curve in enumerate(curves):
-        answers = {law: answers[i] for law, answers in found.items()}
+        answers = {law: answers[i] for law, answers in by_law.items()}
         evidence = {law: _evidence(answer) for law, answer in answers.items()}
         sizes = {law: len(answer.names) for law, answer in answers.items()}
         singles.append(Ranking(curve.name, evidence, 1, answers, sizes=sizes))
@@ -232,56 +232,56 @@ def ranked(
         groups.setdefault((curve.group, curve.group_source), []).append(i)
     along = [curve.column.get(title, np.nan) for curve in curves]
     return singles, [
-        replace(_together(str(key[0]), [(singles[i], along[i]) for i in members], title), members=tuple(members))
+        replace(_rank_group(str(key[0]), [(singles[i], along[i]) for i in members], title), members=tuple(members))
         for key, members in groups.items()
         if len(members) > 1
     ]
 
 
-def explained(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Posterior]:
+def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Posterior]:
     """Of `ranked`: the answer of each curve by the law chosen for its group, or else for itself, with what the other
     laws answer beside it. A curve without an evidence has the answer of its first law."""
     by_group = {i: group.chosen for group in groups for i in group.members if group.chosen}
-    found = []
-    for i, one in enumerate(singles):
-        chosen = by_group.get(i) or one.chosen or next(iter(one.answers))
-        answer, rest = one.answers[chosen], [other for law, other in one.answers.items() if law != chosen]
-        kept = {model_of(other) for other in rest if other.evidence}
-        others = [other for other in answer.others if model_of(other) not in kept]
-        answer = replace(answer, others=(*others, *(as_alternative(other) for other in rest if other.evidence)))
-        by_others = [Message("model.of_group", {"material": chosen})] if i in by_group else []
-        own = chosen_among(answer, rest) if chosen == one.chosen else by_others
-        found.append(replace(answer, checks=judged(answer, own)))
-    return found
+    chosen_answers = []
+    for i, ranking in enumerate(singles):
+        chosen = by_group.get(i) or ranking.chosen or next(iter(ranking.answers))
+        answer, rivals = ranking.answers[chosen], [rival for law, rival in ranking.answers.items() if law != chosen]
+        rival_models = {model_of(rival) for rival in rivals if rival.evidence}
+        alternatives = [alternative for alternative in answer.others if model_of(alternative) not in rival_models]
+        answer = replace(answer, others=(*alternatives, *(as_alternative(rival) for rival in rivals if rival.evidence)))
+        of_group = [Message("model.of_group", {"material": chosen})] if i in by_group else []
+        messages = chosen_among(answer, rivals) if chosen == ranking.chosen else of_group
+        chosen_answers.append(replace(answer, checks=judged(answer, messages)))
+    return chosen_answers
 
 
 def _evidence(answer: Posterior) -> Evidence | None:
     """With a larger standard error where there are no weights, or none to be trusted; None without a posterior."""
-    found = answer.evidence
-    if found is None or not np.isfinite(found.log):
+    evidence = answer.evidence
+    if evidence is None or not np.isfinite(evidence.log):
         return None
-    if found.error is None:
-        return Evidence(found.log, LAPLACE)
-    return found if answer.log_weight is not None else Evidence(found.log, max(found.error, TUNING.unsure))
+    if evidence.error is None:
+        return Evidence(evidence.log, LAPLACE)
+    return evidence if answer.log_weight is not None else Evidence(evidence.log, max(evidence.error, TUNING.unsure))
 
 
-def _together(name: str, members: list[tuple[Ranking, float]], column: str) -> Ranking:
+def _rank_group(name: str, members: list[tuple[Ranking, float]], column: str) -> Ranking:
     """The sum over the shots for which every law has an evidence; and each law with one material for these, with its
     slope along the column if that has several values among them."""
-    whole = [(one, value) for one, value in members if all(one.evidence.values())]
-    complete = [one.evidence for one, _ in whole]
+    whole = [(ranking, value) for ranking, value in members if all(ranking.evidence.values())]
+    complete = [ranking.evidence for ranking, _ in whole]
     evidence: dict[str, Evidence | None] = dict.fromkeys(members[0][0].evidence)
     for law in evidence if complete else ():
-        each = [found for one in complete if (found := one[law])]
-        error = np.sqrt(sum((found.error or 0.0) ** 2 for found in each))
-        evidence[law] = Evidence(float(sum(found.log for found in each)), float(error))
-    logs = {law: np.array([one[law].log for one in complete]) for law in evidence}  # type: ignore[union-attr]
+        terms = [term for by_law in complete if (term := by_law[law])]
+        error = np.sqrt(sum((term.error or 0.0) ** 2 for term in terms))
+        evidence[law] = Evidence(float(sum(term.log for term in terms)), float(error))
+    logs = {law: np.array([by_law[law].log for by_law in complete]) for law in evidence}  # type: ignore[union-attr]
     order = sorted(logs, key=lambda law: -float(np.sum(logs[law])))
     pairs = [_pair(a, b, logs[a] - logs[b]) for a, b in combinations(order, 2) if len(complete) > 1]
-    names, values = [one.name for one, _ in whole], [value for _, value in whole]
+    names, values = [ranking.name for ranking, _ in whole], [value for _, value in whole]
     materials = {
         law: with_slope_if_any(
-            [one.answers[law] for one, _ in whole], names, values if column else None, only_trusted=False
+            [ranking.answers[law] for ranking, _ in whole], names, values if column else None, only_trusted=False
         )
         for law in (evidence if complete else ())
     }
@@ -290,6 +290,6 @@ def _together(name: str, members: list[tuple[Ranking, float]], column: str) -> R
 
 def _pair(first: str, second: str, differences: Floats) -> Pair:
     count = len(differences)
-    speak = int(np.sum(differences > 0)), int(np.sum(differences < 0))
+    shots = int(np.sum(differences > 0)), int(np.sum(differences < 0))
     error = np.std(differences, ddof=1) * np.sqrt(count)
-    return Pair(first, second, float(np.sum(differences)), float(error), speak)
+    return Pair(first, second, float(np.sum(differences)), float(error), shots)

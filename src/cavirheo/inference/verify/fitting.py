@@ -43,10 +43,10 @@ class SearchedEstimation(Estimation):
         self.search = Search(self.shot, self.target.workers, 0.0 if self.shot.clean else TUNING.search_unlike)
         self.modes: list[Mode] = []
         for _ in ROUNDS[:1] if settings.level == "map" else ROUNDS:
-            kept, new = ([self.target.start(x) for x in some] for some in self.search.starts())
-            self.modes = modes(self.target, kept, known=self.modes)
+            earlier, new = ([self.target.start(x) for x in some] for some in self.search.starts())
+            self.modes = modes(self.target, earlier, maxima=self.modes)
             if not (self.modes and self.search.only_noise(self._missed)):
-                self.modes = modes(self.target, new, known=self.modes)
+                self.modes = modes(self.target, new, maxima=self.modes)
             if self.modes and self.search.enough(self._missed):
                 break
 
@@ -69,7 +69,7 @@ class SearchedEstimation(Estimation):
 
 
 class FitEstimation(SearchedEstimation):
-    """The estimation of a fit. weighed: modes with its own noise, the best first."""
+    """The estimation of a fit. fitted_modes: modes with its own noise, the best first."""
 
     method = "least_squares"
 
@@ -82,10 +82,10 @@ class FitEstimation(SearchedEstimation):
         if mode := climb(self.target, first.u, ROUGH):
             self._weigh(self._at(mode))
             first = mode
-        others = [mode for mode in self.modes if not same(mode, first)]
+        remaining = [mode for mode in self.modes if not same(mode, first)]
         if self.shot.options.stretch == "plateau" and not self.shot.stretch_prior:
             self.messages.append(Message("stretch.no_plateau"))
-        self.weighed = [under(mode, self.target.noise) for mode in (first, *others)]
+        self.fitted_modes = [under(mode, self.target.noise) for mode in (first, *remaining)]
 
     def _at(self, mode: Mode) -> Floats:
         """x (all,) of a mode."""
@@ -93,19 +93,19 @@ class FitEstimation(SearchedEstimation):
 
     def _weigh(self, x: Floats) -> bool:
         """Take the weights that the simulation of x (all,) tells; False where it fails."""
-        seen = self.shot.predict(x, DEFAULT)
-        if seen is None:
+        prediction = self.shot.predict(x, DEFAULT)
+        if prediction is None:
             return False
-        self.shot = self.shot.weighed(seen)
+        self.shot = self.shot.weighed(prediction)
         self.target = Target(self.shot, self.prior, self.shot.white_noise(), self.target.workers)
         return True
 
     @cached_property
     def network(self) -> Proposal:
         """Gaussians about the modes, and wider ones: posteriors are curved."""
-        found = self.weighed
-        places, shapes = [mode.u for mode in found], [mode.covariance for mode in found]
-        return Mixture.about(places, shapes, [mode.log_evidence for mode in found]).widened(TUNING.fit_wide)
+        fitted = self.fitted_modes
+        places, shapes = [mode.u for mode in fitted], [mode.covariance for mode in fitted]
+        return Mixture.about(places, shapes, [mode.log_evidence for mode in fitted]).widened(TUNING.fit_wide)
 
     def _nearest(self, x: Floats) -> tuple[Floats, float]:
         """x (all,), beside which the model comes no nearer; by least squares of default simulations, where the frames
@@ -117,14 +117,14 @@ class FitEstimation(SearchedEstimation):
         return x, shot.misfit(shot.difference(x))
 
     def _answer(
-        self, kept: tuple[Floats, Floats], drawn: Sample | None, best: Mode, evidence: Evidence,
-        found: Sequence[Mode], more: Mapping[str, Any], limit: Part | None = None,
+        self, draws: tuple[Floats, Floats], sample: Sample | None, best: Mode, evidence: Evidence,
+        maxima: Sequence[Mode], more: Mapping[str, Any], limit: Part | None = None,
     ) -> Posterior:  # fmt: skip
-        own = min(self.modes, key=lambda mode: float(mode.squares(best.u[None])[0]))
-        others = [mode for mode in self.modes if mode is not own]
-        answer = super()._answer(kept, drawn, best, Evidence(own.log_evidence), [best, *others], more, limit)
+        nearest = min(self.modes, key=lambda mode: float(mode.squares(best.u[None])[0]))
+        remaining = [mode for mode in self.modes if mode is not nearest]
+        answer = super()._answer(draws, sample, best, Evidence(nearest.log_evidence), [best, *remaining], more, limit)
         shot = self.shot
-        told: dict[str, Any] = {
+        fit_details: dict[str, Any] = {
             "free": {name: answer.best[name] for name in shot.free if name in FREE.values()},
             "correlations": correlations(answer.names, answer.theta, answer.log_weight),
             "frames": len(shot.measured),
@@ -132,28 +132,28 @@ class FitEstimation(SearchedEstimation):
         }
         windows = self._windows(shot.from_best(answer.best))
         ran = shot.simulations
-        about = replace(answer.diagnostics, **told, simulations=ran.runs, failed_simulations=ran.failures)
-        return replace(answer, windows=windows, diagnostics=about, provenance=answer.provenance | told)
+        diagnostics = replace(answer.diagnostics, **fit_details, simulations=ran.runs, failed_simulations=ran.failures)
+        return replace(answer, windows=windows, diagnostics=diagnostics, provenance=answer.provenance | fit_details)
 
     def _windows(self, x: Floats) -> dict[str, WindowAnswer]:
         """What the windows answer: of the whole one x (all,), of shorter ones the minimum beside the best of their
         search, or beside x where that is nearer."""
-        found = dict[str, WindowAnswer]()
+        windows = dict[str, WindowAnswer]()
         for (collapses, end), shot in self.search.shots.items():
             (low, high), fit, best = shot.bounds.T, LeastSquares(shot, self.target.workers), x
             stage = self.search.stages.get((collapses, end))
             if stage is not None:
-                nearest = min((x, stage), key=lambda one: float(np.sum(fit.residuals(one, ROUGH) ** 2)))
+                nearest = min((x, stage), key=lambda point: float(np.sum(fit.residuals(point, ROUGH) ** 2)))
                 best = fit.minimise(nearest, ROUGH).x
             missed = float(np.sqrt(np.mean(shot.difference(best) ** 2)))
             values = {name: value for name, value in shot.best(best).items() if name not in FREE.values()}
-            ended = np.minimum(best - low, high - best) < AT_BOUND * (high - low)
-            at_bound = tuple(name for name, at in zip(shot.names, ended, strict=True) if at)
+            at_end = np.minimum(best - low, high - best) < AT_BOUND * (high - low)
+            at_bound = tuple(name for name, at in zip(shot.names, at_end, strict=True) if at)
             rmse = missed if np.isfinite(missed) else None
-            found[str(collapses or self._whole())] = WindowAnswer(
+            windows[str(collapses or self._whole())] = WindowAnswer(
                 values, shot.view.end / shot.time_scale, rmse, at_bound
             )
-        return found
+        return windows
 
     def _whole(self) -> str:
         """How many collapses the whole window is a window of; "all" where it ends elsewhere."""

@@ -48,10 +48,10 @@ class Target:
         """(k, size) extended residuals at u (k, d); NaN where the simulation failed."""
         shot, frames = self.experiment, self.noise.frames
 
-        def one(x: Floats) -> Floats:
+        def simulate(x: Floats) -> Floats:
             return shot.extended(x, self.camera, frames, accuracy)[0]
 
-        return np.array(each(one, self.with_camera(u), self.workers))
+        return np.array(each(simulate, self.with_camera(u), self.workers))
 
     def with_camera(self, u: Floats, z: Floats | None = None) -> Floats:
         """x (k, all) of u (k, d) with clock, scale and factor in units of their prior, z (k, m) or nothing; what of the
@@ -99,25 +99,25 @@ class Target:
         """Default simulations at u (k, d), and their log posterior with a camera z (k, m)."""
         shot, frames = self.experiment, self.noise.frames
 
-        def one(pair: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+        def simulate(pair: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
             run = shot.sampled(pair[0], self.camera, frames, DEFAULT)
             if run is None:
                 return np.full(self.noise.size, np.nan), np.full(frames.size, np.nan)
             return self.camera.extended(run, frames)[0], self.camera.difference(run, pair[1])
 
-        both = each(one, list(zip(self.with_camera(u), z, strict=True)), self.workers)
+        both = each(simulate, list(zip(self.with_camera(u), z, strict=True)), self.workers)
         residual, difference = (np.array(values) for values in zip(*both, strict=True))
-        found = Simulated(u, residual, self.log_posterior(u, residual))
-        return found, self.log_posterior(u, _with_prior(difference, z))
+        simulated = Simulated(u, residual, self.log_posterior(u, residual))
+        return simulated, self.log_posterior(u, _with_prior(difference, z))
 
-    def integrated(self, found: Simulated) -> Simulated:
+    def integrated(self, simulated: Simulated) -> Simulated:
         """The same with the camera integrated by importance sampling for those that are likely: Laplace's integral is
         wrong by 1 in log posterior, and by up to 6, where a collapse is beside a frame."""
-        likely = found.value > np.max(found.value, initial=-np.inf) - TUNING.integrated_height
-        if not np.any(likely) or not self.noise.pulls:
-            return found
-        residual, rest = found.residual.copy(), self.noise.frames.size + self.noise.pulls
-        noise = self.noise.only(residual[likely], TUNING.grid_share)
+        selected = simulated.value > np.max(simulated.value, initial=-np.inf) - TUNING.integrated_height
+        if not np.any(selected) or not self.noise.pulls:
+            return simulated
+        residual, density_column = simulated.residual.copy(), self.noise.frames.size + self.noise.pulls
+        noise = self.noise.only(residual[selected], TUNING.grid_share)
 
         def integral(residual: Floats) -> float:
             z, shape = self.camera.z(residual), self.noise.shapes(residual)
@@ -127,9 +127,9 @@ class Target:
 
             return integral_about(log_density, z, TUNING.integrated_scale, TUNING.integrated_points)
 
-        gain = np.array(each(integral, residual[likely], self.workers)) - noise.log_density(residual[likely])
-        residual[likely, rest] += gain
-        return Simulated(found.u, residual, self.log_posterior(found.u, residual))
+        gain = np.array(each(integral, residual[selected], self.workers)) - noise.log_density(residual[selected])
+        residual[selected, density_column] += gain
+        return Simulated(simulated.u, residual, self.log_posterior(simulated.u, residual))
 
     def log_joint(self, u: Floats, residual: Floats, z: Floats | None) -> Floats:
         """(k,) log posterior of u (k, d) whose simulations have extended residuals (k, size), of a camera z (k, m) or,
@@ -202,10 +202,10 @@ def answer_at(target: Target, mode: Mode) -> OtherAnswer:
     """What the Gaussian about a mode answers, beside another one's."""
     shot, z = target.experiment, target.camera.z(mode.residual)
     draws = mode.draws(TUNING.draws, 0)
-    told = intervals(*shot.answer(target.with_camera(draws, np.tile(z, (len(draws), 1)))))
+    quantiles = intervals(*shot.answer(target.with_camera(draws, np.tile(z, (len(draws), 1)))))
     best, frames = shot.best(target.with_camera(mode.u[None], z[None])[0]), target.noise.split(mode.residual)[0]
     rmse = float(np.sqrt(np.mean(frames**2)))
-    return OtherAnswer(shot.family.name, shot.options.bubble, best, told, Evidence(mode.log_evidence), rmse)
+    return OtherAnswer(shot.family.name, shot.options.bubble, best, quantiles, Evidence(mode.log_evidence), rmse)
 
 
 def climb(
@@ -214,10 +214,10 @@ def climb(
     accuracy: Accuracy,
     held: Floats | None = None,
     most: int = 12,
-    known: Sequence[Mode] = (),
+    maxima: Sequence[Mode] = (),
 ) -> Mode | None:
     """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
-    comes to a `known` mode or promises to end far below the best of them. `held` (d,) is a direction along which u
+    comes to one of the `maxima` or promises to end far below the best of them. `held` (d,) is a direction along which u
     stays near its start."""
     u, noise = start, target.noise
     rope = np.zeros(len(u)) if held is None else held
@@ -230,32 +230,32 @@ def climb(
     if not np.isfinite(value):
         return None
     damping = 1e-3
-    lowest = max((mode.log_posterior for mode in known), default=-np.inf)
+    lowest = max((mode.log_posterior for mode in maxima), default=-np.inf)
     lowest -= TUNING.climb_hopeless * TUNING.lowest_mode
     gain = np.inf
     for turn in range(most + 1):
-        if any((u - mode.u) @ np.linalg.solve(mode.covariance, u - mode.u) < TUNING.same_mode**2 for mode in known):
+        if any((u - mode.u) @ np.linalg.solve(mode.covariance, u - mode.u) < TUNING.same_mode**2 for mode in maxima):
             return None
         jacobian = target.jacobian(u, residual, accuracy)
         gradient, curvature = noise.newton(residual, jacobian)
         free = curvature + np.eye(len(u))
         gradient, curvature = gradient + u + rope * (rope @ (u - start)), free + np.outer(rope, rope)
-        hoped = 0.5 * float(gradient @ np.linalg.solve(curvature, gradient))
-        if turn > 2 and value + hoped < lowest:
+        predicted_gain = 0.5 * float(gradient @ np.linalg.solve(curvature, gradient))
+        if turn > 2 and value + predicted_gain < lowest:
             return None
-        if turn == most or min(hoped, gain) < TUNING.climb_gain:
+        if turn == most or min(predicted_gain, gain) < TUNING.climb_gain:
             break
         for _ in range(5):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
-            there = np.clip(u + step, -5.0, 5.0)
-            tried = target.residuals(there[None], accuracy)[0]
-            reached = value_of(tried, there)
-            if reached > value:
+            next_u = np.clip(u + step, -5.0, 5.0)
+            next_residual = target.residuals(next_u[None], accuracy)[0]
+            next_value = value_of(next_residual, next_u)
+            if next_value > value:
                 break
             damping *= 8.0
         else:
             break
-        gain, u, residual, value = reached - value, there, tried, reached
+        gain, u, residual, value = next_value - value, next_u, next_residual, next_value
         damping = max(damping / 8.0, 1e-6)
     value += 0.5 * float(rope @ (u - start)) ** 2
     return Mode(u, value, np.asarray(np.linalg.inv(free), dtype=float), residual, jacobian)
@@ -275,33 +275,33 @@ class Simulated(NamedTuple):
         return cls(u, residual, target.log_posterior(u, residual))
 
 
-def secant(target: Target, known: Simulated) -> tuple[Mode, Simulated]:
-    """The maximum among `known` simulations, more of them than parameters, and near them; with those of the steps.
+def secant(target: Target, simulated: Simulated) -> tuple[Mode, Simulated]:
+    """The maximum among simulations, more of them than parameters, and near them; with those of the steps.
 
     Gauss-Newton steps whose jacobian is the slope of a plane through the residuals of the likeliest: a step costs two
     simulations, where one with finite differences costs one a parameter. (Ralston and Jennrich 1978,
     doi:10.1080/00401706.1978.10489610)
     """
     gain = np.inf
-    for left in reversed(range(TUNING.secant_steps + 1)):
-        top = int(np.argmax(known.value))
-        u, residual, value = (values[np.isfinite(known.value)] for values in known)
-        trust = 1.0 / (1.0 + (known.value[top] - value) / TUNING.nugget_height)
-        off = trust[:, None] * np.column_stack([np.ones(len(u)), u - known.u[top]])
+    for steps_left in reversed(range(TUNING.secant_steps + 1)):
+        top = int(np.argmax(simulated.value))
+        u, residual, value = (values[np.isfinite(simulated.value)] for values in simulated)
+        trust = 1.0 / (1.0 + (simulated.value[top] - value) / TUNING.nugget_height)
+        off = trust[:, None] * np.column_stack([np.ones(len(u)), u - simulated.u[top]])
         size = np.append(0.0, np.sqrt(np.sum(off[:, 1:] ** 2, axis=0)))
-        missed = trust[:, None] * (residual - known.residual[top])
+        missed = trust[:, None] * (residual - simulated.residual[top])
         plane = np.linalg.solve(off.T @ off + np.diag((TUNING.secant_firm * size) ** 2), off.T @ missed)
         jacobian = -plane[1:].T
-        gradient, curvature = target.noise.newton(known.residual[top], jacobian)
-        gradient, curvature = gradient + known.u[top], curvature + np.eye(len(gradient))
+        gradient, curvature = target.noise.newton(simulated.residual[top], jacobian)
+        gradient, curvature = gradient + simulated.u[top], curvature + np.eye(len(gradient))
         step = -np.linalg.solve(curvature, gradient)
-        if not left or min(-0.5 * float(gradient @ step), gain) < TUNING.climb_gain:
+        if not steps_left or min(-0.5 * float(gradient @ step), gain) < TUNING.climb_gain:
             break
-        tried = Simulated.at(target, np.clip(known.u[top] + np.outer((1.0, 0.4), step), -5.0, 5.0))
-        known = Simulated(*(np.concatenate(pair) for pair in zip(known, tried, strict=True)))
-        gain = float(np.max(known.value) - known.value[top])
+        steps = Simulated.at(target, np.clip(simulated.u[top] + np.outer((1.0, 0.4), step), -5.0, 5.0))
+        simulated = Simulated(*(np.concatenate(pair) for pair in zip(simulated, steps, strict=True)))
+        gain = float(np.max(simulated.value) - simulated.value[top])
     covariance = np.asarray(np.linalg.inv(curvature), dtype=float)
-    return Mode(known.u[top], float(known.value[top]), covariance, known.residual[top], jacobian), known
+    return Mode(simulated.u[top], float(simulated.value[top]), covariance, simulated.residual[top], jacobian), simulated
 
 
 def ridge(target: Target, mode: Mode) -> list[Mode]:
@@ -309,42 +309,42 @@ def ridge(target: Target, mode: Mode) -> list[Mode]:
     values, vectors = np.linalg.eigh(mode.covariance)
 
     def along(side: float) -> list[Mode]:
-        found: list[Mode] = []
-        here, axis, length = mode.u, side * vectors[:, -1], np.sqrt(values[-1])
+        places: list[Mode] = []
+        u, axis, length = mode.u, side * vectors[:, -1], np.sqrt(values[-1])
         for _ in range(4):
-            start = np.clip(here + TUNING.ridge_stride * length * axis, -3.0, 3.0)
+            start = np.clip(u + TUNING.ridge_stride * length * axis, -3.0, 3.0)
             place = climb(target, start, ROUGH, held=axis * TUNING.ridge_held / length, most=2)
             if place is None or place.log_posterior < mode.log_posterior - TUNING.ridge_depth:
                 break
-            found.append(place)
+            places.append(place)
             local, turned = np.linalg.eigh(place.covariance)
             axis = turned[:, -1] * np.sign(turned[:, -1] @ axis)
-            here, length = place.u, min(np.sqrt(local[-1]), 2.0 * length)
-        return found
+            u, length = place.u, min(np.sqrt(local[-1]), 2.0 * length)
+        return places
 
     return [place for places in each(along, (1.0, -1.0), target.workers) for place in places]
 
 
-def same(mode: Mode, other: Mode) -> bool:
+def same(first: Mode, second: Mode) -> bool:
     """Nearer to each other than their Gaussians are wide."""
-    off = mode.u - other.u
-    return bool(off @ np.linalg.solve(other.covariance + mode.covariance, off) < TUNING.same_mode**2)
+    off = first.u - second.u
+    return bool(off @ np.linalg.solve(second.covariance + first.covariance, off) < TUNING.same_mode**2)
 
 
 def modes(
-    target: Target, starts: Sequence[Floats], further: Sequence[Floats] = (), known: Sequence[Mode] = ()
+    target: Target, starts: Sequence[Floats], further: Sequence[Floats] = (), maxima: Sequence[Mode] = ()
 ) -> list[Mode]:
-    """Distinct maxima from the starts (d,) in u, from `further` ones where they lead elsewhere, and those that are
-    `known`; best first, without those far below."""
-    found = list(known)
+    """Distinct maxima from the starts (d,) in u, from `further` ones where they lead elsewhere, and the
+    `maxima` given; best first, without those far below."""
+    distinct = list(maxima)
     for start in (*starts, *further):
-        mode = climb(target, start, ROUGH, known=found)
+        mode = climb(target, start, ROUGH, maxima=distinct)
         if mode is None:
             continue
-        twin = next((i for i, other in enumerate(found) if same(mode, other)), None)
+        twin = next((i for i, maximum in enumerate(distinct) if same(mode, maximum)), None)
         if twin is None:
-            found.append(mode)
-        elif mode.log_posterior > found[twin].log_posterior:
-            found[twin] = mode
-    found.sort(key=lambda mode: -mode.log_posterior)
-    return [mode for mode in found if mode.log_posterior > found[0].log_posterior - TUNING.lowest_mode]
+            distinct.append(mode)
+        elif mode.log_posterior > distinct[twin].log_posterior:
+            distinct[twin] = mode
+    distinct.sort(key=lambda mode: -mode.log_posterior)
+    return [mode for mode in distinct if mode.log_posterior > distinct[0].log_posterior - TUNING.lowest_mode]

@@ -40,8 +40,8 @@ class Part:
     @property
     def evidence(self) -> Evidence:
         """As far as it is known."""
-        drawn = self.sampling.drawn
-        return Evidence(*drawn.log_evidence) if drawn else Evidence(self.sampling.log_laplace, LAPLACE)
+        sample = self.sampling.drawn
+        return Evidence(*sample.log_evidence) if sample else Evidence(self.sampling.log_laplace, LAPLACE)
 
     @property
     def log(self) -> float:
@@ -50,8 +50,8 @@ class Part:
 
     def short(self, share: float) -> bool:
         """Whether its draws are fewer than a part of this share needs."""
-        drawn = self.sampling.drawn
-        return drawn is None or (not self.sampling.ended and drawn.ess < TUNING.effective_fewest * share)
+        sample = self.sampling.drawn
+        return sample is None or (not self.sampling.ended and sample.ess < TUNING.effective_fewest * share)
 
     def weigh(self, share: float, budget: Budget) -> None:
         """Sample it as a part of this share."""
@@ -68,20 +68,20 @@ def shares(parts: Sequence[Part]) -> Floats:
 
 def sample_parts(parts: Sequence[Part], budget: Budget) -> None:
     """Sample each part whose share may be seen, the likeliest first, and those again whose share has become larger."""
-    left = {id(part): _ROUNDS for part in parts}
+    rounds = {id(part): _ROUNDS for part in parts}
     while True:
-        known, top = shares(parts), max(part.log for part in parts)
+        probabilities, top = shares(parts), max(part.log for part in parts)
         waiting = []
-        for part, share in zip(parts, known, strict=True):
+        for part, share in zip(parts, probabilities, strict=True):
             error = part.evidence.error or 0.0
-            near = part.log + 2.0 * min(error, TUNING.part_unsure) > top + np.log(SEEN)
-            seen = share > TUNING.part_small or (part.sampling.drawn is None and error > TUNING.part_known)
-            if left[id(part)] and near and seen and part.short(float(share)):
+            in_reach = part.log + 2.0 * min(error, TUNING.part_unsure) > top + np.log(SEEN)
+            large_or_unsure = share > TUNING.part_small or (part.sampling.drawn is None and error > TUNING.part_known)
+            if rounds[id(part)] and in_reach and large_or_unsure and part.short(float(share)):
                 waiting.append((float(share), part))
         if not waiting:
             return
-        share, part = max(waiting, key=lambda one: one[0])
-        left[id(part)] -= 1
+        share, part = max(waiting, key=lambda pair: pair[0])
+        rounds[id(part)] -= 1
         part.weigh(share, budget)
 
 
@@ -113,7 +113,7 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
         laws[0].weigh(1.0, budget)
     counted = [part for part in (*laws, *limits.values()) if np.isfinite(part.prior)]
     sample_parts(counted, budget)
-    found = []
+    answers = []
     whole = dict(zip(map(id, counted), shares(counted), strict=True))
     for i, part in enumerate(laws):
         share = whole[id(part)]
@@ -123,5 +123,5 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
         if part.sampling.drawn is None:
             part.weigh(float(share), budget)
         needed = TUNING.effective_fewest * float(share) * (1.0 - 1e-9)
-        found.append(part.estimation.weighted_answer(part.sampling.weighted, needed, limits.get(i)))
-    return found
+        answers.append(part.estimation.weighted_answer(part.sampling.weighted, needed, limits.get(i)))
+    return answers

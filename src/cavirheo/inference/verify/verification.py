@@ -91,8 +91,8 @@ class Verification:
     workers: int | None = None
 
     def __post_init__(self) -> None:
-        fine = self.level in ("auto", "map", "full")
-        require(fine, f"verify must be auto, map or full, got {self.level!r}", "option.verify")
+        valid = self.level in ("auto", "map", "full")
+        require(valid, f"verify must be auto, map or full, got {self.level!r}", "option.verify")
         object.__setattr__(self, "medium", named(self.medium))
         expect_whole(self.seed, "seed", 0, "option.seed")
         expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
@@ -114,10 +114,10 @@ class Estimation:
         scale, end = settings.medium.time_scale(curve.max_radius), answer.checks.t_star_end
         options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), answer.bubble)
         exposure = float(curve.exposure or 0.0)
-        known = answer.diagnostics
-        before = Simulations(known.simulations or 0, known.failed_simulations or 0)
-        how: dict[str, Any] = {"exposure": exposure, "simulations": before}
-        self.shot = Experiment(curve, Family(answer.material), settings.medium, options, **how)
+        diagnostics = answer.diagnostics
+        simulations = Simulations(diagnostics.simulations or 0, diagnostics.failed_simulations or 0)
+        arguments: dict[str, Any] = {"exposure": exposure, "simulations": simulations}
+        self.shot = Experiment(curve, Family(answer.material), settings.medium, options, **arguments)
         self.answer = answer
         self.prior = self.shot.prior(settings.ranges)
         noise = self.shot.noise(settings.discrepancy)
@@ -128,22 +128,22 @@ class Estimation:
     def posterior(self) -> Posterior:
         """The answer of level "map" or "full"."""
         climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
-        found = modes(self.target, self.starts(), [] if climbed else self.scanned())
+        maxima = modes(self.target, self.starts(), [] if climbed else self.scanned())
         most, seed = self.settings.budget.draws, self.settings.seed
-        if not found:
+        if not maxima:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
         if self.settings.level == "map":
-            best = self._best(found)
+            best = self._best(maxima)
             u = best.draws(TUNING.draws, seed)
-            evidence = Evidence(float(log_sum([mode.log_evidence for mode in found])))
-            return self._answer((u, np.tile(best.residual, (len(u), 1))), None, best, evidence, found, {})
+            evidence = Evidence(float(log_sum([mode.log_evidence for mode in maxima])))
+            return self._answer((u, np.tile(best.residual, (len(u), 1))), None, best, evidence, maxima, {})
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
-        explorer = AdaptiveProposal(self.target, found)
+        proposal = AdaptiveProposal(self.target, maxima)
         each = min(TUNING.draws_per_round, most)
-        drawn = explorer.sample(seed, each=each, most=most, enough=enough)
-        best = climb(self.target, explorer.highest, DEFAULT) or self._best(explorer.modes)
-        kept = self._kept(drawn, explorer.residuals_of(drawn.u), best)
-        return self._answer(kept, drawn, best, Evidence(*drawn.log_evidence), explorer.modes, {})
+        sample = proposal.sample(seed, each=each, most=most, enough=enough)
+        best = climb(self.target, proposal.highest, DEFAULT) or self._best(proposal.modes)
+        draws = self._trusted_draws(sample, proposal.residuals_of(sample.u), best)
+        return self._answer(draws, sample, best, Evidence(*sample.log_evidence), proposal.modes, {})
 
     @cached_property
     def sampling(self) -> AdaptiveSampling:
@@ -156,89 +156,89 @@ class Estimation:
     def rival(self) -> Estimation | None:
         """That of the field's bubble for the real one, or the other way round; None where the network does not know
         it."""
-        rival, how = rival_of(self.answer.bubble), self.settings
-        if how.network is None or rival is None:
+        rival, settings = rival_of(self.answer.bubble), self.settings
+        if settings.network is None or rival is None:
             return None
-        known = (*self.shot.family.parameters, "stretch")
-        how = replace(how, ranges={name: pair for name, pair in (how.ranges or {}).items() if name in known})
-        other = Estimation(how, self.shot.curve, replace(self.answer, bubble=rival))
-        return other if other.network else None
+        names, ranges = (*self.shot.family.parameters, "stretch"), settings.ranges or {}
+        settings = replace(settings, ranges={name: pair for name, pair in ranges.items() if name in names})
+        estimation = Estimation(settings, self.shot.curve, replace(self.answer, bubble=rival))
+        return estimation if estimation.network else None
 
-    def weighted_answer(self, found: WeightedDraws, needed: float, limit: Part | None) -> Posterior:
+    def weighted_answer(self, draws: WeightedDraws, needed: float, limit: Part | None) -> Posterior:
         """The answer of level "auto". needed: effective draws that an interval takes. limit: of the rival."""
-        best = found.best or self._best(found.modes)
-        about = {
-            "few_simulations": found.few, "evidences_apart_in_standard_errors": found.apart,
-            "log_weight_error": found.rough,
+        best, sample = draws.best or self._best(draws.modes), draws.drawn
+        summary = {
+            "few_simulations": draws.few, "evidences_apart_in_standard_errors": draws.apart,
+            "log_weight_error": draws.rough,
         }  # fmt: skip
-        kept = self._kept(found.drawn, found.residual, best, needed)
-        return self._answer(kept, found.drawn, best, Evidence(*found.drawn.log_evidence), found.modes, about, limit)
+        trusted = self._trusted_draws(sample, draws.residual, best, needed)
+        return self._answer(trusted, sample, best, Evidence(*sample.log_evidence), draws.modes, summary, limit)
 
-    def as_part(self, found: WeightedDraws) -> Preview:
+    def as_part(self, draws: WeightedDraws) -> Preview:
         """Weighted draws in the form of a preview."""
-        drawn, best = found.drawn, found.best or found.modes[0]
-        z, camera_drawn = self.target.camera.z(found.residual), drawn.camera is not None
-        x, _ = self.target.completed(drawn.u, z, best.u, self.settings.seed, camera_drawn=camera_drawn)
-        told, evidence = intervals(*self.shot.answer(x), drawn.log_weight), Evidence(*drawn.log_evidence)
-        other = replace(answer_at(self.target, best), intervals=told, evidence=evidence)
-        return Preview(other, x, drawn.log_weight)
+        sample, best = draws.drawn, draws.best or draws.modes[0]
+        z, camera_drawn = self.target.camera.z(draws.residual), sample.camera is not None
+        x, _ = self.target.completed(sample.u, z, best.u, self.settings.seed, camera_drawn=camera_drawn)
+        quantiles, evidence = intervals(*self.shot.answer(x), sample.log_weight), Evidence(*sample.log_evidence)
+        answer = replace(answer_at(self.target, best), intervals=quantiles, evidence=evidence)
+        return Preview(answer, x, sample.log_weight)
 
     def at_maximum(self) -> Preview:
         """What the Gaussian about the maximum answers."""
         target, sampling = self.target, self.sampling
         mode = max(sampling.explorer.modes, key=lambda mode: mode.log_posterior)
         u, z = mode.draws(TUNING.draws, self.settings.seed), target.camera.z(mode.residual)
-        other = replace(answer_at(target, mode), evidence=Evidence(sampling.log_laplace, LAPLACE))
+        answer = replace(answer_at(target, mode), evidence=Evidence(sampling.log_laplace, LAPLACE))
         x = target.with_camera(u, np.tile(z, (len(u), 1)))
-        return Preview(other, x, np.full(len(u), sampling.log_laplace))
+        return Preview(answer, x, np.full(len(u), sampling.log_laplace))
 
-    def _kept(
-        self, drawn: Sample, residuals: Floats, best: Mode, needed: float = TUNING.effective_fewest
+    def _trusted_draws(
+        self, sample: Sample, residuals: Floats, best: Mode, needed: float = TUNING.effective_fewest
     ) -> tuple[Floats, Floats]:
         """u (k, d) and extended residuals (k, size) of the draws, or of the maximum where they are not trusted."""
-        distrust = drawn.distrust(needed)
+        distrust = sample.distrust(needed)
         self.messages += [distrust] if distrust else []
-        return (best.u[None], best.residual[None]) if distrust else (drawn.u, residuals)
+        return (best.u[None], best.residual[None]) if distrust else (sample.u, residuals)
 
-    def _best(self, found: Sequence[Mode]) -> Mode:
+    def _best(self, maxima: Sequence[Mode]) -> Mode:
         """The highest of rough modes that the default solver can simulate, at its maximum."""
-        for rough in sorted(found, key=lambda mode: -mode.log_posterior):
-            if mode := climb(self.target, rough.u, DEFAULT):
+        for maximum in sorted(maxima, key=lambda mode: -mode.log_posterior):
+            if mode := climb(self.target, maximum.u, DEFAULT):
                 return mode
         raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
 
-    def _others(self, best: Mode, found: Sequence[Mode]) -> tuple[OtherAnswer, ...]:
+    def _alternatives(self, best: Mode, maxima: Sequence[Mode]) -> tuple[OtherAnswer, ...]:
         """What other models answer, as far as that is known, and the modes but the best.
 
         The evidence of those models allows for what no simulation follows: it is not that of an exact law.
         """
-        models = [one for one in self.answer.others if model_of(one) != model_of(self.answer)]
+        models = [model for model in self.answer.others if model_of(model) != model_of(self.answer)]
         if not self.settings.discrepancy:
-            models = [replace(one, evidence=None) for one in models]
-        return *models, *(answer_at(self.target, mode) for mode in found if not same(mode, best))
+            models = [replace(model, evidence=None) for model in models]
+        return *models, *(answer_at(self.target, mode) for mode in maxima if not same(mode, best))
 
     def starts(self) -> list[Floats]:
         """u of the answer, of its other windows and of other modes of its model; what it does not give of the bubble
         and the camera is at its middle."""
-        answer, found, free = self.answer, list[Floats](), self.shot.free
-        here = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
-        bests = [here, answer.best, *(window.best for window in answer.windows.values())]
-        bests += [x.best for x in answer.others if (x.material, x.bubble) == (answer.material, answer.bubble)]
+        answer, starts, free = self.answer, list[Floats](), self.shot.free
+        medians = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
+        points = [medians, answer.best, *(window.best for window in answer.windows.values())]
+        points += [x.best for x in answer.others if (x.material, x.bubble) == (answer.material, answer.bubble)]
         of_bubble = [name for name in self.shot.logs if name != "stretch"]
         usual: dict[str, Any] = {name: 10.0 ** np.mean(PARAMETERS[name].started or 0.0) for name in of_bubble}
-        for given in (usual | {**best} for best in bests):
-            values = [1.0 if name in free else given.get(name) or 0.0 for name in self.prior.names]
+        for point in (usual | {**best} for best in points):
+            values = [1.0 if name in free else point.get(name) or 0.0 for name in self.prior.names]
             if all(value > 0 for value in values):
                 x = self.shot.starts(np.log10(values))
                 for i, name in enumerate(self.prior.names):
-                    if name in free and (known := given.get(name)) is not None:
-                        x[i] = np.clip((known - free[name][0]) / free[name][1], -0.8, 0.8)  # its bounds may be others
+                    if name in free and (value := point.get(name)) is not None:
+                        x[i] = np.clip((value - free[name][0]) / free[name][1], -0.8, 0.8)  # its bounds may be others
                 u = self.target.start(x)
-                if all(np.max(np.abs(u - other)) > TUNING.same_start for other in found):
-                    found.append(u)
-        needed, there = (*self.shot.family.parameters, "stretch"), ", ".join(answer.parameters)
-        require(bool(found), f"the answer that is to be verified must give {', '.join(needed)}; it gives {there}")
-        return found
+                if all(np.max(np.abs(u - start)) > TUNING.same_start for start in starts):
+                    starts.append(u)
+        needed, available = (*self.shot.family.parameters, "stretch"), ", ".join(answer.parameters)
+        require(bool(starts), f"the answer that is to be verified must give {', '.join(needed)}; it gives {available}")
+        return starts
 
     def scanned(self) -> list[Floats]:
         """u where coarse simulations all over the ranges are most likely: the answer need not be the highest mode."""
@@ -250,8 +250,8 @@ class Estimation:
             return []
         counted = self.shot.counted
         measured = self.shot.measured[counted]
-        missed = np.full(len(measured), np.nan)
-        frames = [missed if p is None else p.radius[counted] for p in scan.predictions]
+        failed = np.full(len(measured), np.nan)
+        frames = [failed if p is None else p.radius[counted] for p in scan.predictions]
         u = self.target.start(scan.points)
         value = self.target.noise.frames.log_density(measured - np.array(frames)) + log_normal(u)
         climbed = int(TUNING.scanned_climbed * len(value))
@@ -261,66 +261,66 @@ class Estimation:
         """u of the minima that a search over windows that grow by a collapse finds: a long one has many minima, for a
         rebound can slip by a period."""
         try:
-            found = Search(self.shot, self.target.workers).minima()
+            minima = Search(self.shot, self.target.workers).minima()
         except SolverError as error:
             _log.debug("%s: no search of %s", self.shot.curve.name, self.shot.family.name, exc_info=error)
             return []
-        return [self.target.start(minimum.x) for minimum in found]
+        return [self.target.start(minimum.x) for minimum in minima]
 
     @cached_property
     def network(self) -> Proposal | None:
         """What knows the whole posterior roughly: the network, where it can read the curve; if not, that is said."""
-        network, how = self.settings.network, self.settings
+        network, settings = self.settings.network, self.settings
         try:
-            return network.proposal(self.shot, self.target.prior, how.discrepancy) if network else None
+            return network.proposal(self.shot, self.target.prior, settings.discrepancy) if network else None
         except InputError as outside:
             self.messages.append(Message("search.over_ranges", {"reason": outside.message}))
             return None
 
     def _answer(
-        self, kept: tuple[Floats, Floats], drawn: Sample | None, best: Mode, evidence: Evidence,
-        found: Sequence[Mode], more: Mapping[str, Any], limit: Part | None = None,
+        self, draws: tuple[Floats, Floats], sample: Sample | None, best: Mode, evidence: Evidence,
+        maxima: Sequence[Mode], more: Mapping[str, Any], limit: Part | None = None,
     ) -> Posterior:  # fmt: skip
         """The Posterior of u (k, d) with extended residuals: weighted draws, the maximum where they are not to be
         trusted, or a Gaussian. limit: what the rival of its bubble answers, whose draws count beside these where it is
         the field's."""
         shot, prior, noise, settings, target = self.shot, self.prior, self.noise, self.settings, self.target
-        (u, residuals), z = kept, target.camera.z(best.residual)
+        (u, residuals), z = draws, target.camera.z(best.residual)
         (at,) = target.with_camera(best.u[None], z[None])
         x, log_camera = at[None], np.zeros(1)
         if len(u) > 1:
-            camera_drawn, z = drawn is not None and drawn.camera is not None, target.camera.z(residuals)
+            camera_drawn, z = sample is not None and sample.camera is not None, target.camera.z(residuals)
             x, log_camera = target.completed(u, z, best.u, settings.seed, camera_drawn=camera_drawn)
-        if drawn is not None and len(u) > 1:
-            over_scale = self._moved_modulus(best, *self._integrated(drawn, residuals))
+        if sample is not None and len(u) > 1:
+            over_scale = self._moved_modulus(best, *self._integrated(sample, residuals))
         else:
             over_scale = self._moved_gaussian(best)
         log_q = log_weight = None
-        worth: dict[str, Any] = {}
-        others = self._others(best, found)
-        if drawn is not None:
-            worth = {"draws": len(drawn.u), "effective_sample_size": drawn.ess, "tail_index": drawn.tail[0]}
-        if drawn and len(u) > 1:  # from u to the answer's parameters
-            log_weight = drawn.log_weight
-            log_q = drawn.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
+        sample_quality: dict[str, Any] = {}
+        alternatives = self._alternatives(best, maxima)
+        if sample is not None:
+            sample_quality = {"draws": len(sample.u), "effective_sample_size": sample.ess, "tail_index": sample.tail[0]}
+        if sample and len(u) > 1:  # from u to the answer's parameters
+            log_weight = sample.log_weight
+            log_q = sample.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
             log_q += log_camera - shot.log_stretched(shot.answer(x)[1])
         if limit:
-            view = limit.view
-            other, known = view.answer, view.answer.evidence
-            if log_weight is not None and known and known.error != LAPLACE and self.answer.bubble == REAL:
-                both = averaged(log_weight, evidence, view.log_weight, known)
-                other = replace(other, weight=both.probability)
-                if both.probability > SEEN:
-                    evidence, log_weight, log_q = both.evidence, both.log_weight, None
-                    if both.probability > 0.5 and limit.sampling.drawn:
+            view, real = limit.view, self.answer.bubble == REAL
+            rival = view.answer
+            if log_weight is not None and rival.evidence and rival.evidence.error != LAPLACE and real:
+                average = averaged(log_weight, evidence, view.log_weight, rival.evidence)
+                rival = replace(rival, weight=average.probability)
+                if average.probability > SEEN:
+                    evidence, log_weight, log_q = average.evidence, average.log_weight, None
+                    if average.probability > 0.5 and limit.sampling.drawn:
                         over_scale = limit.estimation.modulus_over_scale(limit.sampling.weighted)
                     x = np.concatenate([x, shot.as_limit(view.x, limit.estimation.shot.names)])
-            others = (*others, other)
-        about: dict[str, Any] = {"modes": len(found), **more}
-        if drawn is None:
-            about["log_evidence_laplace"] = evidence.log
+            alternatives = (*alternatives, rival)
+        summary: dict[str, Any] = {"modes": len(maxima), **more}
+        if sample is None:
+            summary["log_evidence_laplace"] = evidence.log
         else:
-            about |= {"log_evidence": evidence.log, "log_evidence_error": evidence.error}
+            summary |= {"log_evidence": evidence.log, "log_evidence_error": evidence.error}
         names, theta = shot.answer(x)
         frames, slopes = noise.split(best.residual)[0], noise.split(best.jacobian.T)[0].T
         predictive = predictive_check(frames, slopes, noise.frames.deviation, settings.seed)
@@ -329,47 +329,47 @@ class Estimation:
             at, nearest = self._nearest(at)
             excess = min(excess, nearest)
         values = shot.best(at)
-        told = {
+        diagnostics = {
             "stretch_source": shot.stretch_source(),
             "systematic_misfit_over_rmax": excess,
-            "simulations": shot.simulations.runs, "failed_simulations": shot.simulations.failures, **worth,
+            "simulations": shot.simulations.runs, "failed_simulations": shot.simulations.failures, **sample_quality,
         }  # fmt: skip
-        told |= {"predictive": predictive} if predictive else {}
-        told |= {
+        diagnostics |= {"predictive": predictive} if predictive else {}
+        diagnostics |= {
             "modulus_over_scale": over_scale,
             "at_bound": tuple(name for name in self._pulled(at) if name in CAMERA),
             "frames_left_out": int(np.count_nonzero(~shot.counted)),
         }
         provenance = {key: value for key, value in self.answer.provenance.items() if key in _CARRIED}
-        provenance |= told | about | noise.describe(best.residual) | {
+        provenance |= diagnostics | summary | noise.describe(best.residual) | {
             "verify": settings.level, "discrepancy": settings.discrepancy, "prior": prior.to_dict(),
             "exposure_s": shot.exposure, "proposal": self.answer.method, "best": values, "stretch": values["stretch"],
             "before": {n: self.answer.median(natural_name(n)) for n in self.answer.names if len(self.answer.theta)},
             "seed": settings.seed,
         }  # fmt: skip
         verdict = self._verdict(at, predictive, excess, x, log_weight)
-        verdict = "no_interval" if drawn and len(u) == 1 and verdict == "ok" else verdict
+        verdict = "no_interval" if sample and len(u) == 1 and verdict == "ok" else verdict
         checks = shot.checks(at, verdict, self.messages)
         return Posterior(
-            names, units(names), theta, checks, shot.family.name, self.method if drawn else "laplace", provenance,
+            names, units(names), theta, checks, shot.family.name, self.method if sample else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
-            evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble, medium=shot.medium,
-            others=others, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
+            evidence=evidence, diagnostics=Diagnostics(**diagnostics), bubble=self.answer.bubble, medium=shot.medium,
+            others=alternatives, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
         )  # fmt: skip
 
-    def modulus_over_scale(self, found: WeightedDraws) -> float | None:
+    def modulus_over_scale(self, draws: WeightedDraws) -> float | None:
         """Relative change of G over that of R_max, of weighted draws."""
-        return self._moved_modulus(found.best or found.modes[0], *self._integrated(found.drawn, found.residual))
+        return self._moved_modulus(draws.best or draws.modes[0], *self._integrated(draws.drawn, draws.residual))
 
-    def _integrated(self, drawn: Sample, residual: Floats) -> tuple[Floats, Floats, Floats]:
+    def _integrated(self, sample: Sample, residual: Floats) -> tuple[Floats, Floats, Floats]:
         """u, extended residuals and log weights of draws; of those with a camera of their own some, with the most
         likely one."""
-        if drawn.camera is None:
-            return drawn.u, residual, drawn.log_weight
-        some = slice(None, TUNING.moved)
-        shapes = self.noise.shapes(residual[some])
+        if sample.camera is None:
+            return sample.u, residual, sample.log_weight
+        subset = slice(None, TUNING.moved)
+        shapes = self.noise.shapes(residual[subset])
         frames = self.target.camera.of_shapes(shapes, self.target.noise.frames)
-        return drawn.u[some], np.hstack([frames, shapes]), drawn.log_weight[some]
+        return sample.u[subset], np.hstack([frames, shapes]), sample.log_weight[subset]
 
     def _moved_gaussian(self, best: Mode) -> float | None:
         """As `_moved_modulus`, of draws of the Gaussian about the maximum, whose frames are linear in u."""
@@ -401,10 +401,10 @@ class Estimation:
         is about the best that the model can do."""
         shot = self.shot
         fit = LeastSquares(shot, self.target.workers)
-        found = fit.minimise(np.clip(x, *fit.bounds.T), ROUGH, {**LIMITS, "max_nfev": TUNING.nearest_steps}).x
-        missed = [shot.difference(one) for one in (x, found)]
-        nearest = int(np.argmin(np.nan_to_num([np.mean(one**2) for one in missed], nan=np.inf)))
-        return (x, found)[nearest], shot.misfit(missed[nearest])
+        minimum = fit.minimise(np.clip(x, *fit.bounds.T), ROUGH, {**LIMITS, "max_nfev": TUNING.nearest_steps}).x
+        differences = [shot.difference(point) for point in (x, minimum)]
+        nearest = int(np.argmin(np.nan_to_num([np.mean(difference**2) for difference in differences], nan=np.inf)))
+        return (x, minimum)[nearest], shot.misfit(differences[nearest])
 
     def _verdict(
         self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None
