@@ -78,6 +78,6 @@ def damping_to_slot(damping: float) -> float:
 
 
 def _range(name: str) -> tuple[float, float]:
-    found = PARAMETERS[name].searched
-    assert found is not None
-    return found
+    ends = PARAMETERS[name].searched
+    assert ends is not None
+    return ends

@@ -271,18 +271,18 @@ def card(path: Path) -> dict[str, Any]:
 def shipped(kind: str | None = None) -> dict[str, Path]:
     """Names of the models that come with the package, or of those of a kind ("point", "posterior"), and their files."""
     folder = Path(str(files("cavirheo") / "models"))
-    found = {path.stem: path for path in sorted(folder.glob("*.onnx"))}
-    return {name: path for name, path in found.items() if kind is None or card(path)["kind"] == kind}
+    paths = {path.stem: path for path in sorted(folder.glob("*.onnx"))}
+    return {name: path for name, path in paths.items() if kind is None or card(path)["kind"] == kind}
 
 
 def path_of(name: str) -> Path:
     """The file of a shipped model, or the file itself if the name ends in .onnx. Raises InputError."""
     if name.endswith(".onnx"):
         return Path(name)
-    known = shipped()
-    message = f"unknown model {name!r}; known: {', '.join(known) or 'none'}, or a path to an .onnx file"
-    require(name in known, message, "model.unknown")
-    return known[name]
+    models = shipped()
+    message = f"unknown model {name!r}; known: {', '.join(models) or 'none'}, or a path to an .onnx file"
+    require(name in models, message, "model.unknown")
+    return models[name]
 
 
 @lru_cache(maxsize=8)

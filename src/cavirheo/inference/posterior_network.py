@@ -39,7 +39,7 @@ _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is foun
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
 _PRESSURE = ("shear_modulus",)  # what scales with p, and what with p t_c
 _PRESSURE_TIME = ("viscosity", "reference_viscosity")
-_NEAR = 0.1  # of a constant that all its curves share: the weights allow for no more
+_MARGIN = 0.1  # of a constant that all its curves share: the weights allow for no more
 _VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
 
 
@@ -49,7 +49,7 @@ class Flow:
     def __init__(self, content: bytes, kinds: list[tuple[str, str]]) -> None:
         self.session: Any = started(content)
         self.kinds: list[tuple[str, str]] = [(plain(law), bubble) for law, bubble in kinds]
-        self.parts: int = next(int(one.shape[2]) for one in self.session.get_inputs() if one.name == "choice")
+        self.parts: int = next(int(tensor.shape[2]) for tensor in self.session.get_inputs() if tensor.name == "choice")
 
     def sample(
         self, inputs: Any, kind: int, count: int, rng: np.random.Generator, fixed: Mapping[int, float]
@@ -57,10 +57,10 @@ class Flow:
         """Draws z (count, 9), 0 in slots that the kind has not, and as given in the slots that are `fixed`."""
         choice = rng.gumbel(size=(count, len(SLOTS), self.parts))
         normal = rng.standard_normal((count, len(SLOTS)))
-        given, take = np.zeros((count, len(SLOTS))), np.zeros(len(SLOTS))
+        imposed, take = np.zeros((count, len(SLOTS))), np.zeros(len(SLOTS))
         for k, value in fixed.items():
-            given[:, k], take[k] = value, 1.0
-        return self._run(inputs, kind, np.zeros(len(SLOTS)), choice, normal, given, take)[0]
+            imposed[:, k], take[k] = value, 1.0
+        return self._run(inputs, kind, np.zeros(len(SLOTS)), choice, normal, imposed, take)[0]
 
     def log_density(self, inputs: Any, kind: int, z: Floats, without: Collection[int]) -> Floats:
         """(draws,) of z (draws, 9), each slot given those before it, without some slots."""
@@ -70,12 +70,12 @@ class Flow:
         return self._run(inputs, kind, counted, nothing, z, z, np.ones(len(SLOTS)))[1]
 
     def _run(
-        self, inputs: Any, kind: int, counted: Floats, choice: Floats, normal: Floats, given: Floats, take: Floats
+        self, inputs: Any, kind: int, counted: Floats, choice: Floats, normal: Floats, imposed: Floats, take: Floats
     ) -> tuple[Floats, Floats]:
-        one, has = np.zeros((1, len(self.kinds)), np.float32), np.zeros(len(SLOTS), np.float32)
-        one[0, kind], has[used(*self.kinds[kind])] = 1.0, 1.0
-        numbers = {"counted": counted, "choice": choice, "normal": normal, "given": given, "take": take}
-        feed = {"cells": inputs, "kind": one, "has": has}
+        one_hot, has = np.zeros((1, len(self.kinds)), np.float32), np.zeros(len(SLOTS), np.float32)
+        one_hot[0, kind], has[used(*self.kinds[kind])] = 1.0, 1.0
+        numbers = {"counted": counted, "choice": choice, "normal": normal, "given": imposed, "take": take}
+        feed = {"cells": inputs, "kind": one_hot, "has": has}
         feed |= {name: values.astype(np.float32) for name, values in numbers.items()}
         z, log_density, _ = self.session.run(None, feed)
         return z.astype(float), log_density.astype(float)
@@ -109,8 +109,8 @@ class NetworkProposal:
         self.integrated: list[int] = [slot(name) for name in camera if name in shot.free and name not in prior.names]
         values = {name: np.log10(value) for name, value in shot.bubble.items() if name == "accommodation"}
         values |= {"stretch": np.log10(shot.stretch)} if shot.stretch else {}
-        known = to_slots(tuple(values), np.array([list(values.values())]).reshape(1, -1))[0]
-        self.fixed |= {slot(name): float(known[slot(name)]) for name in values}
+        z = to_slots(tuple(values), np.array([list(values.values())]).reshape(1, -1))[0]
+        self.fixed |= {slot(name): float(z[slot(name)]) for name in values}
         self.damping: int | None = None  # its column
         if "confinement_damping" in prior.names:
             self.damping = prior.names.index("confinement_damping")
@@ -236,8 +236,8 @@ class PosteriorModel:
         for constant in fields(WATER):
             if constant.name not in (*trained, "name", *_OF_VAPOUR):
                 value, usual = getattr(shot.medium, constant.name), getattr(WATER, constant.name)
-                if not abs(value - usual) <= _NEAR * abs(usual):
-                    return f"{constant.name} = {value:.4g} is more than {_NEAR:.0%} from its training ({usual:.4g})"
+                if not abs(value - usual) <= _MARGIN * abs(usual):
+                    return f"{constant.name} = {value:.4g} is more than {_MARGIN:.0%} from its training ({usual:.4g})"
         vapour, usual = shot.medium.vapour_pressure, WATER.vapour_pressure
         if not usual / _VAPOUR <= vapour <= usual * _VAPOUR:
             return f"a vapour pressure of {vapour:.4g} Pa is beyond twice or half of its training ({usual:.4g} Pa)"

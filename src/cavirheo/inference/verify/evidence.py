@@ -162,7 +162,7 @@ def rank_laws(
     options |= {"medium": medium, "window": window, "trust_input": trust_input, "seed": seed}
     curves = several(curves)
     asked = plans(models(laws, bubbles_of(bubble)), stretch=stretch, **options)
-    found = weighed(curves, asked, lambda some, one, begun: enumerate(one.run(some, workers, begun=begun)))
+    found = weighed(curves, asked, lambda some, one, begun: enumerate(one.run(some, workers, starts=begun)))
     if done:
         for i, answer in (pair for answers in found.values() for pair in answers.items()):
             done(i, answer)
