@@ -15,7 +15,7 @@ from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict
 
 LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (docs/validation.md)
 LIMIT = 0.2  # prior probability that nothing resists in a real bubble: then it is the field's
-SEEN = 1e-3  # probability of that, from which it counts
+LEAST_PROBABILITY = 1e-3  # of that, from which it counts
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
 _FOLLOWED = ("ok", "undetermined")  # verdicts of answers that their simulation follows
 DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible

@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.noise import Covariances, Noise, expanded, products, summed
-from cavirheo.parameters import about
+from cavirheo.parameters import parameter_of
 from cavirheo.physics.cache import compiled
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
@@ -226,7 +226,7 @@ def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
     with np.errstate(invalid="ignore"):
         log_size = np.log10(size)
     for i, name in enumerate(names):
-        if about(name).unit in ("Pa s", "s"):
+        if parameter_of(name).unit in ("Pa s", "s"):
             power = 10.0 ** x[:, names.index("exponent")] if name == "reference_viscosity" else 1.0
             x[:, i] += power * log_size
     return x

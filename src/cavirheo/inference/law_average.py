@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.inference.alternatives import SEEN, as_alternative, model_of
+from cavirheo.inference.alternatives import LEAST_PROBABILITY, as_alternative, model_of
 from cavirheo.messages import Message, of_bound
-from cavirheo.parameters import LOG10, about, natural_name, of_the_law, units
+from cavirheo.parameters import LOG10, natural_name, of_the_law, parameter_of, units
 from cavirheo.posterior import Checks, Posterior, intervals
 
 ELASTIC = 0.05  # probability of the laws with a shear modulus, from which the answer has one
@@ -38,7 +38,7 @@ def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
     logs = np.array([answer.evidence.log for answer in answers if answer.evidence])
     share = dict(zip((answer.material for answer in answers), np.exp(logs - log_sum(logs)).tolist(), strict=True))
     top = max(answers, key=lambda answer: share[answer.material])
-    counted = [answer for answer in answers if share[answer.material] > SEEN]
+    counted = [answer for answer in answers if share[answer.material] > LEAST_PROBABILITY]
     elastic = sum(share[answer.material] for answer in counted if _MODULUS in answer.names)
     names, prior = top.names, dict(top.prior)
     if _MODULUS not in names and elastic > ELASTIC:
@@ -100,6 +100,6 @@ def _as(answer: Posterior, names: Sequence[str], prior: dict[str, tuple[float, .
             columns.append(answer.theta[:, answer.names.index(source)])
             continue
         assert of_the_law(name)
-        low = prior[name][0] if name in prior else (about(name).searched or (0.0, 0.0))[0]
+        low = prior[name][0] if name in prior else (parameter_of(name).searched or (0.0, 0.0))[0]
         columns.append(np.full(len(answer.theta), _NEWTONIAN.get(plain, low)))
     return np.column_stack(columns)

@@ -18,7 +18,7 @@ from cavirheo.errors import InputError, require, validation_message
 from cavirheo.files import read_bytes, read_object
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.session import session, try_out
-from cavirheo.parameters import LOG10, about, natural
+from cavirheo.parameters import LOG10, natural, parameter_of
 from cavirheo.problem import TrainingProblem
 
 DEFAULT = "bdt-viscoelastic"
@@ -147,7 +147,7 @@ class ModelCard(BaseModel):
         require(names <= self.metrics.keys(), "metrics are not of its outputs")
         require(len(epochs) == 1 and min(epochs) >= self.training.best_epoch, "history ends before its best epoch")
         for output in self.outputs:
-            fine = output.unit == about(output.name).unit and (output.scale == "log10") == (LOG10 in output.name)
+            fine = output.unit == parameter_of(output.name).unit and (output.scale == "log10") == (LOG10 in output.name)
             require(fine, f"{output.name} has another unit or scale than its name says")
         return self
 

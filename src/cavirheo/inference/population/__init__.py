@@ -18,7 +18,7 @@ from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihood
 from cavirheo.inference.population.material import Population
 from cavirheo.inference.population.scatter import Scatter
 from cavirheo.inference.verify.sampler import Sample
-from cavirheo.parameters import LOG10, Bound, about, natural_name, of_the_law
+from cavirheo.parameters import LOG10, Bound, natural_name, of_the_law, parameter_of
 from cavirheo.posterior import TRUSTED, Evidence, Posterior
 from cavirheo.prior import Prior
 from cavirheo.writing import digits
@@ -192,7 +192,7 @@ def _ends(answer: Posterior, law: Sequence[str]) -> Floats:
     ends = []
     for name in law:
         values = answer.theta[:, answer.names.index(name)]
-        searched = about(name).searched or (float(np.min(values)) - 1.0, float(np.max(values)) + 1.0)
+        searched = parameter_of(name).searched or (float(np.min(values)) - 1.0, float(np.max(values)) + 1.0)
         ends.append(tuple(answer.prior.get(name, searched))[:2])
     return np.array(ends, dtype=float).T
 

@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.parameters import Bound, about, bound_of
+from cavirheo.parameters import Bound, bound_of, parameter_of
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence
 from cavirheo.writing import digits, export
@@ -186,7 +186,7 @@ class Population:
         return texts + [f"shots that do not count: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
 
     def _value(self, name: str) -> str:
-        value, parameter = self.quantity(name), about(name)
+        value, parameter = self.quantity(name), parameter_of(name)
         factor, unit = digits.unit_for(parameter.unit, value.median)
         text = digits.quantity(value, factor, unit=unit)
         return f"{parameter.symbol} {text}" if value.bound else f"{parameter.symbol} = {text.replace('[', '[90 %: ')}"
@@ -194,7 +194,7 @@ class Population:
     def _scatter_in_words(self) -> str:
         """Of the parameters that are determined: of others the scatter is not known."""
         names, scattered = self.determined, self.scattered
-        symbols = [about(name).symbol for name in names]
+        symbols = [parameter_of(name).symbol for name in names]
         none = bool(scattered and scattered.log < 0.0)
         scatters = [self.scatter(name)[2 if none else 1] for name in names]
         percent = [digits.significant(100 * relative_scatter(decades), 2) for decades in scatters]
@@ -230,7 +230,7 @@ class Population:
         Raises InputError: no draws, or pandas is missing."""
         columns = {}
         for name in self.names:
-            k, unit = self._column(name), about(name).unit
+            k, unit = self._column(name), parameter_of(name).unit
             columns[export.column(name, unit)] = 10.0 ** self.centre[:, k]
             columns[f"{name}_spread_decades"] = self.spread[:, k]
             if self.slope is not None:
@@ -242,13 +242,16 @@ class Population:
 
         Raises InputError: no draws, or arviz is missing."""
         draws = {name: 10.0 ** self.centre[:, self._column(name)] for name in self.names}
-        return export.inference_data({"posterior": draws}, {name: about(name).unit for name in draws}, self._metadata)
+        units = {name: parameter_of(name).unit for name in draws}
+        return export.inference_data({"posterior": draws}, units, self._metadata)
 
     def plot(self) -> Figure:
         """The marginals of the material's draws and their pairs, with the median and the central 90 %.
 
         Raises InputError: no draws, or matplotlib or corner is missing."""
-        draws = {f"{name} ({about(name).unit})": 10.0 ** self.centre[:, self._column(name)] for name in self.names}
+        draws = {
+            f"{name} ({parameter_of(name).unit})": 10.0 ** self.centre[:, self._column(name)] for name in self.names
+        }
         return export.pairs(draws, np.full(len(self.centre), 1.0 / len(self.centre)))
 
     @property
