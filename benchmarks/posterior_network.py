@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo import RadiusCurve, infer
-from cavirheo.inference.latent import SLOTS, slot, used
+from cavirheo.inference.latent import COORDINATES, used, z_index
 from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.physics.bubble import FIELD
@@ -94,7 +94,7 @@ def r2_table(n: int, weighed: bool = False) -> list[str]:
 class Distance(NamedTuple):
     """Of the truth from the middle of the draws: below 0.9 if a 90 % interval holds it."""
 
-    slot: int
+    coordinate: int
     noise: float
     slow: bool
     distance: float
@@ -128,14 +128,14 @@ def coverage(recordings: int) -> list[str]:
     off = distances(recordings)
     ends = np.quantile([one.noise for one in off], [0, 1 / 3, 2 / 3, 1])
     rows = ["| slot | noise | noise model | 50 % | 90 % |", "|---|---|---|---|---|"]
-    for k in map(slot, SHOWN):
+    for k in map(z_index, SHOWN):
         for a, b in pairwise(ends):
             for slow in (False, True):
-                mine = [one for one in off if one.slot == k and a <= one.noise <= b and one.slow == slow]
+                mine = [one for one in off if one.coordinate == k and a <= one.noise <= b and one.slow == slow]
                 some = np.array([one.distance for one in mine])
                 words = "white and slow" if slow else "white"
                 shares = f"{np.mean(some < 0.5):.0%} | {np.mean(some < 0.9):.0%}"
-                rows.append(f"| {SLOTS[k]} | {a:.2%} to {b:.2%} | {words} | {shares} |")
+                rows.append(f"| {COORDINATES[k]} | {a:.2%} to {b:.2%} | {words} | {shares} |")
     return rows
 
 

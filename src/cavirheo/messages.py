@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cavirheo.errors import InputError, SolverError
-from cavirheo.parameters import about, searched_bound
+from cavirheo.parameters import parameter_of, searched_bound
 
 UNIT = "check_input.radius_unit"
 _COUNTED = 0.005  # share of a law in an average, below which it is said to be rejected
@@ -77,7 +77,7 @@ def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
     from cavirheo.writing import digits
     from cavirheo.writing.document import Quantity
 
-    (low, median, high), parameter = interval, about(name)
+    (low, median, high), parameter = interval, parameter_of(name)
     value = Quantity(median=median)  # without an interval, where its ends are one
     if low < high:
         value = Quantity(median=median, q05=low, q95=high, bound=searched_bound(name, low, high))
@@ -136,7 +136,7 @@ def _missed(p: Mapping[str, Any]) -> str:
 
 
 def _bound_title(name: str, bound: str) -> str:
-    symbol = about(name).symbol
+    symbol = parameter_of(name).symbol
     if bound == "undetermined":
         return f"the recording does not determine {symbol}"
     return f"the recording gives {'an upper' if bound == 'upper' else 'a lower'} limit of {symbol} alone"
@@ -148,7 +148,7 @@ def _bound(p: Mapping[str, Any]) -> str:
     if p["bound"] == "undetermined":
         return ": values all over the range that is searched follow it"
     side, end = ("below", p["q95"]) if p["bound"] == "upper" else ("above", p["q05"])
-    factor, unit = digits.unit_for(about(p["name"]).unit, end)
+    factor, unit = digits.unit_for(parameter_of(p["name"]).unit, end)
     value = " ".join(filter(None, [digits.significant(factor * end, 2), unit]))
     return f": any value {side} {value} follows it as well"
 

@@ -58,16 +58,16 @@ class Plausible(NamedTuple):
     unit: str
     taken: Mapping[str, tuple[float, float]] = {}
 
-    def check(self, name: str, value: float, code: str, mend: str = "") -> None:
+    def check(self, name: str, value: float, code: str, advice: str = "") -> None:
         """Raises InputError for a finite value outside, with the unit that may be meant."""
         if self.low <= value <= self.high:
             return
-        found = {unit: value * factor + offset for unit, (factor, offset) in self.taken.items()}
-        inside = [unit for unit, meant in found.items() if self.low < meant < self.high]
-        nearest = min(inside, key=lambda unit: abs(np.log(found[unit] / self.usual)), default="")
-        meant = f": did you mean {found[nearest]:.6g} {self.unit} ({value:.6g} {nearest})?" if nearest else ""
+        converted = {unit: value * factor + offset for unit, (factor, offset) in self.taken.items()}
+        inside = [unit for unit, meant in converted.items() if self.low < meant < self.high]
+        nearest = min(inside, key=lambda unit: abs(np.log(converted[unit] / self.usual)), default="")
+        meant = f": did you mean {converted[nearest]:.6g} {self.unit} ({value:.6g} {nearest})?" if nearest else ""
         message = f"{name} must be {self.low:g} to {self.high:g} {self.unit}, got {value:.6g}{meant}"
-        require(value == inf, message + mend, code)
+        require(value == inf, message + advice, code)
 
 
 _SECONDS = {"us": (1e-6, 0.0), "ms": (1e-3, 0.0), "ns": (1e-9, 0.0)}
@@ -156,7 +156,7 @@ def natural_name(name: str) -> str:
     return name.removeprefix(LOG10)
 
 
-def about(name: str) -> Parameter:
+def parameter_of(name: str) -> Parameter:
     """The entry of a parameter, by its name in any scale and of any law of a sum. Raises KeyError: an unknown one."""
     if name == AT_RATE:
         return Parameter("µ at 1e5/s", "Pa s")
@@ -189,15 +189,15 @@ def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None
 
 def searched_bound(name: str, low: float, high: float) -> Bound | None:
     """`bound_of` an interval in natural values, SI, in the range that is searched; None where there is no range."""
-    known = PARAMETERS.get(_base(name))
-    if known is None or known.searched is None or not 0 < low < high:
+    parameter = PARAMETERS.get(_base(name))
+    if parameter is None or parameter.searched is None or not 0 < low < high:
         return None
-    return bound_of(float(np.log10(low)), float(np.log10(high)), known.searched)
+    return bound_of(float(np.log10(low)), float(np.log10(high)), parameter.searched)
 
 
 def units(names: tuple[str, ...]) -> tuple[str, ...]:
     """SI units of the natural values of parameters: log10_viscosity -> Pa s."""
-    return tuple(about(name).unit for name in names)
+    return tuple(parameter_of(name).unit for name in names)
 
 
 def natural(name: str, values: ArrayLike) -> Floats:
@@ -248,9 +248,9 @@ def check(parameters: Any) -> None:
         within(allowed, name, getattr(parameters, name))
 
 
-def check_plausible(parameters: Any, mend: str) -> None:
+def check_plausible(parameters: Any, advice: str) -> None:
     """Raises InputError for the first field of a dataclass outside the "plausible" range of its metadata."""
     for field in fields(parameters):
         if "plausible" in field.metadata:
             value, code = getattr(parameters, field.name), f"physics.unusual_{field.name}"
-            field.metadata["plausible"].check(field.name, value, code, mend)
+            field.metadata["plausible"].check(field.name, value, code, advice)

@@ -73,9 +73,9 @@ class Prior:
     @classmethod
     def uniform(cls, ranges: Mapping[str, Sequence[float]]) -> Prior:
         """A prior from {name: [low, high]}. Raises InputError: an unknown parameter, or not two numbers."""
-        known = ", ".join(PARAMETERS)
+        names = ", ".join(PARAMETERS)
         for name, pair in ranges.items():
-            message = f"unknown parameter {name!r}; known, with or without log10_: {known}"
+            message = f"unknown parameter {name!r}; known, with or without log10_: {names}"
             require(natural_name(name) in PARAMETERS, message, "prior.name")
             require(len(pair) == 2, f"the prior of {name} must be [low, high], got {list(pair)}", "prior.range")
         low, high = np.array(list(ranges.values()), dtype=float).reshape(-1, 2).T

@@ -15,7 +15,7 @@ from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve
 from cavirheo.inference.bins import BINS, CHANNELS, SCALARS, SIZE, binned
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.latent import CAMERA, SLOTS, damping, damping_to_slot, from_slots, to_slots, used
+from cavirheo.inference.latent import CAMERA, COORDINATES, damping, damping_to_latent, from_latent, to_latent, used
 from cavirheo.inference.law import Family
 from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.options import FREE, Options
@@ -50,17 +50,17 @@ def test_slots_are_a_change_of_coordinates(law, bubble):
     bounds = np.array([PARAMETERS[name].searched for name in names])
     rng = np.random.default_rng(1)
     log10 = bounds[:, 0] + rng.uniform(0.02, 0.98, (20, len(names))) * (bounds[:, 1] - bounds[:, 0])
-    z = to_slots(names, log10)
-    back, log_jacobian = from_slots(names, z)
+    z = to_latent(names, log10)
+    back, log_jacobian = from_latent(names, z)
     assert np.allclose(back, log10)
-    places = [k for k in used(law, bubble) if SLOTS[k] not in (*CAMERA, "confinement_damping")]
+    places = [k for k in used(law, bubble) if COORDINATES[k] not in (*CAMERA, "confinement_damping")]
     assert len(places) == len(names)
     for row in range(3):
         step, columns = 1e-5, []
         for i in range(len(names)):
             moved = log10[row].copy()
             moved[i] += step
-            columns.append((to_slots(names, moved[None])[0, places] - z[row, places]) / step)
+            columns.append((to_latent(names, moved[None])[0, places] - z[row, places]) / step)
         assert np.log(abs(np.linalg.det(columns))) == pytest.approx(-log_jacobian[row] * -1, abs=1e-3)
 
 
@@ -268,7 +268,7 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     assert status == 0, err
     card = json.loads((tmp_path / "run" / "small.json").read_text("utf-8"))
     assert card["kind"] == "posterior"
-    assert set(card["coverage"]["by_slot"]) == set(SLOTS)
+    assert set(card["coverage"]["by_slot"]) == set(COORDINATES)
     assert load_posterior(str(tmp_path / "run" / "small.onnx")).name == "small"
     for old, new, out, said in (("seed = 7", "seed = 8", "data", "another seed"), ("nhkv", "zener", "new", "zener")):
         (tmp_path / "wrong.toml").write_text(small.replace(old, new), encoding="utf-8")
@@ -290,11 +290,11 @@ def test_a_misfit_that_the_real_bubble_explains_is_said():
 
 def test_the_slot_of_the_damping_has_its_prior():
     z = np.linspace(-2.5, 3.5, 9)
-    assert np.allclose([damping_to_slot(float(one)) for one in damping(z)], np.minimum(z, 3.0), atol=1e-6)
+    assert np.allclose([damping_to_latent(float(one)) for one in damping(z)], np.minimum(z, 3.0), atol=1e-6)
     values = damping(np.random.default_rng(1).standard_normal(20_000))
     assert 0 <= values.min() < values.max() <= 1.0
     assert np.sqrt(np.mean(values**2)) == pytest.approx(0.3, rel=0.02)
-    assert damping_to_slot(0.0) == -3.0
+    assert damping_to_latent(0.0) == -3.0
 
 
 def test_a_recording_that_begins_at_its_maximum_has_a_clock_of_a_frame():

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks import posterior_network
-from cavirheo.inference.latent import slot
+from cavirheo.inference.latent import z_index
 from validation.claims.calibration import LEVELS, SHOWN
 from validation.numbers import Number, Run, coverage
 
@@ -15,6 +15,6 @@ from validation.numbers import Number, Run, coverage
 def measure(run: Run) -> Iterator[Number]:
     found = posterior_network.distances(run.count(300, 1000))
     for symbol, name in SHOWN.items():
-        mine = np.array([one.distance for one in found if one.slot == slot(name)])
+        mine = np.array([one.distance for one in found if one.coordinate == z_index(name)])
         for level in LEVELS:
             yield coverage(f"{symbol}.{100 * level:.0f}", mine < level, level, seed=posterior_network.SEED)

@@ -118,7 +118,7 @@ class CollapseGroup(Record):
     @property
     def incomplete(self) -> bool:
         """Whether a shot was left out, its input is doubtful, or there is no answer."""
-        return bool(self.unusable or self.doubts) or self.best is None or not self.best.answered
+        return bool(self.unusable or self.doubts) or self.best is None or not self.best.complete
 
     def measured(self) -> Shots:
         """Of the usable shots."""

@@ -15,25 +15,25 @@ from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict
 
 LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (docs/validation.md)
 LIMIT = 0.2  # prior probability that nothing resists in a real bubble: then it is the field's
-SEEN = 1e-3  # probability of that, from which it counts
+LEAST_PROBABILITY = 1e-3  # of that, from which it counts
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
 _FOLLOWED = ("ok", "undetermined")  # verdicts of answers that their simulation follows
 DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible
 
 
-def contenders(evidence: Sequence[Evidence | None], sizes: Sequence[int]) -> list[int]:
+def contenders(evidences: Sequence[Evidence | None], sizes: Sequence[int]) -> list[int]:
     """Indices of the models that the evidence cannot tell from the best, the one with the fewest parameters first: the
     only rule by which models are chosen.
 
     A model is within reach if its log evidence lies below the largest by no more than DECISIVE and the standard error
     of the difference; of Laplace's integrals that is LAPLACE each.
     """
-    finite = {i: one for i, one in enumerate(evidence) if one is not None and np.isfinite(one.log)}
-    if not finite:
+    valid = {i: evidence for i, evidence in enumerate(evidences) if evidence is not None and np.isfinite(evidence.log)}
+    if not valid:
         return []
-    top = max(finite.values(), key=lambda one: one.log)
-    close = [i for i, one in finite.items() if one is top or not rejects(top.log - one.log, (one.error, top.error))]
-    return sorted(close, key=lambda i: (sizes[i], -finite[i].log))
+    top = max(valid.values(), key=lambda evidence: evidence.log)
+    close = [i for i in valid if valid[i] is top or not rejects(top.log - valid[i].log, (valid[i].error, top.error))]
+    return sorted(close, key=lambda i: (sizes[i], -valid[i].log))
 
 
 def rejects(gain: float, errors: Iterable[float | None]) -> bool:
@@ -96,7 +96,7 @@ def compared(answer: Posterior) -> list[Message]:
 
 def _rivals(answer: Posterior) -> list[OtherAnswer]:
     """Of each other model the mode with the largest evidence."""
-    best = {model_of(one): one for one in sorted(answer.others, key=_log)}
+    best = {model_of(mode): mode for mode in sorted(answer.others, key=_log)}
     best.pop(model_of(answer), None)
     return list(best.values())
 
@@ -104,7 +104,7 @@ def _rivals(answer: Posterior) -> list[OtherAnswer]:
 def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[Message]:
     """A message on what the evidence says of the models that the answer was chosen from, if there are others."""
     this = as_alternative(answer)
-    rivals = [one for one in map(as_alternative, candidates) if model_of(one) != model_of(this) and one.evidence]
+    rivals = [mode for mode in map(as_alternative, candidates) if model_of(mode) != model_of(this) and mode.evidence]
     if not (rivals and this.evidence):
         return []
     described = []
@@ -121,13 +121,13 @@ def as_alternative(answer: Posterior) -> OtherAnswer:
     return OtherAnswer(answer.material, answer.bubble, answer.best, ends, answer.evidence, rmse)
 
 
-def model_of(one: OtherAnswer | Posterior) -> tuple[str, str]:
+def model_of(answer: OtherAnswer | Posterior) -> tuple[str, str]:
     """Law and model of the bubble, by which answers are of one model."""
-    return one.material, one.bubble.name
+    return answer.material, answer.bubble.name
 
 
-def _log(one: OtherAnswer) -> float:
-    return one.evidence.log if one.evidence else -float("inf")
+def _log(model: OtherAnswer) -> float:
+    return model.evidence.log if model.evidence else -float("inf")
 
 
 def equal(gain: float) -> bool:
@@ -135,16 +135,16 @@ def equal(gain: float) -> bool:
     return abs(gain) < 1.0
 
 
-def _above(one: OtherAnswer, second: OtherAnswer) -> float:
-    """How far its log evidence lies above that of the second; NaN where one has none."""
-    return one.evidence.log - second.evidence.log if one.evidence and second.evidence else float("nan")
+def _above(first: OtherAnswer, second: OtherAnswer) -> float:
+    """How far the log evidence of the first lies above that of the second; NaN where one has none."""
+    return first.evidence.log - second.evidence.log if first.evidence and second.evidence else float("nan")
 
 
-def _surely_above(one: OtherAnswer, second: OtherAnswer) -> bool:
-    """Whether the evidence rejects the second beside this one, by the rule of `contenders`."""
-    if not (one.evidence and second.evidence):
+def _surely_above(first: OtherAnswer, second: OtherAnswer) -> bool:
+    """Whether the evidence rejects the second beside the first, by the rule of `contenders`."""
+    if not (first.evidence and second.evidence):
         return False
-    return rejects(_above(one, second), (one.evidence.error, second.evidence.error))
+    return rejects(_above(first, second), (first.evidence.error, second.evidence.error))
 
 
 def _other_bubble_disagrees(rival: OtherAnswer, this: OtherAnswer) -> bool:
@@ -160,10 +160,10 @@ def _disjoint(first: Mapping[str, _Interval], second: Mapping[str, _Interval]) -
     return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
 
 
-def _described(one: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
+def _described(model: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
     """A model in a message: its law, its bubble in words, and the values of the law's parameters."""
-    ends = {name: value for name, value in _ends(one).items() if of_the_law(name) or (stretch and name == "stretch")}
-    return {"material": one.material, "bubble": one.bubble.title, "values": ends, "interval": bool(one.intervals)}
+    ends = {name: value for name, value in _ends(model).items() if of_the_law(name) or (stretch and name == "stretch")}
+    return {"material": model.material, "bubble": model.bubble.title, "values": ends, "interval": bool(model.intervals)}
 
 
 def _both(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
@@ -178,6 +178,6 @@ def _both(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> di
     }
 
 
-def _ends(one: OtherAnswer) -> Mapping[str, _Interval]:
+def _ends(model: OtherAnswer) -> Mapping[str, _Interval]:
     """Its intervals; without any, each best value as both ends of one."""
-    return one.intervals or {name: (value, value, value) for name, value in one.best.items()}
+    return model.intervals or {name: (value, value, value) for name, value in model.best.items()}

@@ -26,7 +26,7 @@ from cavirheo.parallel import cores, each, one_blas_thread
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.media import medium as named
+from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.writing.packing import key_of
 
@@ -86,28 +86,28 @@ class Analysis:
         message = f"verify must be {', '.join(levels[:-1])} or {levels[-1]}, got {self.verify!r}"
         require(self.verify in levels, message, "option.verify")
         expect_whole(self.seed, "seed", 0, "option.seed")
-        own: dict[str, Any] = {"model": str(self.model), "medium": named(self.medium)}
+        settings: dict[str, Any] = {"model": str(self.model), "medium": medium_of(self.medium)}
         kind = card(path_of(str(self.model))) if self._networked else {}
         point = kind.get("kind") == "point"
-        own["bubble"] = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
+        settings["bubble"] = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
         if self.free is None:
-            own["free"] = FREED if self.method == "fit" else tuple(FREE)
+            settings["free"] = FREED if self.method == "fit" else tuple(FREE)
         if self._networked:
-            own["method"] = "bdt" if point else "infer"
+            settings["method"] = "bdt" if point else "infer"
         if point:
-            own["verify"] = "none" if self.verify == "auto" else self.verify
+            settings["verify"] = "none" if self.verify == "auto" else self.verify
             message = f"the model {self.model} answers {kind['material']}: leave out material {self.material!r}, or "
             require(self.material in (None, kind["material"]), f"{message}the model", "option.material")
-        own["material"] = self.material or (kind["material"] if point else "nhkv")
-        for name, value in own.items():
+        settings["material"] = self.material or (kind["material"] if point else "nhkv")
+        for name, value in settings.items():
             object.__setattr__(self, name, value)
         for bubble in self.bubbles:
             check_wall(bubble)
             object.__setattr__(self, "free", self._options(bubble).free)
         if point:
-            known = self.bubbles == (FIELD,) or self.verify != "none"
+            answerable = self.bubbles == (FIELD,) or self.verify != "none"
             message = f"the model {self.model} knows the field's bubble alone: leave out bubble or the model, or give "
-            require(known, f"{message}verify map", "option.bubble")
+            require(answerable, f"{message}verify map", "option.bubble")
             return
         for law in self.laws:
             Family(law)
@@ -172,21 +172,21 @@ class Analysis:
         curves: Sequence[RadiusCurve],
         workers: int | None = None,
         done: Callable[[int, Posterior], None] | None = None,
-        begun: Sequence[Posterior] | None = None,
+        starts: Sequence[Posterior] | None = None,
     ) -> list[Posterior]:
         """An answer for each curve, in their order, on so many threads (all cores by default); the answers do not
-        depend on it. done: called with the index and the answer of each curve as it is found. begun: as of `answer`.
-        Raises InputError: none of the curves can be answered so."""
+        depend on it. done: called with the index and the answer of each curve as it is found. starts: for each
+        what `answer` takes. Raises InputError: none of the curves can be answered so."""
         curves = several(curves)
         self.check(curves)
         inner = max(cores(workers) // max(len(curves), 1), 1)
-        known: Sequence[Posterior | None] = begun or [None] * len(curves)
-        jobs = zip(curves, known, strict=True)
+        start_of_each: Sequence[Posterior | None] = starts or [None] * len(curves)
+        jobs = zip(curves, start_of_each, strict=True)
         return each(lambda job: self.answer(*job, workers=inner), jobs, workers, done)
 
-    def answer(self, curve: RadiusCurve, begun: Posterior | None = None, *, workers: int | None = None) -> Posterior:
+    def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on so many threads; one that cannot be answered gives a Posterior without draws
-        that says why. begun: what `before` answers, if it is known."""
+        that says why. start: what `before` answers, if it is known."""
         from cavirheo.inference.posterior_network import network_of
         from cavirheo.inference.verify import verify_many
 
@@ -202,7 +202,7 @@ class Analysis:
             settings["search"] = self.before is None
         try:
             with one_blas_thread:
-                answers = [begun] if begun else self._begun(curve, workers)
+                answers = [start] if start else self._starts(curve, workers)
                 if self.verify == "none":
                     return answers[0]
                 return verify_many([curve], [answers], workers=workers, **settings)[0]
@@ -210,10 +210,10 @@ class Analysis:
             raise
         except Exception as error:  # a defect, of ours or of a library, costs this curve alone
             _log.exception("%s has no answer", curve.name)
-            checks = input_checks.failed(error, curve, named(self.medium))
+            checks = input_checks.failed(error, curve, medium_of(self.medium))
             return self._nothing(curve, self.laws[0], self._options(self.bubbles[0]), checks)
 
-    def _begun(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
+    def _starts(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
         """What the verification begins with, of each law and bubble."""
         from cavirheo.inference.network_answer import Networked
         from cavirheo.inference.posterior_network import network_of
@@ -222,22 +222,21 @@ class Analysis:
             return [self.before.answer(curve, workers=workers)]
         models = list(product(self.laws, self.bubbles))
         if self.method == "fit":
-            return [self._asked(curve, law, self._options(bubble)) for law, bubble in models]
+            return [self._start(curve, law, self._options(bubble)) for law, bubble in models]
         if self.method == "search":
-            return [
-                self._asked(curve, law, Options(self.window, stretch=self.stretch, bubble=one)) for law, one in models
-            ]
-        network, medium = network_of(str(self.model)), named(self.medium)
+            cut: dict[str, Any] = {"window": self.window, "stretch": self.stretch}
+            return [self._start(curve, law, Options(**cut, bubble=bubble)) for law, bubble in models]
+        network, medium = network_of(str(self.model)), medium_of(self.medium)
         if isinstance(network, Network):
-            known: Any = None if self.stretch == "free" else self.stretch
-            return [Amortised(network, medium, known, self.window, self.trust_input).infer(curve)]  # type: ignore[arg-type]
-        asked = ("stretch", "window", "trust_input", "discrepancy", "seed")
-        how: dict[str, Any] = {name: getattr(self, name) for name in asked} | {"checked": self.verify == "none"}
+            stretch: Any = None if self.stretch == "free" else self.stretch
+            return [Amortised(network, medium, stretch, self.window, self.trust_input).infer(curve)]  # type: ignore[arg-type]
+        names = ("stretch", "window", "trust_input", "discrepancy", "seed")
+        how: dict[str, Any] = {name: getattr(self, name) for name in names} | {"checked": self.verify == "none"}
         return [Networked(network, law, bubble, medium, **how).infer(curve) for law, bubble in models]
 
-    def _asked(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
+    def _start(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
         """What a search begins from: law, bubble, window and input warnings, without any value."""
-        medium = named(self.medium)
+        medium = medium_of(self.medium)
         try:
             shot = Experiment(curve, Family(law), medium, options)
             warnings = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
@@ -249,10 +248,10 @@ class Analysis:
 
     def _nothing(self, curve: RadiusCurve, law: str, options: Options, checks: Checks) -> Posterior:
         """An answer without any value."""
-        family, medium = Family(law), named(self.medium)
+        family, medium = Family(law), medium_of(self.medium)
         names = tuple(LOG10 + name for name in family.parameters)
-        about = {"options": asdict(options), "source_sha256": curve.source_sha256}
-        how: dict[str, Any] = {"provenance": {"cavirheo": version("cavirheo"), **about}, "medium": medium}
+        provenance = {"options": asdict(options), "source_sha256": curve.source_sha256}
+        how: dict[str, Any] = {"provenance": {"cavirheo": version("cavirheo"), **provenance}, "medium": medium}
         how["bubble"] = options.bubble
         nothing = np.empty((0, len(names)))
         return Posterior(names, units(names), nothing, checks, family.name, "least_squares", **how)

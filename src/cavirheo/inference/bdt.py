@@ -136,7 +136,7 @@ class _NetworkReading:
 
     def _checks(self, stretch: float) -> Checks:
         read = list(zip(map(natural_name, self.model.outputs), self.theta, self.low, self.high, strict=True))
-        messages = [self._outside(*one) for one in read if not one[2] - 0.02 <= one[1] <= one[3] + 0.02]
+        messages = [self._outside(*row) for row in read if not row[2] - 0.02 <= row[1] <= row[3] + 0.02]
         a, b = self.problem.prior.bounds("stretch")
         if not 0.97 * a <= stretch <= 1.03 * b:
             messages.append(self._outside("stretch", stretch, a, b))

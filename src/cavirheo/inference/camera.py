@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.noise import Covariances, Noise, expanded, products, summed
-from cavirheo.parameters import about
+from cavirheo.parameters import parameter_of
 from cavirheo.physics.cache import compiled
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
@@ -226,7 +226,7 @@ def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
     with np.errstate(invalid="ignore"):
         log_size = np.log10(size)
     for i, name in enumerate(names):
-        if about(name).unit in ("Pa s", "s"):
+        if parameter_of(name).unit in ("Pa s", "s"):
             power = 10.0 ** x[:, names.index("exponent")] if name == "reference_viscosity" else 1.0
             x[:, i] += power * log_size
     return x
@@ -386,10 +386,10 @@ def _place(share: float, part: int, collapses: int) -> tuple[float, float]:
     """Where a share of the way from one collapse to the next is among the nodes, from 0 to NODES, and the derivative,
     as it is a quarter of the way to the next node at a collapse. After the last collapse the nodes are dense at its
     side alone."""
-    near = (0.25 / NODES) ** 2
+    least = (0.25 / NODES) ** 2
     if part == collapses:
-        return NODES * np.sqrt(share), 0.5 * NODES / np.sqrt(max(share, near))
-    both = max(share * (1.0 - share), near)
+        return NODES * np.sqrt(share), 0.5 * NODES / np.sqrt(max(share, least))
+    both = max(share * (1.0 - share), least)
     return NODES * _angle(share), NODES / (np.pi * np.sqrt(both))
 
 
@@ -415,13 +415,13 @@ def _share(place: float, part: int, collapses: int) -> float:
 def _shape(run: SimulatedCurve, step: float, collapses: int) -> Floats:
     """Shape of a simulation at regular instants, `step` s from each other. A collapse that it has not is put where the
     one before and the end tell it."""
-    last, knots, found = len(run.radius) - 1, np.empty(collapses + 2), 0
+    last, knots, count = len(run.radius) - 1, np.empty(collapses + 2), 0
     knots[0], knots[-1] = 0.0, last
     for i in range(1, last):
-        if found < collapses and run.speed[i] < 0.0 <= run.speed[i + 1]:
-            found += 1
-            knots[found] = i + run.speed[i] / (run.speed[i] - run.speed[i + 1])
-    for k in range(found + 1, collapses + 1):
+        if count < collapses and run.speed[i] < 0.0 <= run.speed[i + 1]:
+            count += 1
+            knots[count] = i + run.speed[i] / (run.speed[i] - run.speed[i + 1])
+    for k in range(count + 1, collapses + 1):
         knots[k] = knots[k - 1] + (last - knots[k - 1]) / (collapses + 2 - k)
     shape = np.empty(collapses + (collapses + 1) * (NODES + 1))
     shape[:collapses] = knots[1:-1] / last
@@ -438,11 +438,11 @@ def _of_shapes(
     power: float,
 ) -> Floats:  # fmt: skip
     """What `CameraNuisances.of_shapes` gives."""
-    found, nothing = np.empty((len(shapes), len(frames.time) + len(frames.free) + 1)), np.empty(0)
+    residuals, nothing = np.empty((len(shapes), len(frames.time) + len(frames.free) + 1)), np.empty(0)
     for k in range(len(shapes)):
         run = SimulatedCurve(nothing, nothing, nothing, shapes[k], last)
-        found[k] = _integrated(run, frames, starts, SHAPE_GAIN, covariances, constants, power)[0]
-    return found
+        residuals[k] = _integrated(run, frames, starts, SHAPE_GAIN, covariances, constants, power)[0]
+    return residuals
 
 
 @compiled
@@ -450,7 +450,7 @@ def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames
     """What `CameraNuisances.difference_of_shapes` gives: as `_simulated_frames`, without derivatives, which take as
     long again."""
     free, widths, count, each = frames.free, frames.widths, len(frames.time), len(frames.instants)
-    found, p = np.empty((len(shapes), count)), np.empty(3)
+    difference, p = np.empty((len(shapes), count)), np.empty(3)
     collapses = (shapes.shape[1] - NODES - 1) // (NODES + 2)
     knots, rates = np.zeros(collapses + 2), np.empty(collapses + 1)
     share, parts = np.empty(count * each), np.empty(count * each, np.int64)
@@ -478,8 +478,8 @@ def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames
             for j in range(each):
                 first = collapses + parts[n * each + j] * (NODES + 1)
                 radius += frames.shares[j] * _between_nodes(shape, first, share[n * each + j])[0]
-            found[k, n] = frames.measured[n] - p[2] * radius
-    return found
+            difference[k, n] = frames.measured[n] - p[2] * radius
+    return difference
 
 
 @compiled

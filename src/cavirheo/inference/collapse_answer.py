@@ -57,7 +57,7 @@ class CollapseEstimate(Record):
     weight: list[float] = Field(default=[], exclude=True)
 
     @property
-    def answered(self) -> bool:
+    def complete(self) -> bool:
         """Whether there is a number for both."""
         return self.shear_modulus_Pa.value is not None and self.viscosity_Pa_s.value is not None
 

@@ -21,7 +21,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.inference.collapse_answer import CollapseEstimate, CollapseValue
 from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.media import medium as named
+from cavirheo.physics.media import medium as medium_of
 
 MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean (mu = 0), Newtonian (G = 0)
 NAMES = ("G", "µ")
@@ -113,8 +113,8 @@ def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | Non
     advice = "no late plateau to read lambda = R_max/R_0 from; give it (--stretch)"
     require(origin != "", advice, "collapse_time.no_stretch", name)
     try:
-        found = np.array([curve.max_radius]), np.array([sources[origin]], dtype=float)
-        return Shots(*found, times[:1] - curve.time_of_max), origin
+        values = np.array([curve.max_radius]), np.array([sources[origin]], dtype=float)
+        return Shots(*values, times[:1] - curve.time_of_max), origin
     except InputError as error:
         raise error.within(name) from None
 
@@ -145,29 +145,29 @@ def estimate(
         InputError: unknown material, a given value out of its domain, nothing to fit, a curve without a collapse.
         SolverError: a simulation of the exact fit failed.
     """
-    origin, medium = "", named(medium)
+    origin, medium = "", medium_of(medium)
     if isinstance(shots, RadiusCurve):
         shots, origin = shot(shots, stretch, guess=USUAL_STRETCH)
     problem = _CollapseProblem(shots, medium, _fixed(material, shear_modulus, viscosity), False)
     why = "one collapse time is one relation between G and µ, not both: add shots of other R_max, or give one"
-    found = None
+    answer = None
     if len(shots) >= len(problem.free):
         solved = problem.solve(problem.coarse())
         if exact:
             problem = replace(problem, exact=True)
             solved = problem.solve(solved.values)
         if len(problem.free) == 1 or _condition(solved.jacobian) <= _SINGULAR:
-            found = _answer(problem, solved)
+            answer = _answer(problem, solved)
         why = "the shots are too alike (R_max, lambda) to tell G from µ: one relation, not both"
-    if found is None:
+    if answer is None:
         pairs = _pairs(replace(problem, exact=exact))
         ends = " to ".join(f"({G:.3g} Pa, {mu:.2g} Pa s)" for G, mu in (pairs[0], pairs[-1])) if pairs else ""
-        found = CollapseEstimate(pairs=pairs, message=f"{why}; equally good: {ends or 'none in range'}")
-        found.model, found.weight = [None] * len(shots), [1.0] * len(shots)
-    found.measured = shots.ratio(medium).tolist()
+        answer = CollapseEstimate(pairs=pairs, message=f"{why}; equally good: {ends or 'none in range'}")
+        answer.model, answer.weight = [None] * len(shots), [1.0] * len(shots)
+    answer.measured = shots.ratio(medium).tolist()
     guessed = f"lambda is not known: guessed as {USUAL_STRETCH:g}" if origin == "guessed" else ""
-    found.message = "; ".join(filter(None, (guessed, found.message)))
-    return found
+    answer.message = "; ".join(filter(None, (guessed, answer.message)))
+    return answer
 
 
 def _fixed(material: str, shear_modulus: float | None, viscosity: float | None) -> Floats:
@@ -334,20 +334,20 @@ def _pairs(problem: _CollapseProblem) -> list[tuple[float, float]]:
     """The best G for each of some viscosities, if it is as good as the best of all (95 %)."""
     from scipy.stats import f as fisher
 
-    found, costs = [], []
+    pairs, costs = [], []
     n, medium = len(problem.shots), problem.medium
     per_radius = medium.velocity_scale / (medium.pressure * float(np.median(problem.shots.max_radius)))
     for mu in _PAIRS[_PAIRS * per_radius * _LEAST_RE <= 1]:
-        one = replace(problem, fixed=np.array([np.nan, mu]), exact=False)
-        solved = one.solve(one.coarse())
+        subproblem = replace(problem, fixed=np.array([np.nan, mu]), exact=False)
+        solved = subproblem.solve(subproblem.coarse())
         if problem.exact and np.mean(solved.residual**2) < _HOPELESS**2:
-            solved = replace(one, exact=True).solve(solved.values)
-        found.append((float(solved.values[0]), float(mu)))
+            solved = replace(subproblem, exact=True).solve(solved.values)
+        pairs.append((float(solved.values[0]), float(mu)))
         costs.append(float(np.sum(solved.residual**2)))
     if min(costs) > n * _HOPELESS**2:  # no pair gives such times at all
         return []
     factor = 1 + 2 / (n - 2) * float(fisher.ppf(CONFIDENCE, 2, n - 2)) if n > 2 else 1.0
-    return [pair for pair, cost in zip(found, costs, strict=True) if cost <= factor * min(costs) + n * _EQUAL**2]
+    return [pair for pair, cost in zip(pairs, costs, strict=True) if cost <= factor * min(costs) + n * _EQUAL**2]
 
 
 def _outside(problem: _CollapseProblem, values: Floats) -> str:

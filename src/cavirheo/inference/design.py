@@ -200,7 +200,7 @@ def expectations(
     """Of each setting with each draw: law (draws, l) log10, stretch (draws,). None: a recording that cannot be read,
     such as one that ends before the collapse. The noise of a draw is the same at all settings."""
 
-    def one(job: tuple[Setting, int]) -> Expected | None:
+    def evaluate(job: tuple[Setting, int]) -> Expected | None:
         setting, k = job
         try:
             film = setting.film(family, law[k], float(stretch[k]), medium, seed + k, bubble)
@@ -209,7 +209,7 @@ def expectations(
             return None
 
     jobs = [(setting, k) for setting in settings for k in range(len(law))]
-    expectations = each(one, jobs, workers, (lambda *_: done()) if done else None)
+    expectations = each(evaluate, jobs, workers, (lambda *_: done()) if done else None)
     return [expectations[i : i + len(law)] for i in range(0, len(jobs), len(law))]
 
 
@@ -228,13 +228,13 @@ def reached(
     `infer` then gives; of the recordings that have both. law: (draws, l) log10, stretch: (draws,)."""
     from cavirheo.inference import infer_many
 
-    def one(k: int) -> tuple[RadiusCurve, Floats] | None:
+    def record(k: int) -> tuple[RadiusCurve, Floats] | None:
         with suppress(InputError, SolverError, np.linalg.LinAlgError):
             curve, truth = setting.film(family, law[k], float(stretch[k]), medium, seed + k, bubble)
             return curve, expected(curve, truth, family, medium, bubble=bubble).half_width
         return None
 
-    films = [film for film in each(one, range(len(law)), workers) if film]
+    films = [film for film in each(record, range(len(law)), workers) if film]
     how: Any = {"material": family.name, "medium": medium, "bubble": bubble, "workers": workers}
     answers = infer_many([curve for curve, _ in films], **how)
     widths, inferred = [], []
@@ -253,9 +253,9 @@ def variance(ends: Floats) -> Floats:
     return np.asarray(((ends[:, 2] - ends[:, 0]) / (2.0 * NORMAL_90)) ** 2)
 
 
-def gain(information: Floats, known: Floats) -> float:
-    """Nats that a shot adds to what is known of a material: half log det(1 + known information), both (l, l)."""
-    return 0.5 * float(np.linalg.slogdet(np.eye(len(known)) + known @ information)[1])
+def gain(information: Floats, covariance: Floats) -> float:
+    """Nats that a shot adds to what is known of a material: half log det(1 + covariance information), both (l, l)."""
+    return 0.5 * float(np.linalg.slogdet(np.eye(len(covariance)) + covariance @ information)[1])
 
 
 def shared(information: Floats, scatter: Floats) -> Floats:
@@ -263,10 +263,10 @@ def shared(information: Floats, scatter: Floats) -> Floats:
     return np.asarray(np.linalg.solve(np.eye(len(information)) + information @ scatter, information))
 
 
-def shots_wanted(information: Floats, known: Floats, half_width: float, most: int = 10_000) -> int | None:
+def shots_wanted(information: Floats, covariance: Floats, half_width: float, most: int = 10_000) -> int | None:
     """How many such shots bring each parameter's 90 % interval to `half_width` decades about the median; None: more
-    than `most`. information: (l, l) of one about the material. known: (l, l), the covariance of what is known."""
-    before = np.linalg.inv(known)
+    than `most`. information: (l, l) of one about the material. covariance: (l, l), of what is known."""
+    before = np.linalg.inv(covariance)
 
     def enough(count: int) -> bool:
         left = np.linalg.inv(before + count * information)

@@ -64,15 +64,15 @@ TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # motion within a frame t
 _LN10 = float(np.log(10.0))
 
 
-def _known_stretch(curve: RadiusCurve, wanted: float | str | None) -> tuple[float, float] | None:
+def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
     """(mean, standard deviation) of the stretch as the file states it, or as the late plateau shows it.
 
     A stated one is often the mean of many shots: it is doubted by as much as it misses this shot's plateau.
     """
-    plateau = curve.stretch_from_tail() if wanted in (None, "plateau") else None
-    stated = curve.stretch if wanted is None else None
+    plateau = curve.stretch_from_tail() if requested in (None, "plateau") else None
+    stated = curve.stretch if requested is None else None
     if not stated or not STRETCH_RANGE[0] < stated < STRETCH_RANGE[1]:
-        return plateau if wanted == "plateau" else None
+        return plateau if requested == "plateau" else None
     missed = abs(plateau[0] - stated) if plateau else 0.0
     return stated, max(curve.stretch_std or 0.0, STATED * stated, missed)
 
@@ -103,12 +103,12 @@ class Simulations:
 class Experiment:
     """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x.
 
-    It does not change: another window and other weights are another experiment (`cut_to`, `weighed`), whose simulations
-    count with its own.
+    It does not change: another window and other weights are another experiment (`cut_to`, `reweighted`), whose
+    simulations count with its own.
 
     A frame counts with sigma^2 = sigma_R^2 + (j U dt/sqrt(12))^2: sigma_R is the radius noise (its own where the file
     states one, else that of the curve from frame to frame, at least 0.7 % of R_max), U the wall's speed and dt the
-    frame interval, within which its instant may not be known. j is 0 but in what `weighed` gives, which finds j, and
+    frame interval, within which its instant may not be known. j is 0 but in what `reweighted` gives, which finds j, and
     the size of both, from the residuals; with weights "equal" j stays 0.
 
     names: (d,) of x. bounds: (d, 2). since, measured, sigma: (m,) of the measured frames in the window: s after R_max,
@@ -137,7 +137,7 @@ class Experiment:
         longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
         require(exposure <= self.frame * (1.0 + 1e-6), message + longest, "experiment.exposure", curve.name)
         self.simulations: Simulations = simulations or Simulations()
-        self.shown: int = len(curve.collapse_times())
+        self.recorded_collapses: int = len(curve.collapse_times())
         stretch = None if isinstance(options.stretch, str) else options.stretch
         self.stretch: float | None = float(stretch) if stretch else None
         # (mean, standard deviation) of the stretch, and of its log10, where the file or the late plateau tells it
@@ -169,25 +169,25 @@ class Experiment:
             "damage_modulus": bubble.damage != "none", "damage_radius": bubble.damage != "none",
         }  # fmt: skip
         self.logs: tuple[str, ...] = tuple(name for name, free in free_logs.items() if free)  # of the shot, log10 in x
-        self.own: tuple[str, ...] = (*self.logs, *self.free)
+        self.shot_names: tuple[str, ...] = (*self.logs, *self.free)
         self.law: int = len(family.parameters)  # how many of x are the law's
-        self.names: tuple[str, ...] = (*family.parameters, *self.own)
+        self.names: tuple[str, ...] = (*family.parameters, *self.shot_names)
         units = [unit / width for _, width, unit in self.free.values()]
         self.steps: Floats = np.array([1.0] * (len(self.names) - len(units)) + units)  # over that of differences
-        ranges = [PARAMETERS[name].searched if name in self.logs else (-1.0, 1.0) for name in self.own]
+        ranges = [PARAMETERS[name].searched if name in self.logs else (-1.0, 1.0) for name in self.shot_names]
         self.bounds: Floats = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
-        wanted = options.window
-        if wanted is None and options.end is None and self.shown:
-            wanted = min(3, self.shown)
-        asked = None if wanted in (None, "all") else int(wanted)
-        self.cut: tuple[int | None, float | None] = (asked, options.end)  # the window
+        requested = options.window
+        if requested is None and options.end is None and self.recorded_collapses:
+            requested = min(3, self.recorded_collapses)
+        collapses = None if requested in (None, "all") else int(requested)
+        self.cut: tuple[int | None, float | None] = (collapses, options.end)  # the window
         self._cut(*self.cut)
 
     def cut_to(self, collapses: int | None, end: float | None = None) -> Experiment:
         """The same cut to so many collapses (None: all) and at most `end` s, with equal weights."""
-        found = copy(self)
-        found._cut(collapses, end)
-        return found
+        experiment = copy(self)
+        experiment._cut(collapses, end)
+        return experiment
 
     def _cut(self, collapses: int | None, end: float | None) -> None:
         self.view: Window = window(self.curve, collapses=collapses, end=end)
@@ -196,31 +196,32 @@ class Experiment:
         cut = self.view.curve
         finite = np.isfinite(cut.radius)
         stated, noise = cut.radius_std[finite] / self.max_radius, self.curve.noise / self.max_radius
-        known = np.isfinite(stated) & (stated > 0)
-        self._radius_sigma = np.where(known, stated, max(noise, FLOOR))
-        self._sharpest = np.maximum(np.where(known, stated, noise), SHARPEST)
+        valid = np.isfinite(stated) & (stated > 0)
+        self._radius_sigma = np.where(valid, stated, max(noise, FLOOR))
+        self._sharpest = np.maximum(np.where(valid, stated, noise), SHARPEST)
         self.counted: Bools = ~np.isin(cut.time[finite], self.curve.time[self.curve.spikes()])
         self.counted &= ~self._drifting(cut.time[finite])
         self.noise_factor: float = 1.0
         self.sigma: Floats = np.where(self.counted, self._radius_sigma, np.inf)
 
-    def weighed(self, seen: Prediction) -> Experiment:
+    def reweighted(self, prediction: Prediction) -> Experiment:
         """The same with sigma of the frames from what a simulation leaves in them.
 
         Their size and the share of the wall's motion in them are the most likely ones for these residuals, of which
         neighbours that are alike count as one (noise_factor).
         """
-        noise, motion, missed = self._radius_sigma, seen.speed * self.frame * TIMING, self.measured - seen.radius
+        noise, motion = self._radius_sigma, prediction.speed * self.frame * TIMING
+        missed = self.measured - prediction.radius
         shares = np.array(TIMED if self.options.weights == "learnt" else (0.0,))
         squares = noise**2 + (shares[:, None] * motion) ** 2
         sizes = np.mean((missed**2 / squares)[:, self.counted], axis=1)
         lost = np.log(np.maximum(sizes, 1e-12)) + np.mean(np.log(squares[:, self.counted]), axis=1)
         best = int(np.argmin(lost))
         noise, motion = np.sqrt(sizes[best]) * noise, np.sqrt(sizes[best]) * shares[best] * motion
-        found = copy(self)
-        found.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
-        found.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SHARPEST), motion), np.inf)
-        return found
+        experiment = copy(self)
+        experiment.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
+        experiment.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SHARPEST), motion), np.inf)
+        return experiment
 
     def stretch_source(self, free: str = "inferred with the other parameters") -> str:
         """Where the stretch comes from, in words. free: where nothing is known of it."""
@@ -281,13 +282,13 @@ class Experiment:
     def as_limit(self, x: Floats, names: Sequence[str]) -> Floats:
         """(draws, all) of x (draws, names) of the same curve, law and camera in a bubble where nothing resists, which
         is the limit of this one: the accommodation at the end of its range, the damping none."""
-        found = np.tile(self.bounds[:, 0], (len(x), 1))
+        at_limit = np.tile(self.bounds[:, 0], (len(x), 1))
         for i, name in enumerate(self.names):
             if name in names:
-                found[:, i] = x[:, names.index(name)]
+                at_limit[:, i] = x[:, names.index(name)]
             elif name == "accommodation":
-                found[:, i] = self.bounds[i, 1]
-        return found
+                at_limit[:, i] = self.bounds[i, 1]
+        return at_limit
 
     def best(self, x: Floats) -> dict[str, float]:
         """Every parameter by its natural name in SI, what was held fixed included."""
@@ -296,9 +297,9 @@ class Experiment:
 
     def answer(self, x: Floats) -> tuple[tuple[str, ...], Floats]:
         """Names and theta (draws, d) as in a Posterior from x (draws, d): log10 of the law's, the others natural."""
-        own = self.natural(x.T)
-        names = (*(LOG10 + name for name in self.family.parameters), *self.own)
-        return names, np.column_stack([x[:, : self.law], *(own[name] for name in self.own)])
+        natural = self.natural(x.T)
+        names = (*(LOG10 + name for name in self.family.parameters), *self.shot_names)
+        return names, np.column_stack([x[:, : self.law], *(natural[name] for name in self.shot_names)])
 
     def log_stretched(self, theta: Floats) -> Floats:
         """(draws,) log |dtheta/dx| of theta (draws, d) as of `answer`: a density over x is one over theta times it."""
@@ -315,11 +316,11 @@ class Experiment:
         saturation: the half of a normal from 0 up. Raises InputError: a range of an
         unknown parameter, or one that is not positive and rising.
         """
-        bounds, given = self.bounds.copy(), dict(ranges or {})
+        bounds, unused = self.bounds.copy(), dict(ranges or {})
         mean, std = np.zeros(len(self.names)), np.full(len(self.names), np.inf)
         for i, name in enumerate(self.names):
-            if name in given and name not in self.free:
-                pair = given.pop(name)
+            if name in unused and name not in self.free:
+                pair = unused.pop(name)
                 message = f"the prior range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
                 require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, message, "prior.range")
                 bounds[i] = np.log10(pair)
@@ -329,8 +330,8 @@ class Experiment:
                 std[i] = 1.0 / SIGMAS
             if name in FROM_NOTHING:
                 mean[i], std[i] = -1.0, 2.0 / LARGEST
-        message = f"no prior range can be set for {', '.join(given)}; known: {', '.join(self.names)}"
-        require(not given, message, "prior.name")
+        message = f"no prior range can be set for {', '.join(unused)}; known: {', '.join(self.names)}"
+        require(not unused, message, "prior.name")
         return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std)
 
     def of_law(self, prior: Prior) -> dict[str, tuple[float, ...]]:
@@ -352,10 +353,10 @@ class Experiment:
         run = self._run(x, natural, self.max_radius * scale * natural["max_radius_factor"], instants[order], accuracy)
         if run is None:
             return None
-        seen = np.empty((3, len(instants)))
-        seen[:, order] = np.array([run.radius, np.abs(run.velocity), run.velocity]) / (scale * self.max_radius)
-        seen[2] *= side
-        return Prediction(*(np.asarray(values.reshape(-1, len(offsets)) @ shares) for values in seen))
+        at_instants = np.empty((3, len(instants)))
+        at_instants[:, order] = np.array([run.radius, np.abs(run.velocity), run.velocity]) / (scale * self.max_radius)
+        at_instants[2] *= side
+        return Prediction(*(np.asarray(values.reshape(-1, len(offsets)) @ shares) for values in at_instants))
 
     def _run(
         self, x: Floats, natural: Mapping[str, Any], max_radius: float, time: Floats, accuracy: Accuracy
@@ -406,10 +407,10 @@ class Experiment:
             size = 1.0 + SIZE_STEP
             law = rescaled(self.family.parameters, x[None, : self.law], np.array([size]))[0]
             x = np.concatenate([law, x[self.law :]])
-            other = self._run(x, natural, size * self.max_radius, size * camera.grid, accuracy)
-            if other is None:
+            larger = self._run(x, natural, size * self.max_radius, size * camera.grid, accuracy)
+            if larger is None:
                 return None
-            by_size = (other.radius / size - run.radius) / (self.max_radius * SIZE_STEP)
+            by_size = (larger.radius / size - run.radius) / (self.max_radius * SIZE_STEP)
         return SimulatedCurve(run.radius / self.max_radius, run.velocity / self.max_radius, by_size)
 
     def residual(self, prediction: Prediction | None) -> Floats:
@@ -417,32 +418,32 @@ class Experiment:
         difference = self.measured - prediction.radius if prediction is not None else np.ones(len(self.measured))
         return np.asarray(difference / (self.sigma * self.noise_factor))
 
-    def camera_slopes(self, x: Floats, seen: Prediction, by_law: Floats) -> Floats:
+    def camera_slopes(self, x: Floats, prediction: Prediction, by_law: Floats) -> Floats:
         """(m, camera) derivatives of the residual by clock, scale and factor in x, those that are free, without another
-        simulation: bubbles of all sizes are alike (camera.py). seen: at x. by_law: (m, law) derivatives of it by the
-        law's parameters."""
-        natural = self.natural(x)
+        simulation: bubbles of all sizes are alike (camera.py). prediction: at x. by_law: (m, law) derivatives of it by
+        the law's parameters."""
+        natural, weight = self.natural(x), 1.0 / (self.sigma * self.noise_factor)
         power = rescaled(self.family.parameters, x[None, : self.law], np.array([10.0]))[0] - x[: self.law]
-        later, weight = seen.velocity * (self.since - natural["time_origin"]), 1.0 / (self.sigma * self.noise_factor)
+        later = prediction.velocity * (self.since - natural["time_origin"])
         same = by_law @ power / _LN10  # a larger bubble in the same law is as one in a thinner law
         slopes = {
-            "time_origin": seen.velocity * weight,
+            "time_origin": prediction.velocity * weight,
             "radius_scale": (later * weight - same) / natural["radius_scale"],
-            "max_radius_factor": ((later - seen.radius) * weight - same) / natural["max_radius_factor"],
+            "max_radius_factor": ((later - prediction.radius) * weight - same) / natural["max_radius_factor"],
         }
-        found = [slopes[name] * self.free[name][1] for name in self.names if name in slopes]
-        return np.array(found).reshape(len(found), len(self.since)).T
+        columns = [slopes[name] * self.free[name][1] for name in self.names if name in slopes]
+        return np.array(columns).reshape(len(columns), len(self.since)).T
 
     def difference(self, x: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(n,) measured minus simulated, over R_max, of the frames that count; NaN where the simulation failed."""
-        seen = self.predict(x, accuracy, counted=True)
+        prediction = self.predict(x, accuracy, counted=True)
         measured = self.measured[self.counted]
-        return np.full(len(measured), np.nan) if seen is None else measured - seen.radius
+        return np.full(len(measured), np.nan) if prediction is None else measured - prediction.radius
 
     def misfit(self, difference: Floats) -> float:
         """What measured minus simulated (n,), over R_max, has beyond the noise from frame to frame, RMS."""
-        beyond = float(np.mean(difference**2)) - (self.curve.noise / self.max_radius) ** 2
-        return float(np.sqrt(max(beyond, 0.0)))
+        excess = float(np.mean(difference**2)) - (self.curve.noise / self.max_radius) ** 2
+        return float(np.sqrt(max(excess, 0.0)))
 
     def noise(self, discrepancy: bool) -> Noise:
         """The distribution of the frames that count about the simulation (noise.py).
@@ -462,7 +463,7 @@ class Experiment:
         return Noise(deviation, since, self.time_scale, discrepancy, velocity)
 
     def white_noise(self) -> Noise:
-        """Independent noise with the weights of a fit (`weigh`) in the frames that count."""
+        """Independent noise with the weights of a fit (`reweighted`) in the frames that count."""
         deviation = (self.sigma * self.noise_factor)[self.counted]
         return Noise(deviation, self.since[self.counted], self.time_scale, discrepancy=False)
 
@@ -474,8 +475,8 @@ class Experiment:
         moved = replace(cut, radius=cut.radius * scale, radius_std=cut.radius_std * scale, maximum=maximum)
         view = Window(moved, self.view.end - origin, self.view.collapses)
         material, bubble = self.family.material(x[: self.law]), self.simulated(natural)
-        found = reconstruct(view, material, self.medium, natural["stretch"], bubble)
-        counted = replace(found, drawn_radius=found.drawn_radius / scale).of(self.counted)
+        reconstruction = reconstruct(view, material, self.medium, natural["stretch"], bubble)
+        counted = replace(reconstruction, drawn_radius=reconstruction.drawn_radius / scale).of(self.counted)
         return counted.checks(self.view, self.time_scale, verdict, messages, LEFT if self.clean else MISFIT)
 
     @property
@@ -489,14 +490,14 @@ class Experiment:
     def unbounded(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> list[Message]:
         """A message of each parameter of the law, and of the stretch, whose central 90 % of x (draws, d) reach an end
         of their range, low to high (d,): there the range decides, not the recording."""
-        found = list[Message]()
+        messages = list[Message]()
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
             if name not in (*self.family.parameters, "stretch") or len(x) < 2:
                 continue
             ends = weighted_quantile(values, np.array([0.05, 0.5, 0.95]), log_weight)
             if bound := bound_of(ends[0], ends[2], (a, b)):
-                found.append(of_bound(name, bound, tuple((10.0**ends).tolist())))
-        return found
+                messages.append(of_bound(name, bound, tuple((10.0**ends).tolist())))
+        return messages
 
     @property
     def messages(self) -> list[Message]:
@@ -505,10 +506,10 @@ class Experiment:
         messages = self._of_stretch
         if spikes:
             messages.append(Message("frames.spikes", {"frames": spikes}))
-        others = self.curve.time[self._drifting(self.curve.time)]
-        if len(others):
-            since = float(others[0] - self.curve.time_of_max)
-            messages.append(Message("frames.other_bubble", {"frames": len(others), "since": since}))
+        drifting = self.curve.time[self._drifting(self.curve.time)]
+        if len(drifting):
+            since = float(drifting[0] - self.curve.time_of_max)
+            messages.append(Message("frames.other_bubble", {"frames": len(drifting), "since": since}))
         return messages
 
     @property

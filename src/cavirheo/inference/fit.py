@@ -85,7 +85,7 @@ class OfOne(Protocol[P]):
 def _with_options_of(
     many: Callable[Concatenate[Sequence[RadiusCurve], P], list[Posterior]],
 ) -> Callable[[Callable[..., Posterior]], OfOne[P]]:
-    return lambda one: one
+    return lambda function: function
 
 
 @_with_options_of(fit_many)

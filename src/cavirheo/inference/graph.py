@@ -57,26 +57,26 @@ class _Graph:
         if isinstance(message, int):
             raise TypeError("a number, not a message")
         at = 0
-        found: defaultdict[int, list[Value]] = defaultdict(list)
+        values: defaultdict[int, list[Value]] = defaultdict(list)
         while at < len(message):
             self.left -= 1
             require(self.left > 0, f"the model has more than {MOST_FIELDS} parts", "graph.size")
             key, at = _varint(message, at)
             if key & 7 == 0:
                 number, at = _varint(message, at)
-                found[key >> 3].append(number)
+                values[key >> 3].append(number)
                 continue
             size, at = _varint(message, at) if key & 7 == 2 else ({1: 8, 5: 4}[key & 7], at)
-            found[key >> 3].append(message[at : at + size])
+            values[key >> 3].append(message[at : at + size])
             at += size
             if at > len(message):
                 raise IndexError("the message ends too early")
-        return found
+        return values
 
     def check(self, inputs_of_model: Sequence[str]) -> None:
         constants = {self.checked(tensor) for tensor in self.tensors}
         of_curve = {*inputs_of_model}
-        known = {""} | of_curve | constants
+        defined = {""} | of_curve | constants
         for node in map(self.fields, self.nodes):
             kind, domain = _text(node[4]), _text(node[7])
             inputs, results = [_text([name]) for name in node[1]], [_text([name]) for name in node[2]]
@@ -88,21 +88,21 @@ class _Graph:
                 require(not inner, f"the operator {kind} holds a graph of its own", "graph.operator")
                 for tensor in attribute[5]:
                     self.checked(tensor)
-            unknown = ", ".join(sorted({*inputs} - known))[:60]
+            unknown = ", ".join(sorted({*inputs} - defined))[:60]
             require(not unknown, f"the operator {kind} reads {unknown!r}, which nothing has given", "graph.order")
             sized = of_curve & {inputs[place] for place in _SIZES.get(kind, ()) if place < len(inputs)}
             message = f"the operator {kind} takes a shape from the values of the curve: its memory cannot be foreseen"
             require(not sized, message, "graph.shape")
-            known.update(results)
+            defined.update(results)
             if kind not in ("Shape", "Size") and of_curve & {*inputs}:
                 of_curve.update({*results} - {""})
 
     def checked(self, tensor: Value) -> str:
         """The name of a tensor. Raises InputError: its numbers are in another file."""
-        found = self.fields(tensor)
-        message = f"the numbers of {_text(found[8])[:60]!r} are in another file: only a model of one file is run"
-        require(not found[13] and not any(found[14]), message, "graph.elsewhere")
-        return _text(found[8])
+        fields = self.fields(tensor)
+        message = f"the numbers of {_text(fields[8])[:60]!r} are in another file: only a model of one file is run"
+        require(not fields[13] and not any(fields[14]), message, "graph.elsewhere")
+        return _text(fields[8])
 
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:

@@ -88,13 +88,13 @@ def plain(curve: RadiusCurve, medium: Medium) -> list[Message]:
 def _of_frames(curve: RadiusCurve) -> list[Message]:
     """A message if frames stand several times, which flattens the curve and shifts its times; one if they stand in
     reverse."""
-    radius, said = curve.radius[np.isfinite(curve.radius)], list[Message]()
-    if found := landmarks.repeated(radius):
-        equal, times = found
-        said.append(Message("check_input.frames_repeated", {"equal": equal, "frames": len(radius), "times": times}))
+    radius, messages = curve.radius[np.isfinite(curve.radius)], list[Message]()
+    if repeats := landmarks.repeated(radius):
+        equal, times = repeats
+        messages.append(Message("check_input.frames_repeated", {"equal": equal, "frames": len(radius), "times": times}))
     if collapses := landmarks.collapses_backwards(radius):
-        said.append(Message("check_input.frames_backwards", {"collapses": collapses}))
-    return said
+        messages.append(Message("check_input.frames_backwards", {"collapses": collapses}))
+    return messages
 
 
 def _of_maximum(curve: RadiusCurve) -> list[Message]:
@@ -105,12 +105,12 @@ def _of_maximum(curve: RadiusCurve) -> list[Message]:
 
 def of_scale(curve: RadiusCurve, medium: Medium) -> list[Message]:
     """A message if a wrong scale or frame rate explains the time of the first collapse, and a stiffness does not."""
-    found = scale_check(curve, medium)
-    if found is None or not found.doubtful:
+    check = scale_check(curve, medium)
+    if check is None or not check.doubtful:
         return []
-    factors = tuple(sorted(found.factor if found.ratio < 1.0 else (1.0 / factor for factor in found.factor)))
-    seen = {"ratio": found.ratio, "max_radius": curve.max_radius}
-    return [Message("check_input.scale", {**seen, "factors": () if found.wrong > FOLLOWS else factors})]
+    factors = tuple(sorted(check.factor if check.ratio < 1.0 else (1.0 / factor for factor in check.factor)))
+    numbers = {"ratio": check.ratio, "max_radius": curve.max_radius}
+    return [Message("check_input.scale", {**numbers, "factors": () if check.wrong > FOLLOWS else factors})]
 
 
 def of_walls(shot: Experiment) -> list[Message]:
@@ -169,7 +169,7 @@ class Shapes(NamedTuple):
 @cache
 def shapes(kind: str) -> Shapes:
     """Bubbles of 150 um in water-like media; others differ by their surface tension and heat alone. Half a second."""
-    found = []
+    rows = []
     for modulus, viscosity, stretch, damping in chain.from_iterable(product(*ways) for ways in _BUBBLES[kind]):
         early = RAYLEIGH / np.sqrt(1.0 + _elastic(stretch) * modulus / WATER.pressure)
         time = early * np.linspace(0.0, 1.6 * PERIODS, 1001)
@@ -185,8 +185,8 @@ def shapes(kind: str) -> Shapes:
         rises = np.diff(run.radius) > 0
         if run.ok and rises.any():
             first = time[np.argmax(rises)]
-            found.append((modulus, stretch, first, np.interp(_GRID * first, time, run.radius / _RADIUS)))
-    return Shapes(*(np.array(values) for values in zip(*found, strict=True)))
+            rows.append((modulus, stretch, first, np.interp(_GRID * first, time, run.radius / _RADIUS)))
+    return Shapes(*(np.array(values) for values in zip(*rows, strict=True)))
 
 
 def _elastic(stretch: Any) -> Any:

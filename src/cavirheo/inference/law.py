@@ -32,10 +32,10 @@ def softened(laws: Sequence[str], damage: str | Damage) -> list[str]:
     none can."""
     if damage == "none":
         return list(laws)
-    found = [law for law in laws if Family(law).elastic]
+    with_damage = [law for law in laws if Family(law).elastic]
     message = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a spring"
-    require(bool(found), message, "physics.damage_without_elasticity")
-    return found
+    require(bool(with_damage), message, "physics.damage_without_elasticity")
+    return with_damage
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class Family:
             hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
             message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}"
             require(law in ABLE, message, "law.not_fittable")
-            own = [name for f in _parameters(law) if PARAMETERS[name := inferred_as(f.name)].searched]
-            names += [f"{name}_{number}" if name in names else name for name in own]
-            terms.append((law, own))
+            searched = [name for f in _parameters(law) if PARAMETERS[name := inferred_as(f.name)].searched]
+            names += [f"{name}_{number}" if name in names else name for name in searched]
+            terms.append((law, searched))
         object.__setattr__(self, "_terms", terms)
         object.__setattr__(self, "parameters", tuple(names))
         self.material(np.mean(self.bounds(started=True), axis=1))  # whether the laws go together
@@ -72,8 +72,8 @@ class Family:
     def material(self, log10: Floats) -> Material:
         """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""
         values = iter(10.0**log10)
-        terms = [(law, {name: float(next(values)) for name in own}) for law, own in self._terms]
-        return combine([LAWS[law](**with_consistency(given)) for law, given in terms])
+        terms = [(law, {name: float(next(values)) for name in names}) for law, names in self._terms]
+        return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
 
     @property
     def elastic(self) -> bool:
@@ -82,5 +82,5 @@ class Family:
 
     def bounds(self, *, started: bool = False) -> Floats:
         """(parameters, 2): the ranges searched, or the parts of them that searches start from."""
-        names = [name for _, own in self._terms for name in own]
+        names = [name for _, searched in self._terms for name in searched]
         return np.array([PARAMETERS[n].started if started else PARAMETERS[n].searched for n in names])

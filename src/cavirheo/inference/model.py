@@ -18,7 +18,7 @@ from cavirheo.errors import InputError, require, validation_message
 from cavirheo.files import read_bytes, read_object
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.session import session, try_out
-from cavirheo.parameters import LOG10, about, natural
+from cavirheo.parameters import LOG10, natural, parameter_of
 from cavirheo.problem import TrainingProblem
 
 DEFAULT = "bdt-viscoelastic"
@@ -147,7 +147,7 @@ class ModelCard(BaseModel):
         require(names <= self.metrics.keys(), "metrics are not of its outputs")
         require(len(epochs) == 1 and min(epochs) >= self.training.best_epoch, "history ends before its best epoch")
         for output in self.outputs:
-            fine = output.unit == about(output.name).unit and (output.scale == "log10") == (LOG10 in output.name)
+            fine = output.unit == parameter_of(output.name).unit and (output.scale == "log10") == (LOG10 in output.name)
             require(fine, f"{output.name} has another unit or scale than its name says")
         return self
 
@@ -271,18 +271,18 @@ def card(path: Path) -> dict[str, Any]:
 def shipped(kind: str | None = None) -> dict[str, Path]:
     """Names of the models that come with the package, or of those of a kind ("point", "posterior"), and their files."""
     folder = Path(str(files("cavirheo") / "models"))
-    found = {path.stem: path for path in sorted(folder.glob("*.onnx"))}
-    return {name: path for name, path in found.items() if kind is None or card(path)["kind"] == kind}
+    paths = {path.stem: path for path in sorted(folder.glob("*.onnx"))}
+    return {name: path for name, path in paths.items() if kind is None or card(path)["kind"] == kind}
 
 
 def path_of(name: str) -> Path:
     """The file of a shipped model, or the file itself if the name ends in .onnx. Raises InputError."""
     if name.endswith(".onnx"):
         return Path(name)
-    known = shipped()
-    message = f"unknown model {name!r}; known: {', '.join(known) or 'none'}, or a path to an .onnx file"
-    require(name in known, message, "model.unknown")
-    return known[name]
+    models = shipped()
+    message = f"unknown model {name!r}; known: {', '.join(models) or 'none'}, or a path to an .onnx file"
+    require(name in models, message, "model.unknown")
+    return models[name]
 
 
 @lru_cache(maxsize=8)

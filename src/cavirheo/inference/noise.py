@@ -62,11 +62,11 @@ class Noise:
 
     def only(self, residuals: Floats, least: float) -> Noise:
         """With the grid points alone that have a share of `least` in the density of any of residuals (k, n)."""
-        share = np.max(self._weighed(residuals)[1], axis=1)
-        found = copy(self)
-        found.covariances = self.covariances.some(np.flatnonzero(share > least))
-        found.constants = self.constants[share > least]
-        return found
+        share = np.max(self._shares(residuals)[1], axis=1)
+        noise = copy(self)
+        noise.covariances = self.covariances.some(np.flatnonzero(share > least))
+        noise.constants = self.constants[share > least]
+        return noise
 
     def products(self, columns: Floats) -> Floats:
         """(grid, k, k) columns' C^-1 columns, of (n, k)."""
@@ -80,7 +80,7 @@ class Noise:
         """(grid, k) log joint density of grid point and residual, from e' C^-1 e (grid, k)."""
         return np.asarray(self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE)))
 
-    def _weighed(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
+    def _shares(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
         squares = self.squares(residuals)
         terms = self.joint(squares)
@@ -89,11 +89,11 @@ class Noise:
 
     def log_density(self, residuals: Floats) -> Floats:
         """(k,) of residuals (k, n); -inf where one is not finite."""
-        found = np.full(len(residuals), -np.inf)
+        log_density = np.full(len(residuals), -np.inf)
         good = np.all(np.isfinite(residuals), axis=1)
         if np.any(good):
-            found[good] = self._weighed(residuals[good])[0]
-        return found
+            log_density[good] = self._shares(residuals[good])[0]
+        return log_density
 
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
         """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of measured minus simulated, (n,), with the
@@ -104,7 +104,7 @@ class Noise:
 
     def describe(self, residual: Floats) -> dict[str, float]:
         """The noise over that assumed, the probability of a discrepancy, and its standard deviation, of a (n,)."""
-        _, share, squares = self._weighed(residual[None])
+        _, share, squares = self._shares(residual[None])
         variance = (SHAPE + 0.5 * squares) / (self.power - 1.0)
         moved = np.sum(self.covariances.moved**2, axis=(1, 2))[:, None] / self.size
         return {
@@ -147,10 +147,10 @@ class Covariances(NamedTuple):
                 band[0, columns + i :: columns] = -rho / gain
             if columns == 2:
                 band[1, 1::2] = weight * moved[:, 0] * moved[:, 1]
-            found = cholesky_banded(band)
-            log_det[k] += columns * float(np.sum(np.log(gain))) + 2.0 * float(np.sum(np.log(found[-1])))
-            found[-1] = 1.0 / found[-1]
-            factor[k, 2 - columns :, : columns * n] = found
+            root = cholesky_banded(band)
+            log_det[k] += columns * float(np.sum(np.log(gain))) + 2.0 * float(np.sum(np.log(root[-1])))
+            root[-1] = 1.0 / root[-1]
+            factor[k, 2 - columns :, : columns * n] = root
         return cls(weight, np.array([moved for moved, _ in grid]), rank, factor), log_det
 
     def some(self, which: NDArray[np.int64]) -> Covariances:
@@ -167,36 +167,36 @@ def products(columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.in
         for a in range(k):
             for b in range(a + 1):
                 white[a, b] += columns[i, a] * weight[i] * columns[i, b]
-    found = np.empty((len(rank), k, k))
+    product = np.empty((len(rank), k, k))
     row, one_before, two_before = np.empty(k), np.empty(k), np.empty(k)
     for p in range(len(rank)):
-        found[p] = white
+        product[p] = white
         m = rank[p]
         one_before[:] = 0.0
         two_before[:] = 0.0
         for j in range(m * n):  # forward substitution, row by row
             i = j // m
             h = moved[p, i, j - m * i] * weight[i]
-            near, far = factor[p, 1, j], factor[p, 0, j]
+            first_off, second_off = factor[p, 1, j], factor[p, 0, j]
             for a in range(k):
-                row[a] = (h * columns[i, a] - near * one_before[a] - far * two_before[a]) * factor[p, 2, j]
+                row[a] = (h * columns[i, a] - first_off * one_before[a] - second_off * two_before[a]) * factor[p, 2, j]
             for a in range(k):
                 for b in range(a + 1):
-                    found[p, a, b] -= row[a] * row[b]
+                    product[p, a, b] -= row[a] * row[b]
             for a in range(k):
                 two_before[a] = one_before[a]
                 one_before[a] = row[a]
         for a in range(k):
             for b in range(a):
-                found[p, b, a] = found[p, a, b]
-    return found
+                product[p, b, a] = product[p, a, b]
+    return product
 
 
 @compiled
 def _squares(residuals: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
     """(grid, k) e' C^-1 e of residuals (k, n): as `products`, each step for all residuals at once."""
     count, n = residuals.shape
-    columns, white, found = residuals.T.copy(), np.zeros(count), np.empty((len(rank), count))
+    columns, white, squares = residuals.T.copy(), np.zeros(count), np.empty((len(rank), count))
     for i in range(n):
         for k in range(count):
             white[k] += weight[i] * columns[i, k] ** 2
@@ -207,14 +207,14 @@ def _squares(residuals: Floats, weight: Floats, moved: Floats, rank: NDArray[np.
         for j in range(m * n):
             i = j // m
             column, h = columns[i], moved[p, i, j - m * i] * weight[i]
-            near, far, inverse = factor[p, 1, j], factor[p, 0, j], factor[p, 2, j]
+            first_off, second_off, inverse = factor[p, 1, j], factor[p, 0, j], factor[p, 2, j]
             for k in range(count):
-                value = (h * column[k] - near * one_before[k] - far * two_before[k]) * inverse
+                value = (h * column[k] - first_off * one_before[k] - second_off * two_before[k]) * inverse
                 total[k] -= value * value
                 two_before[k] = one_before[k]
                 one_before[k] = value
-        found[p] = total
-    return found
+        squares[p] = total
+    return squares
 
 
 @compiled
@@ -225,15 +225,15 @@ def expanded(
     """Log density of a residual (n,), the last of the columns (n, d + 1), and gradient (d,) and Gauss-Newton curvature
     (d, d) of its negative by what the other columns are the simulated frames' derivatives by."""
     d = columns.shape[1] - 1
-    known = products(columns, weight, moved, rank, factor)
-    total, share = summed(known[:, d, d], constants, power)
+    product = products(columns, weight, moved, rank, factor)
+    total, share = summed(product[:, d, d], constants, power)
     gradient, curvature = np.zeros(d), np.zeros((d, d))
     for p in range(len(rank)):
-        trust = share[p] * power / (SHAPE + 0.5 * known[p, d, d])
+        trust = share[p] * power / (SHAPE + 0.5 * product[p, d, d])
         for a in range(d):
-            gradient[a] -= trust * known[p, a, d]
+            gradient[a] -= trust * product[p, a, d]
             for b in range(d):
-                curvature[a, b] += trust * known[p, a, b]
+                curvature[a, b] += trust * product[p, a, b]
     return total, gradient, curvature
 
 
@@ -277,9 +277,9 @@ class MarginalNoise:
 
     def log_density(self, residuals: Floats) -> Floats:
         """(k,) of extended residuals (k, size); -inf where one is not finite."""
-        frames, pulls, rest = self.split(residuals)
-        found = self.frames.log_density(frames) - 0.5 * np.sum(pulls**2, axis=1) + rest
-        return np.where(np.isfinite(found), found, -np.inf)
+        frames, pulls, log_integral = self.split(residuals)
+        log_density = self.frames.log_density(frames) - 0.5 * np.sum(pulls**2, axis=1) + log_integral
+        return np.where(np.isfinite(log_density), log_density, -np.inf)
 
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
         """As that of `frames`, of an extended residual (size,) with the derivatives (size, d)."""

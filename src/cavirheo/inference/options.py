@@ -58,19 +58,19 @@ class Options:
         if isinstance(self.free, str):
             names = (name.strip() for name in self.free.split(","))
             object.__setattr__(self, "free", tuple(name for name in names if name not in ("", "none")))
-        for name, (holds, wanted) in _DOMAINS.items():
-            given = getattr(self, name)
+        for name, (holds, expected) in _DOMAINS.items():
+            value = getattr(self, name)
             try:
-                fine = holds(given)
+                fine = holds(value)
             except (TypeError, ValueError):  # of no such kind
                 fine = False
-            require(fine, f"{name} must be {wanted}; got {given!r}", f"option.{name}")
+            require(fine, f"{name} must be {expected}; got {value!r}", f"option.{name}")
         object.__setattr__(self, "free", tuple(self.free))
         if not isinstance(self.stretch, str):
             check_stretch(self.stretch)
         bubble = self.bubble
-        known = f"the factors of damage are inferred: give its name instead of {bubble.damage!r}"
-        require(isinstance(bubble.damage, str), known, "option.damage")
+        message = f"the factors of damage are inferred: give its name instead of {bubble.damage!r}"
+        require(isinstance(bubble.damage, str), message, "option.damage")
         idle = "an accommodation changes nothing without kinetic contents: give those too"
         require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
 
@@ -78,13 +78,13 @@ class Options:
 def check_wall(bubble: Bubble, curves: Sequence[RadiusCurve] = ()) -> None:
     """Raises InputError: no distance, or the wall is too near for every curve; where it is for some, those fail."""
     if bubble.wall_distance is not None:
-        largest = (float(np.max(one.radius, initial=0.0, where=one.radius > 0)) for one in curves)
+        largest = (float(np.max(curve.radius, initial=0.0, where=curve.radius > 0)) for curve in curves)
         bubble.inertia(min(largest, default=0.0))
 
 
 def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
     """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
-    given = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
+    values = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
     if bubble.wall_distance is not None:
-        given["confinement_inertia"] = bubble.inertia(max_radius)
-    return {name: float(value) for name, value in given.items() if value not in ("free", 0.0)}
+        values["confinement_inertia"] = bubble.inertia(max_radius)
+    return {name: float(value) for name, value in values.items() if value not in ("free", 0.0)}

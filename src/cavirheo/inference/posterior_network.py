@@ -1,13 +1,13 @@
 """A posterior network answers: draws of the parameters with their density, for any recording, in milliseconds.
 
 The network (training/posterior_network.py) reads the frames of an experiment's window, whatever the camera, and gives
-the density of the slots (latent.py) one after the other, each a mixture of Gaussians given those before it. It was
+the density of the coordinates (latent.py) one by one, each a mixture of Gaussians given those before it. It was
 trained in water; in another medium the same Cauchy and Reynolds numbers make nearly the same curve:
 
     G = G_water p/p_water,   mu = mu_water (p t_c)/(p t_c)_water,   t_c at the shot's R_max.
 
 A parameter that is not inferred (a stated stretch, an accommodation that is given, a clock that is exact) keeps its
-slot at its value: the slots after it are answered given it, and those before it as if it were free.
+coordinate at its value: those after it are answered given it, and those before it as if it were free.
 
 Its draws are a proposal: what they are worth the simulations say (inference/verify). A network ships with the package
 or is one that a user trained: an .onnx file and the card beside it.
@@ -28,7 +28,7 @@ from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, KNOWN_BUBBLES
 from cavirheo.inference.bins import SCALE, binned
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.latent import SLOTS, damping_to_slot, from_slots, slot, to_slots, used
+from cavirheo.inference.latent import COORDINATES, damping_to_latent, from_latent, to_latent, used, z_index
 from cavirheo.inference.model import Network, PosteriorCard, card, checked_content, load, path_of
 from cavirheo.inference.session import started
 from cavirheo.physics.bubble import FIELD, FREE, Bubble
@@ -39,7 +39,7 @@ _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is foun
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
 _PRESSURE = ("shear_modulus",)  # what scales with p, and what with p t_c
 _PRESSURE_TIME = ("viscosity", "reference_viscosity")
-_NEAR = 0.1  # of a constant that all its curves share: the weights allow for no more
+_MARGIN = 0.1  # of a constant that all its curves share: the weights allow for no more
 _VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
 
 
@@ -49,33 +49,33 @@ class Flow:
     def __init__(self, content: bytes, kinds: list[tuple[str, str]]) -> None:
         self.session: Any = started(content)
         self.kinds: list[tuple[str, str]] = [(plain(law), bubble) for law, bubble in kinds]
-        self.parts: int = next(int(one.shape[2]) for one in self.session.get_inputs() if one.name == "choice")
+        self.parts: int = next(int(tensor.shape[2]) for tensor in self.session.get_inputs() if tensor.name == "choice")
 
     def sample(
         self, inputs: Any, kind: int, count: int, rng: np.random.Generator, fixed: Mapping[int, float]
     ) -> Floats:
-        """Draws z (count, 9), 0 in slots that the kind has not, and as given in the slots that are `fixed`."""
-        choice = rng.gumbel(size=(count, len(SLOTS), self.parts))
-        normal = rng.standard_normal((count, len(SLOTS)))
-        given, take = np.zeros((count, len(SLOTS))), np.zeros(len(SLOTS))
+        """Draws z (count, 9), 0 where the kind has no such coordinate, and as given where it is `fixed`."""
+        choice = rng.gumbel(size=(count, len(COORDINATES), self.parts))
+        normal = rng.standard_normal((count, len(COORDINATES)))
+        imposed, take = np.zeros((count, len(COORDINATES))), np.zeros(len(COORDINATES))
         for k, value in fixed.items():
-            given[:, k], take[k] = value, 1.0
-        return self._run(inputs, kind, np.zeros(len(SLOTS)), choice, normal, given, take)[0]
+            imposed[:, k], take[k] = value, 1.0
+        return self._run(inputs, kind, np.zeros(len(COORDINATES)), choice, normal, imposed, take)[0]
 
     def log_density(self, inputs: Any, kind: int, z: Floats, without: Collection[int]) -> Floats:
-        """(draws,) of z (draws, 9), each slot given those before it, without some slots."""
-        counted = np.zeros(len(SLOTS))
+        """(draws,) of z (draws, 9), each coordinate given those before it, without some."""
+        counted = np.zeros(len(COORDINATES))
         counted[[k for k in used(*self.kinds[kind]) if k not in without]] = 1.0
-        nothing = np.zeros((len(z), len(SLOTS), self.parts))
-        return self._run(inputs, kind, counted, nothing, z, z, np.ones(len(SLOTS)))[1]
+        nothing = np.zeros((len(z), len(COORDINATES), self.parts))
+        return self._run(inputs, kind, counted, nothing, z, z, np.ones(len(COORDINATES)))[1]
 
     def _run(
-        self, inputs: Any, kind: int, counted: Floats, choice: Floats, normal: Floats, given: Floats, take: Floats
+        self, inputs: Any, kind: int, counted: Floats, choice: Floats, normal: Floats, imposed: Floats, take: Floats
     ) -> tuple[Floats, Floats]:
-        one, has = np.zeros((1, len(self.kinds)), np.float32), np.zeros(len(SLOTS), np.float32)
-        one[0, kind], has[used(*self.kinds[kind])] = 1.0, 1.0
-        numbers = {"counted": counted, "choice": choice, "normal": normal, "given": given, "take": take}
-        feed = {"cells": inputs, "kind": one, "has": has}
+        one_hot, has = np.zeros((1, len(self.kinds)), np.float32), np.zeros(len(COORDINATES), np.float32)
+        one_hot[0, kind], has[used(*self.kinds[kind])] = 1.0, 1.0
+        numbers = {"counted": counted, "choice": choice, "normal": normal, "given": imposed, "take": take}
+        feed = {"cells": inputs, "kind": one_hot, "has": has}
         feed |= {name: values.astype(np.float32) for name, values in numbers.items()}
         z, log_density, _ = self.session.run(None, feed)
         return z.astype(float), log_density.astype(float)
@@ -97,26 +97,26 @@ class NetworkProposal:
         width_t, width_r = shot.usual_half_widths
         camera = {"max_radius_factor": (1.0, width_r / 3.0), "time_origin": (0.0, width_t * shot.time_scale)}
         camera |= {"radius_scale": (1.0, SCALE)}
-        # column of x, slot, and (middle, width) of x over z, of each that is free
+        # column of x, index of z, and (middle, width) of x over z, of each that is free
         self.camera: list[tuple[int, int, float, float]] = []
         for name, (middle, width) in camera.items():
             if name in prior.names:
                 own_middle, own_width, _ = shot.free[name]
-                place = prior.names.index(name), slot(name)
+                place = prior.names.index(name), z_index(name)
                 self.camera.append((*place, (middle - own_middle) / own_width, width / own_width))
-        self.fixed: dict[int, float] = {slot(name): 0.0 for name in camera if name not in shot.free}
+        self.fixed: dict[int, float] = {z_index(name): 0.0 for name in camera if name not in shot.free}
         # free, but integrated out: they come last, so that the density of the others is that without them
-        self.integrated: list[int] = [slot(name) for name in camera if name in shot.free and name not in prior.names]
+        self.integrated: list[int] = [z_index(name) for name in camera if name in shot.free and name not in prior.names]
         values = {name: np.log10(value) for name, value in shot.bubble.items() if name == "accommodation"}
         values |= {"stretch": np.log10(shot.stretch)} if shot.stretch else {}
-        known = to_slots(tuple(values), np.array([list(values.values())]).reshape(1, -1))[0]
-        self.fixed |= {slot(name): float(known[slot(name)]) for name in values}
+        z = to_latent(tuple(values), np.array([list(values.values())]).reshape(1, -1))[0]
+        self.fixed |= {z_index(name): float(z[z_index(name)]) for name in values}
         self.damping: int | None = None  # its column
         if "confinement_damping" in prior.names:
             self.damping = prior.names.index("confinement_damping")
         elif bubble == "real":
             damping = shot.bubble.get("confinement_damping", 0.0)
-            self.fixed[slot("confinement_damping")] = damping_to_slot(damping)
+            self.fixed[z_index("confinement_damping")] = damping_to_latent(damping)
         pressure = shot.medium.pressure / WATER.pressure
         times = shot.time_scale / WATER.time_scale(shot.max_radius)
         factors = dict.fromkeys(_PRESSURE, pressure) | dict.fromkeys(_PRESSURE_TIME, pressure * times)
@@ -137,14 +137,14 @@ class NetworkProposal:
     def log_density(self, u: Floats) -> Floats:
         """(k,) at u (k, d)."""
         x = self.prior.to_x(u)
-        z = to_slots(self.names, x[:, : len(self.names)] - self.shift)
-        log_q = from_slots(self.names, z)[1]
+        z = to_latent(self.names, x[:, : len(self.names)] - self.shift)
+        log_q = from_latent(self.names, z)[1]
         for column, place, middle, width in self.camera:
             z[:, place] = (x[:, column] - middle) / width
             log_q = log_q - np.log(width)
         by_x = np.ones(u.shape[1], dtype=bool)  # whether z is one of x; the damping's is its u
         if self.damping is not None:
-            z[:, slot("confinement_damping")], by_x[self.damping] = u[:, self.damping], False
+            z[:, z_index("confinement_damping")], by_x[self.damping] = u[:, self.damping], False
         for place, value in self.fixed.items():
             z[:, place] = value
         log_q += self.flow.log_density(self.inputs, self.kind, z, [*self.fixed, *self.integrated]) - self.log_share
@@ -154,18 +154,18 @@ class NetworkProposal:
         """Those of `count` draws that are within the bounds, (k, d)."""
         z = self.flow.sample(self.inputs, self.kind, count, rng, self.fixed)
         x = np.zeros((count, len(self.prior.names)))
-        x[:, : len(self.names)] = from_slots(self.names, z)[0] + self.shift
+        x[:, : len(self.names)] = from_latent(self.names, z)[0] + self.shift
         for column, place, middle, width in self.camera:
             x[:, column] = middle + width * z[:, place]
         inside = (x > self.prior.low) & (x < self.prior.high)
         u = self.prior.to_u(x)
         if self.damping is not None:
-            u[:, self.damping], inside[:, self.damping] = z[:, slot("confinement_damping")], True
+            u[:, self.damping], inside[:, self.damping] = z[:, z_index("confinement_damping")], True
         return u[inside.all(axis=1) & np.isfinite(u).all(axis=1)]
 
 
 def kind_of(bubble: Bubble) -> str:
-    """Which of the bubbles that a network knows (latent.BUBBLE_SLOTS) this one is; empty: none of them."""
+    """Which of the bubbles that a network knows (latent.BUBBLE_NAMES) this one is; empty: none of them."""
     if replace(bubble, accommodation=FREE, confinement_damping=0.0) == Bubble("kinetic"):
         return "real"
     return "field" if replace(bubble, accommodation=FREE) == FIELD else ""
@@ -236,8 +236,8 @@ class PosteriorModel:
         for constant in fields(WATER):
             if constant.name not in (*trained, "name", *_OF_VAPOUR):
                 value, usual = getattr(shot.medium, constant.name), getattr(WATER, constant.name)
-                if not abs(value - usual) <= _NEAR * abs(usual):
-                    return f"{constant.name} = {value:.4g} is more than {_NEAR:.0%} from its training ({usual:.4g})"
+                if not abs(value - usual) <= _MARGIN * abs(usual):
+                    return f"{constant.name} = {value:.4g} is more than {_MARGIN:.0%} from its training ({usual:.4g})"
         vapour, usual = shot.medium.vapour_pressure, WATER.vapour_pressure
         if not usual / _VAPOUR <= vapour <= usual * _VAPOUR:
             return f"a vapour pressure of {vapour:.4g} Pa is beyond twice or half of its training ({usual:.4g} Pa)"

@@ -23,7 +23,7 @@ from cavirheo.posterior import Checks, Verdict
 
 MISFIT = 0.03  # RMSE/R_max above which the model is said not to fit (docs/method/verdicts.md)
 _COMPARED = Accuracy(48, 1e-3)  # of simulations that are only compared with each other
-_DRAWN = 800  # points of the drawn reconstruction
+_POINTS = 800  # points of the drawn reconstruction
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ def reconstruct(
     Frames before R_max (where a fit has moved the clock) are compared with the mirrored fall after it.
     """
     curve, since = view.curve, np.abs(view.since_max)
-    times = np.union1d(since, np.linspace(0.0, view.end, _DRAWN))
+    times = np.union1d(since, np.linspace(0.0, view.end, _POINTS))
     run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium, bubble=bubble)
     residual = view.normalised - run.radius[np.searchsorted(times, since)] / curve.max_radius
     return Reconstruction(residual, view.since_max + curve.time_of_max, times + curve.time_of_max, run.radius)

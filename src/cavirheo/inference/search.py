@@ -132,14 +132,14 @@ class LeastSquares:
         try:
             for _ in range(1 if minima else 2):
                 x = np.clip(x, low + inside, high - inside)
-                found = least_squares(fun, x, jac=jac, bounds=(low, high), method="trf", **limits)
+                solution = least_squares(fun, x, jac=jac, bounds=(low, high), method="trf", **limits)
                 if len(slopes) == 1:
                     break
                 slopes.clear()
-                x = found.x
+                x = solution.x
         except KnownMinimumError:
             return Minimum(x, np.inf, np.empty(0))
-        return Minimum(found.x, float(found.cost), found.fun)
+        return Minimum(solution.x, float(solution.cost), solution.fun)
 
 
 class KnownMinimumError(Exception):
@@ -194,7 +194,7 @@ class Scan:
         for i in np.argsort(costs):
             point = self.points[i]
             off = [np.abs(point - start)[self.searched] / width for start in (*used, *chosen)]
-            if all(np.max(one) > FAR for one in off):
+            if all(np.max(distance) > FAR for distance in off):
                 chosen.append(point)
             if len(chosen) == count:
                 break
@@ -243,9 +243,9 @@ class Search:
 
     def minima(self) -> list[Minimum]:
         """Those of the whole window to which the starts of one round lead, best first."""
-        found = self._lowest(self.shot, *self.starts(), LIMITS)
+        minima = self._lowest(self.shot, *self.starts(), LIMITS)
         # a rough simulation may step over what stops the default one, such as chains that are taut
-        return [one for one in found if self.shot.predict(one.x) is not None] or found
+        return [minimum for minimum in minima if self.shot.predict(minimum.x) is not None] or minima
 
     def enough(self, missed: Floats) -> bool:
         """Whether to stop at what a simulation missed, over R_max, of the frames that count: nothing but noise is left,
@@ -270,18 +270,18 @@ class Search:
         self, shot: Experiment, earlier: Sequence[Floats], new: Sequence[Floats], limits: Mapping[str, Any]
     ) -> list[Minimum]:
         """The lowest minima of the window of a shot, from minima of the one before and from coarse simulations."""
-        fit, found = LeastSquares(shot, self.workers), list[Minimum]()
+        fit, minima = LeastSquares(shot, self.workers), list[Minimum]()
         for number, start in enumerate([*earlier, *new]):
-            if number == len(earlier) and any(self.only_noise(_missed(shot, minimum)) for minimum in found):
+            if number == len(earlier) and any(self.only_noise(_missed(shot, minimum)) for minimum in minima):
                 break
-            minimum = fit.minimise(start, ROUGH, limits, found, self.unlike)
+            minimum = fit.minimise(start, ROUGH, limits, minima, self.unlike)
             if np.isfinite(minimum.cost):
-                found.append(minimum)
+                minima.append(minimum)
             if minimum.cost < 0.5 * np.sum((FOLLOWED / shot.sigma) ** 2):
                 break
-        found.sort(key=lambda minimum: minimum.cost)
-        limit = LOWEST * found[0].cost + ALIKE * len(shot.measured)
-        return [minimum for minimum in found if minimum.cost < limit][:BREADTH]
+        minima.sort(key=lambda minimum: minimum.cost)
+        limit = LOWEST * minima[0].cost + ALIKE * len(shot.measured)
+        return [minimum for minimum in minima if minimum.cost < limit][:BREADTH]
 
 
 def _missed(shot: Experiment, minimum: Minimum) -> Floats:

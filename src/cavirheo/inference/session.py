@@ -52,7 +52,7 @@ def started(content: bytes) -> Any:
 def draws_of_nothing(content: bytes) -> bool:
     """Whether a posterior network answers zeros with finite draws: what is tried out of a stranger's."""
     model = started(content)
-    shapes = {one.name: [n if isinstance(n, int) else DRAWS for n in one.shape] for one in model.get_inputs()}
+    shapes = {tensor.name: [n if isinstance(n, int) else DRAWS for n in tensor.shape] for tensor in model.get_inputs()}
     outputs = model.run(None, {name: np.zeros(shape, np.float32) for name, shape in shapes.items()})
     return all(bool(np.isfinite(values).all()) for values in outputs)
 

@@ -22,7 +22,7 @@ from cavirheo.inference.reconstruct import Window, check_stretch, window
 from cavirheo.messages import of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL
-from cavirheo.physics.media import medium as named
+from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior
 
 DRAWS = 40  # of a posterior, that its band is made of
@@ -31,7 +31,7 @@ Band = tuple[Floats, Floats, Floats]
 
 def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
     """What is compared with the answer of this analysis. Raises InputError."""
-    medium, collapses = named(analysis.medium), cast("int | None", analysis.window)
+    medium, collapses = medium_of(analysis.medium), cast("int | None", analysis.window)
     if analysis.method != "bdt":
         return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
     problem = load(str(analysis.model)).problem  # of a network that reads its own window
@@ -44,7 +44,7 @@ class WhatIf:
     `analysis`, as in `compared_window`. Raises InputError as `Experiment`."""
 
     def __init__(self, curve: RadiusCurve, posterior: Posterior, analysis: Analysis) -> None:
-        frames, medium = posterior.checks.compared_time, named(analysis.medium)
+        frames, medium = posterior.checks.compared_time, medium_of(analysis.medium)
         compared = None if frames is None else window(curve, end=frames[-1] - curve.time_of_max)
         end = (compared or compared_window(curve, analysis)).end
         options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
@@ -74,7 +74,7 @@ class WhatIf:
         if time is None or len(answer.theta) < 2:
             return None
         parts = list(answer.laws.values()) or [answer]
-        logs = np.array([one.evidence.log if one.evidence else 0.0 for one in parts])
+        logs = np.array([part.evidence.log if part.evidence else 0.0 for part in parts])
         share = np.exp(logs - log_sum(logs))
         rng, lines = np.random.default_rng(0), list[Floats]()
         for part, count in zip(parts, rng.multinomial(DRAWS, share), strict=True):

@@ -21,7 +21,7 @@ from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.law import Material
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.media import medium as named
+from cavirheo.physics.media import medium as medium_of
 from cavirheo.physics.scales import ABSENT, Numbers, dimensionless
 from cavirheo.physics.simulation import INSIST, Contents, Simulation
 from cavirheo.physics.tableau import RODAS5P
@@ -79,7 +79,7 @@ def simulate(
 
     Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
     """
-    times, medium = _checked(time), named(medium)
+    times, medium = _checked(time), medium_of(medium)
     _check(material, bubble, accuracy, driving, fields)
     within(POSITIVE, "max_radius", max_radius)
     if not unusual:

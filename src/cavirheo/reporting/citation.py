@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.materials import LAWS
-from cavirheo.physics.media import MEDIA as KNOWN
+from cavirheo.physics.media import MEDIA as MEDIUM_SETS
 from cavirheo.reporting.answer import CurveRecord, in_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
@@ -176,7 +176,7 @@ def _media(answers: list[CurveRecord]) -> list[str]:
         groups = dict.fromkeys(curve.group for curve in answers if curve.medium == medium)
         name = medium.name.removesuffix(", changed")
         of = f" of {', '.join(groups)}" if len(media) > 1 else ""
-        changed = " with changes" if replace(medium, name=name, unusual=True) != KNOWN.get(name, medium) else ""
+        changed = " with changes" if replace(medium, name=name, unusual=True) != MEDIUM_SETS.get(name, medium) else ""
         key = f" [{MEDIA[name]}]" if name in MEDIA else ""
         sentences.append(
             f"Constants of the medium{of} are those of {name}{key}{changed}: density {medium.density:g} kg/m3, sound "

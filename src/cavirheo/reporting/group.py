@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.parameters import AT_RATE, CAMERA, about
+from cavirheo.parameters import AT_RATE, CAMERA, parameter_of
 from cavirheo.physics.bubble import title_of
 from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.answer import Answer, CurveRecord, OtherModel, evidence
@@ -345,7 +345,7 @@ def _slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str
 
 def in_words(slopes: dict[str, Slope]) -> str:
     """One line: what rises or falls with R_max, and what does not."""
-    clauses = [over_size(about(name).symbol, power, power.words) for name, power in slopes.items()]
+    clauses = [over_size(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
     most = max(slopes.values(), key=lambda power: power.n)
     shots = f"{most.n} shots" + (f", {most.n_trusted} of them trusted" if most.n_trusted < most.n else "")
     wrong = ", and a constant should not: doubt the law or the bubble (by chance so in 1 group of 10)"

@@ -20,7 +20,7 @@ from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.bins import END, SCALE, binned, half_widths
-from cavirheo.inference.latent import SLOTS
+from cavirheo.inference.latent import COORDINATES
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.media import WATER
 from cavirheo.training.curves import STEPS, TOP, CurveStore
@@ -65,9 +65,9 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     numbers |= {"exposure": camera.exposure / read, "noise": noise[good], "discrepancy": discrepancy}
     inputs = binned(sample, time[rows, flat], radius[rows, flat], **numbers, late=late[good])
     z = shots.z[index][good].copy()
-    z[:, SLOTS.index("max_radius_factor")] = 3.0 * more[good]
-    z[:, SLOTS.index("time_origin")] = early[good]
-    z[:, SLOTS.index("radius_scale")] = (camera.scale - 1.0) / SCALE
+    z[:, COORDINATES.index("max_radius_factor")] = 3.0 * more[good]
+    z[:, COORDINATES.index("time_origin")] = early[good]
+    z[:, COORDINATES.index("radius_scale")] = (camera.scale - 1.0) / SCALE
     kind = shots.kind[index][good].astype(np.int64)
     return Filmed(inputs, z, kind, discrepancy.astype(np.float32), np.array(camera.white))
 

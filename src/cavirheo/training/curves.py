@@ -17,7 +17,7 @@ from scipy.special import ndtri
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.inference.bins import END
-from cavirheo.inference.latent import SLOTS, damping, slot, to_slots
+from cavirheo.inference.latent import COORDINATES, damping, to_latent, z_index
 from cavirheo.inference.law import Family
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.accuracy import ROUGH
@@ -36,7 +36,7 @@ TOP = 1.1  # R/R_max of the largest number that is stored
 
 @dataclass(frozen=True)
 class CurveStore:
-    """Many curves. time, radius: (n, NODES) as whole numbers, perhaps on the disk; z: (n, 9) slots; kind: (n,) index of
+    """Many curves. time, radius: (n, NODES) as whole numbers, perhaps on the disk; z: (n, 9); kind: (n,) index of
     law and bubble; max_radius: (n,) m."""
 
     time: NDArray[np.uint16] | StoredRows
@@ -49,7 +49,7 @@ class CurveStore:
 COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "time": (np.uint16, (NODES,)),
     "radius": (np.uint16, (NODES,)),
-    "z": (np.float32, (len(SLOTS),)),
+    "z": (np.float32, (len(COORDINATES),)),
     "kind": (np.uint8, ()),
     "max_radius": (np.float32, ()),
 }
@@ -92,11 +92,11 @@ def simulated_curve(table: PosteriorTable, seed: int, index: int) -> tuple[Any, 
             bounds[i] = np.log10(ranges[name]) if name in ranges else bounds[i]
     log10 = bounds[:, 0] + draws[2 : 2 + len(names)] * (bounds[:, 1] - bounds[:, 0])
     max_radius = float(low * (high / low) ** draws[1])
-    z = to_slots(names, log10[None])[0]
+    z = to_latent(names, log10[None])[0]
     bubble = FIELD
     if bubble_name == "real":
-        z[slot("confinement_damping")] = ndtri(draws[8])
-        damped = float(damping(z[slot("confinement_damping")]))
+        z[z_index("confinement_damping")] = ndtri(draws[8])
+        damped = float(damping(z[z_index("confinement_damping")]))
         bubble = Bubble("kinetic", float(10.0 ** log10[-1]), confinement_damping=damped)
     law_size = len(family.parameters)
     stretch = float(10.0 ** log10[law_size])

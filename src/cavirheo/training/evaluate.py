@@ -13,7 +13,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.inference.model import Network
 from cavirheo.parallel import Executor
-from cavirheo.parameters import LOG10, about, natural_name
+from cavirheo.parameters import LOG10, natural_name, parameter_of
 from cavirheo.training import figures
 from cavirheo.training.dataset import Dataset, load
 from cavirheo.training.documents import Metrics
@@ -176,7 +176,7 @@ def markdown(result: Mapping[str, Any]) -> str:
 
 def label(name: str) -> str:
     """A name in the prior's scale for people: log10_viscosity -> log10 viscosity (Pa s)."""
-    words, unit = natural_name(name).replace("_", " "), about(name).unit
+    words, unit = natural_name(name).replace("_", " "), parameter_of(name).unit
     return f"{'log10 ' if name.startswith(LOG10) else ''}{words}{'' if unit == '1' else f' ({unit})'}"
 
 

@@ -30,10 +30,10 @@ from torch import nn
 from cavirheo.errors import require
 from cavirheo.inference.bins import SIZE
 from cavirheo.inference.graph import check_graph
-from cavirheo.inference.latent import SLOTS
+from cavirheo.inference.latent import COORDINATES
 from cavirheo.inference.model import ModelCard, PosteriorCard, predict
 from cavirheo.inference.posterior_network import INPUTS
-from cavirheo.parameters import LOG10, about
+from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.physics.media import WATER
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.camera import FASTEST, FEWEST, MOST, SLOWEST
@@ -113,7 +113,7 @@ def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[st
     with of_run(run / "best.safetensors"):
         network = PosteriorNetwork(len(recipe.posterior.kinds), recipe.network)
         network.load_state_dict(read_tensors(run / "best.safetensors")[0])
-    d, kinds = len(SLOTS), len(network.kind)
+    d, kinds = len(COORDINATES), len(network.kind)
     random = torch.zeros(5, d, network.parts), torch.zeros(5, d), torch.zeros(5, d), torch.zeros(d)
     example = torch.zeros(1, SIZE), torch.zeros(1, kinds), torch.ones(d), torch.ones(d), *random
     draws = torch.export.Dim("draws", min=2)
@@ -188,7 +188,7 @@ def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
         "problem_id": problem.id,
         "problem": problem.to_dict(),
         "input": {"name": "radius", "shape": ["batch", problem.grid.frames], "dtype": "float32", "meaning": meaning},
-        "outputs": [{"name": name, "unit": about(name).unit, "scale": scale} for name, scale in scales.items()],
+        "outputs": [{"name": name, "unit": parameter_of(name).unit, "scale": scale} for name, scale in scales.items()],
         "network": result["network"] | {"parameters": result["parameters"]},
         "training": result["training"] | training,
         # of the figure of the losses; more digits than can be seen would be most of the card

@@ -9,7 +9,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.parameters import LOG10, about, natural, natural_name
+from cavirheo.parameters import LOG10, natural, natural_name, parameter_of
 from cavirheo.writing.document import Outputs
 from cavirheo.writing.style import BLUE, INK, VERMILLION, available
 
@@ -90,5 +90,5 @@ def _predicted(axes: Axes, name: str, truth: Floats, predicted: Floats, r2: floa
 
 def _label(name: str) -> str:
     """Words, symbol and unit of a parameter's natural value."""
-    unit = "" if about(name).unit == "1" else f" ({about(name).unit})"
-    return f"{natural_name(name).replace('_', ' ')} {about(name).symbol}{unit}"
+    unit = "" if parameter_of(name).unit == "1" else f" ({parameter_of(name).unit})"
+    return f"{natural_name(name).replace('_', ' ')} {parameter_of(name).symbol}{unit}"

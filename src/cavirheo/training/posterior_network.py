@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from cavirheo.inference.bins import SIZE
-from cavirheo.inference.latent import SLOTS
+from cavirheo.inference.latent import COORDINATES
 
 if TYPE_CHECKING:
     from cavirheo.training.posterior_recipe import PosteriorNetworkTable
@@ -36,7 +36,7 @@ class PosteriorNetwork(nn.Module):
 
     def __init__(self, kinds: int, size: PosteriorNetworkTable) -> None:
         super().__init__()
-        d, width, hidden, parts = len(SLOTS), size.width, size.hidden, size.parts
+        d, width, hidden, parts = len(COORDINATES), size.width, size.hidden, size.parts
         self.parts = parts
         self.first = nn.Linear(SIZE, width)
         self.blocks = nn.ModuleList([_Residual(width) for _ in range(size.depth)])
@@ -60,7 +60,7 @@ class PosteriorNetwork(nn.Module):
         for block in self.blocks:
             x = block(x)
         x = self.norm(x)
-        return self.read(x).unflatten(1, (len(SLOTS), -1)), self.guess(x)
+        return self.read(x).unflatten(1, (len(COORDINATES), -1)), self.guess(x)
 
     def mixtures(self, read: Tensor, kind: Tensor, z: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Log shares, means and log widths, each (m, 9, parts), of each slot given the slots before it in z (m, 9);
@@ -127,7 +127,7 @@ class SequentialDraws(nn.Module):
         encoded = encoded + torch.einsum("bk,kdh->bdh", kind, net.kind)
         earlier: list[Tensor] = []
         log_density = torch.zeros_like(normal[:, 0])
-        for k in range(len(SLOTS)):
+        for k in range(len(COORDINATES)):
             share, mean, width = net.slot(k, encoded[:, k].expand(normal.shape[0], -1), earlier)
             part = torch.argmax(share + choice[:, k], dim=1, keepdim=True)
             centre, scale = torch.gather(mean, 1, part)[:, 0], torch.exp(torch.gather(width, 1, part)[:, 0])

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt
 
 from cavirheo.errors import require
-from cavirheo.inference.latent import BUBBLE_SLOTS, CAMERA, SLOTS, used
+from cavirheo.inference.latent import BUBBLE_NAMES, CAMERA, COORDINATES, used
 from cavirheo.inference.law import Family
 from cavirheo.parameters import PARAMETERS
 from cavirheo.training.recipe import DataTable, ExportTable, Section, Seed
@@ -43,17 +43,17 @@ class PosteriorTable(Section):
         return [(law, bubble, share * of_bubble) for law, share in laws for bubble, of_bubble in bubbles]
 
     def check(self) -> None:
-        """Raises InputError: a range without width or beyond the prior's, or a law that the slots cannot hold."""
+        """Raises InputError: a range without width or beyond the prior's, or a law that the coordinates cannot hold."""
         low, high = self.max_radius_um
         require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
         ranges = {"max_radius": (1e-6 * low, 1e-6 * high)}
         for law, bubble, _ in self.kinds:
             try:
-                names = {*Family(law).parameters, "stretch", *BUBBLE_SLOTS[bubble], *CAMERA}
+                names = {*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA}
                 fits = len({*used(law, bubble)}) == len(names)
             except ValueError:
                 fits = False
-            message = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(SLOTS)})"
+            message = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(COORDINATES)})"
             require(fits, message, "recipe.value")
             for name in sampled_parameters(law, bubble):
                 low, high = PARAMETERS[name].searched or (0.0, 0.0)
@@ -114,4 +114,4 @@ class PosteriorRecipe(Section):
 
 def sampled_parameters(law: str, bubble: str) -> tuple[str, ...]:
     """What is drawn uniformly in log10 for a curve of this law and bubble, R_max apart."""
-    return (*Family(law).parameters, "stretch", *(["accommodation"] if "accommodation" in BUBBLE_SLOTS[bubble] else []))
+    return (*Family(law).parameters, "stretch", *(["accommodation"] if "accommodation" in BUBBLE_NAMES[bubble] else []))

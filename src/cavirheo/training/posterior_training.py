@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cavirheo.inference.latent import SLOTS, used
+from cavirheo.inference.latent import COORDINATES, used
 from cavirheo.training.camera import Filmed, film
 from cavirheo.training.curves import CurveStore
 from cavirheo.training.loop import Training
@@ -46,7 +46,7 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         self.optimiser = torch.optim.AdamW(
             self.network.parameters(), self.schedule.rate, weight_decay=self.schedule.decay, fused=True
         )
-        self.mask = torch.zeros(len(self.kinds), len(SLOTS))  # which slots a kind has
+        self.mask = torch.zeros(len(self.kinds), len(COORDINATES))  # which coordinates a kind has
         for i, kind in enumerate(self.kinds):
             self.mask[i, used(*kind)] = 1.0
         n = len(curves.kind)
@@ -90,7 +90,7 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         kind, inputs, z = (torch.from_numpy(getattr(self.validation, name)) for name in ("kind", "inputs", "z"))
         encoded, kind_score = self.exported.encode(inputs)
         density = self.exported.log_density(encoded, kind, z) * self.mask[kind]
-        by_slot = [float(-density[:, k][self.mask[kind][:, k] > 0].mean()) for k in range(len(SLOTS))]
+        by_slot = [float(-density[:, k][self.mask[kind][:, k] > 0].mean()) for k in range(len(COORDINATES))]
         by_kind = [float(-density[kind == k].sum(dim=1).mean()) for k in range(len(self.kinds))]
         return {
             "step": self.step,
@@ -115,20 +115,20 @@ class PosteriorTraining(Training[PosteriorNetwork]):
     @torch.inference_mode()
     def _coverage(self) -> dict[str, Any]:
         """Shares of the recordings whose truth is in the central 50 and 90 % of the network's draws, by slot."""
-        recordings, one_hot, nothing = self.validation, torch.eye(len(self.kinds)), torch.zeros(len(SLOTS))
+        recordings, one_hot, nothing = self.validation, torch.eye(len(self.kinds)), torch.zeros(len(COORDINATES))
         rng, sequential = torch.Generator().manual_seed(0), SequentialDraws(self.exported.eval())
-        below: dict[str, list[float]] = {name: [] for name in SLOTS}
+        below: dict[str, list[float]] = {name: [] for name in COORDINATES}
         for i, kind in enumerate(recordings.kind.tolist()):
-            uniform = torch.rand((DRAWS, len(SLOTS), self.exported.parts), generator=rng).clamp(1e-9)
+            uniform = torch.rand((DRAWS, len(COORDINATES), self.exported.parts), generator=rng).clamp(1e-9)
             normal, inputs = (
-                torch.randn((DRAWS, len(SLOTS)), generator=rng),
+                torch.randn((DRAWS, len(COORDINATES)), generator=rng),
                 torch.from_numpy(recordings.inputs[i : i + 1]),
             )
             has, choice = self.mask[kind], -torch.log(-torch.log(uniform))
             z, _, _ = sequential(inputs, one_hot[kind : kind + 1], has, has, choice, normal, normal, nothing)
             share = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)
             for k in used(*self.kinds[kind]):
-                below[SLOTS[k]].append(float(share[k]))
+                below[COORDINATES[k]].append(float(share[k]))
         away = {name: np.abs(2.0 * np.array(shares) - 1.0) for name, shares in below.items() if shares}
         by_slot = {
             name: {str(level): round(float(np.mean(off < level / 100)), 4) for level in (50, 90)}

@@ -265,9 +265,9 @@ def _origin(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _range(name: str) -> str:
-    from cavirheo.parameters import about
+    from cavirheo.parameters import parameter_of
 
-    parameter = about(name)
+    parameter = parameter_of(name)
     if parameter.searched is None:
         return name
     low, high = (10.0**end for end in parameter.searched)

@@ -123,10 +123,10 @@ def significant(value: float, count: int = 3) -> str:
 
 def described(name: str) -> tuple[str, str]:
     """Symbol and unit of a parameter; no unit for a plain number and for what is not known."""
-    from cavirheo.parameters import about  # its numpy takes longer to import than a help page
+    from cavirheo.parameters import parameter_of  # its numpy takes longer to import than a help page
 
     try:
-        symbol, unit, *_ = about(name)
+        symbol, unit, *_ = parameter_of(name)
     except KeyError:
         return name, ""
     return symbol, "" if unit == "1" else unit

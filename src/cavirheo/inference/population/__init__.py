@@ -18,7 +18,7 @@ from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihood
 from cavirheo.inference.population.material import Population
 from cavirheo.inference.population.scatter import Scatter
 from cavirheo.inference.verify.sampler import Sample
-from cavirheo.parameters import LOG10, Bound, about, natural_name, of_the_law
+from cavirheo.parameters import LOG10, Bound, natural_name, of_the_law, parameter_of
 from cavirheo.posterior import TRUSTED, Evidence, Posterior
 from cavirheo.prior import Prior
 from cavirheo.writing import digits
@@ -71,18 +71,18 @@ def population(
     for what, values in (("names", shots), ("along", column)):
         message = f"{what} must have one entry for each of the {len(answers)} answers"
         require(values is None or np.shape(values) == (len(answers),), message, f"population.{what}")
-    counted, left_out, likelihoods = _counted(answers, column, only_trusted)
+    counted, excluded, likelihoods = _counted(answers, column, only_trusted)
     first = answers[counted[0]] if counted else answers[0]
     law = tuple(name for name in first.names if of_the_law(name))
     names = tuple(name.removeprefix(LOG10) for name in law)
     fields: dict[str, Any] = {"names": names, "material": first.material, "bubble": first.bubble}
-    fields |= {"shots": tuple(shots[i] for i in counted), "left_out": left_out}
+    fields |= {"shots": tuple(shots[i] for i in counted), "left_out": excluded}
     if len(counted) < FEWEST:
         doubt = f"{digits.counting(len(counted), len(answers))}, and a material with its scatter needs {FEWEST}"
         return Population(**fields, doubts=(doubt,))
     pairs = zip(counted, likelihoods, strict=True)
-    rough = [f"{shots[i]} ({one.effective:.0f})" for i, one in pairs if one.effective < FEW]
-    doubts = [f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"] * bool(rough)
+    rough = [f"{shots[i]} ({shot.effective:.0f})" for i, shot in pairs if shot.effective < FEW]
+    notes = [f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"] * bool(rough)
     ends = np.array([_ends(answers[i], law) for i in counted])
     low, high = np.min(ends[:, 0], axis=0), np.max(ends[:, 1], axis=0)
     like, x, unit = Likelihoods.of(likelihoods), None, 1.0
@@ -92,21 +92,21 @@ def population(
         require(unit > 0, "along must not be one value for all shots", "population.along")
         x = (column - np.mean(column)) / unit
     several = Scatter(like, low, high, column=x)
-    one = Scatter(like, low, high, column=x, spread=False)
-    sample, sample_of_one = several.sample(seed), one.sample(seed)
+    common = Scatter(like, low, high, column=x, spread=False)
+    sample, sample_of_one = several.sample(seed), common.sample(seed)
     if sample.ess < _LEAST_EFFECTIVE or not sample.reliable:
-        doubts.append(f"the intervals of the material are rough: its draws are worth {sample.ess:.0f} independent ones")
+        notes.append(f"the intervals of the material are rough: its draws are worth {sample.ess:.0f} independent ones")
     u = _resampled(sample, seed)
     centre, spread, correlation, slope = several.parts(u)
     fields |= {"centre": centre, "spread": spread, "correlation": correlation}
     if column is not None:
         fields |= {"slope": slope / unit, "along_at": float(np.mean(column))}
-    fields["common"] = one.parts(_resampled(sample_of_one, seed))[0]
+    fields["common"] = common.parts(_resampled(sample_of_one, seed))[0]
     fields |= {"gain": _evidence(sample, like.log_size), "gain_of_one": _evidence(sample_of_one, like.log_size)}
     fields["prior"] = {name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)}
     fields["shots_bound"] = _shots_bound([answers[i] for i in counted], names)
     fields["stray"] = several.outliers(u[:: max(_DRAWS // 1000, 1)])
-    return Population(**fields, doubts=tuple(doubts), shot_evidence=tuple(answers[i].evidence for i in counted))
+    return Population(**fields, doubts=tuple(notes), shot_evidence=tuple(answers[i].evidence for i in counted))
 
 
 def with_slope_if_any(
@@ -153,8 +153,8 @@ def _counted(
             why[i] = "other_model"
         elif draws in unique:
             why[i] = "copy"
-        elif one := _likelihood(answer, law):
-            counted, likelihoods = [*counted, i], [*likelihoods, one]
+        elif shot := _likelihood(answer, law):
+            counted, likelihoods = [*counted, i], [*likelihoods, shot]
             unique.add(draws)
         else:
             why[i] = "no_interval"
@@ -192,7 +192,7 @@ def _ends(answer: Posterior, law: Sequence[str]) -> Floats:
     ends = []
     for name in law:
         values = answer.theta[:, answer.names.index(name)]
-        searched = about(name).searched or (float(np.min(values)) - 1.0, float(np.max(values)) + 1.0)
+        searched = parameter_of(name).searched or (float(np.min(values)) - 1.0, float(np.max(values)) + 1.0)
         ends.append(tuple(answer.prior.get(name, searched))[:2])
     return np.array(ends, dtype=float).T
 

@@ -30,7 +30,7 @@ _MOST = 4  # Gaussians of a shot
 _EACH = 20.0  # effective draws for each
 _STEPS, _GAIN = 40, 5e-4  # of expectation maximisation: most steps, and gain of log likelihood per draw at its end
 _BOUND_STEPS, _BOUND_GAIN = 100, 3e-5  # the same where a bound is fitted, of which few draws say much
-_NEAR, _SOME = 0.1, 2.0  # of the range of a prior: near to its end; effective draws there, from which it may be open
+_END, _END_DRAWS = 0.1, 2.0  # of the range of a prior: near its end; effective draws there, from which it may be open
 _THIN = 1e-4  # of the whole covariance, added to that of each Gaussian
 VALUE, UPPER, LOWER, NOTHING = 0, 1, -1, 2  # what a Gaussian says of a parameter
 _SAYS: dict[Bound | None, int] = {None: VALUE, "upper": UPPER, "lower": LOWER, "undetermined": NOTHING}
@@ -64,12 +64,12 @@ class Likelihoods:
 
     @classmethod
     def of(cls, shots: Sequence[Likelihood]) -> Likelihoods:
-        counts = np.array([len(one.share) for one in shots])
+        counts = np.array([len(shot.share) for shot in shots])
         share, mean, covariance, says = (
-            np.concatenate([getattr(one, name) for one in shots]) for name in ("share", "mean", "covariance", "says")
+            np.concatenate([getattr(shot, name) for shot in shots]) for name in ("share", "mean", "covariance", "says")
         )
         first = np.cumsum(counts) - counts
-        size = float(sum(one.log_size for one in shots))
+        size = float(sum(shot.log_size for shot in shots))
         return cls(np.log(share), mean, covariance, says, np.repeat(np.arange(len(shots)), counts), first, size)
 
     @property
@@ -81,7 +81,7 @@ class Likelihoods:
 
     def log_density(self, centre: Floats, slope_at: Floats, scatter: Floats) -> Floats:
         """(k, m) log of each Gaussian about centres (k, d) plus slopes (k, m, d), widened by a scatter (k, d, d)."""
-        found = np.empty((len(centre), len(self.says)))
+        log_p = np.empty((len(centre), len(self.says)))
         for pattern in np.unique(self.says, axis=0):
             some = np.flatnonzero(np.all(self.says == pattern, axis=1))
             mean, base = self.mean[some], self.covariance[some]
@@ -89,8 +89,8 @@ class Likelihoods:
             off = [mean[:, i] - centre[:, i, None] - slope_at[:, some, i] for i in order]
             covariance = [[base[:, i, j] + scatter[:, i, j, None] for j in order[: a + 1]] for a, i in enumerate(order)]
             shape = (len(centre), len(some))
-            found[:, some] = np.broadcast_to(log_gaussian(off, covariance, pattern[order]), shape)
-        return found + self.log_share
+            log_p[:, some] = np.broadcast_to(log_gaussian(off, covariance, pattern[order]), shape)
+        return log_p + self.log_share
 
 
 def likelihood(
@@ -113,28 +113,28 @@ def likelihood(
     whole = (theta - mean).T * weight @ (theta - mean)
     if not np.all(np.diag(whole) > 0):
         return None
-    says = np.array([_SAYS[one] for one in bounds] or [VALUE] * d)
+    says = np.array([_SAYS[bound] for bound in bounds] or [VALUE] * d)
     fits = [_Fit(theta, weight, whole, says, ends)]
-    one = (np.ones(1), mean[None], whole[None])
+    single = (np.ones(1), mean[None], whole[None])
     if effective < FEW:  # the covariance is itself uncertain: that of Student's t, which predicts the next draw
         wider = effective / (effective - 1.0) * (effective + 1.0) / (effective - d - 2.0)
-        share, mean, covariance = fits[0].mixture(1)[0] if np.any(says) else one
+        share, mean, covariance = fits[0].mixture(1)[0] if np.any(says) else single
         return fits[0].likelihood(size, (share, mean, covariance * wider), effective)
-    best, chosen, height = one, fits[0], -np.inf
+    best, chosen, height = single, fits[0], -np.inf
     reaching = _reaching(theta, effective * weight, says, ends)
     if np.any(reaching != says):
         fits.append(_Fit(theta, weight, whole, reaching, ends))
     for fit in fits:
         before = -np.inf
         for k in range(1, min(_MOST, int(effective / _EACH)) + 1):
-            found, fitted = fit.mixture(k)
+            gaussians, fitted = fit.mixture(k)
             information = effective * fitted - 0.5 * np.log(effective) * (k * (d + 1) * (d + 2) / 2 - 1)
             if information <= before:
                 break
             before = information
             if information > height:
-                best, chosen, height = found, fit, information
-    return chosen.likelihood(size, best if len(best[0]) > 1 or np.any(chosen.says) else one, effective)
+                best, chosen, height = gaussians, fit, information
+    return chosen.likelihood(size, best if len(best[0]) > 1 or np.any(chosen.says) else single, effective)
 
 
 def _reaching(theta: Floats, effective: Floats, says: np.ndarray, ends: Floats | None) -> np.ndarray:
@@ -142,10 +142,10 @@ def _reaching(theta: Floats, effective: Floats, says: np.ndarray, ends: Floats |
     of the prior: most draws tell a value, and some that it may as well be anything beyond."""
     if ends is None:
         return says
-    width = _NEAR * (ends[1] - ends[0])
+    width = _END * (ends[1] - ends[0])
     mass = np.array([effective @ (theta < ends[0] + width), effective @ (theta > ends[1] - width)])
     tail = np.where(mass[0] >= mass[1], UPPER, LOWER)
-    return np.where((says == VALUE) & (np.max(mass, axis=0) >= _SOME), tail, says)
+    return np.where((says == VALUE) & (np.max(mass, axis=0) >= _END_DRAWS), tail, says)
 
 
 class _Fit:
@@ -157,8 +157,8 @@ class _Fit:
         self.ends = np.array([np.min(theta, axis=0), np.max(theta, axis=0)]) if ends is None else ends
         self.bounded = [int(i) for i in np.flatnonzero(np.abs(says) == UPPER)]
 
-    def likelihood(self, size: float, found: _Gaussians, effective: float) -> Likelihood:
-        share, mean, covariance = found
+    def likelihood(self, size: float, gaussians: _Gaussians, effective: float) -> Likelihood:
+        share, mean, covariance = gaussians
         share = share.copy()
         share[0] /= self._volume(mean[0], covariance[0])
         says = np.zeros(mean.shape, dtype=int)
@@ -205,13 +205,13 @@ class _Fit:
     def _log_density(self, mean: Floats, covariance: Floats) -> Floats:
         """(k, n), each with an integral of 1 over the prior's range."""
         off, d = mean[:, None] - self.theta[None], self.theta.shape[1]
-        found = np.empty(off.shape[:2])
+        log_p = np.empty(off.shape[:2])
         for some, says in ((slice(0, 1), self.says), (slice(1, None), np.zeros(d, dtype=int))):
             order = _order(says)
             terms = [[covariance[some, i, j, None] for j in order[: a + 1]] for a, i in enumerate(order)]
-            found[some] = log_gaussian([off[some, :, i] for i in order], terms, says[order])
-        found[0] -= np.log(self._volume(mean[0], covariance[0]))
-        return found
+            log_p[some] = log_gaussian([off[some, :, i] for i in order], terms, says[order])
+        log_p[0] -= np.log(self._volume(mean[0], covariance[0]))
+        return log_p
 
     def _volume(self, mean: Floats, covariance: Floats) -> float:
         """The integral of the first Gaussian, as it is integrated, over the prior's range."""
@@ -237,11 +237,11 @@ class _Fit:
 
     def _fill(self, mean: Floats, covariance: Floats, filled: Floats, spare: Floats) -> None:
         """For the draws (n, d), given their values: the expected bound beyond each, and its variance."""
-        known = np.flatnonzero(self.says == VALUE)
-        off = self.theta[:, known] - mean[known]
+        valued = np.flatnonzero(self.says == VALUE)
+        off = self.theta[:, valued] - mean[valued]
         for i in self.bounded:
-            along = np.linalg.solve(covariance[np.ix_(known, known)], covariance[known, i])
-            deviation = np.sqrt(max(covariance[i, i] - along @ covariance[known, i], 1e-12))
+            along = np.linalg.solve(covariance[np.ix_(valued, valued)], covariance[valued, i])
+            deviation = np.sqrt(max(covariance[i, i] - along @ covariance[valued, i], 1e-12))
             middle, sign = mean[i] + off @ along, float(self.says[i])
             least = sign * (self.theta[:, i] - middle) / deviation
             hazard = np.exp(-0.5 * least**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(-least))

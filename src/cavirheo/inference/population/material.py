@@ -11,7 +11,7 @@ from scipy.special import expit
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.parameters import Bound, about, bound_of
+from cavirheo.parameters import Bound, bound_of, parameter_of
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence
 from cavirheo.writing import digits, export
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NONE = np.empty((0, 0))
-_LEFT_OUT = {  # why a shot does not count, in words, besides its verdict
+_REASONS = {  # why a shot does not count, in words, besides its verdict
     "no_interval": "without an interval",
     "no_column_value": "without a value along the column",
     "other_model": "of another model",
@@ -95,8 +95,8 @@ class Population:
         return "\n  ".join([f"Population({self.material}, {self.bubble.name}): {self.line}", *self.remarks])
 
     def _column(self, name: str) -> int:
-        known = f"the population has {', '.join(self.names)}, got {name!r}"
-        require(name in self.names, known, "population.parameter")
+        message = f"the population has {', '.join(self.names)}, got {name!r}"
+        require(name in self.names, message, "population.parameter")
         require(len(self.centre) > 0, f"the population has no draws: {'; '.join(self.doubts)}", "population.no_draws")
         return self.names.index(name)
 
@@ -158,11 +158,11 @@ class Population:
     @property
     def evidence(self) -> Evidence | None:
         """Log evidence of the law with one material and its scatter; None where one of the shots has none."""
-        known = [one for one in self.shot_evidence if one is not None]
-        if self.gain is None or len(known) < len(self.shots):
+        evidences = [evidence for evidence in self.shot_evidence if evidence is not None]
+        if self.gain is None or len(evidences) < len(self.shots):
             return None
-        error = np.sqrt((self.gain.error or 0.0) ** 2 + sum((one.error or 0.0) ** 2 for one in known))
-        return Evidence(self.gain.log + sum(one.log for one in known), float(error))
+        error = np.sqrt((self.gain.error or 0.0) ** 2 + sum((evidence.error or 0.0) ** 2 for evidence in evidences))
+        return Evidence(self.gain.log + sum(evidence.log for evidence in evidences), float(error))
 
     @property
     def line(self) -> str:
@@ -172,38 +172,38 @@ class Population:
             return "no material: " + "; ".join(self.doubts)
         values = ", ".join(map(self._value, self.names))
         count, away = digits.counting(len(self.shots), len(self.shots) + sum(self.left_out.values())), len(self.strays)
-        other = f", {away} of them seem{'s' * (away == 1)} to be of another material" * bool(away)
-        return "; ".join(filter(None, [values, self._scatter_in_words(), count + other]))
+        outliers = f", {away} of them seem{'s' * (away == 1)} to be of another material" * bool(away)
+        return "; ".join(filter(None, [values, self._scatter_in_words(), count + outliers]))
 
     @property
     def remarks(self) -> list[str]:
         """Sentences below the line: who does not belong, what was left out, doubts."""
         away = [f"{name} (probability {'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.strays.items()]
         unlike = f"probably of another material than the other shots, and hardly counted: {', '.join(away)}"
-        said = [unlike] * bool(away)
-        words = digits.VERDICTS | _LEFT_OUT
+        texts = [unlike] * bool(away)
+        words = digits.VERDICTS | _REASONS
         left = ", ".join(f"{count} {words[why]}" for why, count in self.left_out.items())
-        return said + [f"shots that do not count: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
+        return texts + [f"shots that do not count: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
 
     def _value(self, name: str) -> str:
-        value, known = self.quantity(name), about(name)
-        factor, unit = digits.unit_for(known.unit, value.median)
+        value, parameter = self.quantity(name), parameter_of(name)
+        factor, unit = digits.unit_for(parameter.unit, value.median)
         text = digits.quantity(value, factor, unit=unit)
-        return f"{known.symbol} {text}" if value.bound else f"{known.symbol} = {text.replace('[', '[90 %: ')}"
+        return f"{parameter.symbol} {text}" if value.bound else f"{parameter.symbol} = {text.replace('[', '[90 %: ')}"
 
     def _scatter_in_words(self) -> str:
         """Of the parameters that are determined: of others the scatter is not known."""
         names, scattered = self.determined, self.scattered
-        symbols = [about(name).symbol for name in names]
+        symbols = [parameter_of(name).symbol for name in names]
         none = bool(scattered and scattered.log < 0.0)
-        known = [self.scatter(name)[2 if none else 1] for name in names]
-        percent = [digits.significant(100 * relative_scatter(decades), 2) for decades in known]
+        scatters = [self.scatter(name)[2 if none else 1] for name in names]
+        percent = [digits.significant(100 * relative_scatter(decades), 2) for decades in scatters]
         if none:
-            below = ", ".join(f"{one} % in {symbol}" for symbol, one in zip(symbols, percent, strict=True))
+            below = ", ".join(f"{value} % in {symbol}" for symbol, value in zip(symbols, percent, strict=True))
             return "shots agree within their intervals" + f" (they scatter by less than {below}: 95 %)" * bool(below)
         if len(self.names) == 1:
-            return "".join(f"shots scatter by {one} %" for one in percent)
-        within = ", ".join(f"{one} % in {symbol}" for symbol, one in zip(symbols, percent, strict=True))
+            return "".join(f"shots scatter by {value} %" for value in percent)
+        within = ", ".join(f"{value} % in {symbol}" for symbol, value in zip(symbols, percent, strict=True))
         return f"shots scatter by {within}" if within else ""
 
     def against(self, other: Population) -> dict[str, Difference]:
@@ -230,29 +230,32 @@ class Population:
         Raises InputError: no draws, or pandas is missing."""
         columns = {}
         for name in self.names:
-            k, unit = self._column(name), about(name).unit
+            k, unit = self._column(name), parameter_of(name).unit
             columns[export.column(name, unit)] = 10.0 ** self.centre[:, k]
             columns[f"{name}_spread_decades"] = self.spread[:, k]
             if self.slope is not None:
                 columns[f"{name}_slope_decades"] = self.slope[:, k]
-        return export.dataframe(columns, self._about)
+        return export.dataframe(columns, self._metadata)
 
     def to_arviz(self) -> Any:
         """The material's draws as arviz.InferenceData, or xarray.DataTree from ArviZ 1 on: group "posterior".
 
         Raises InputError: no draws, or arviz is missing."""
         draws = {name: 10.0 ** self.centre[:, self._column(name)] for name in self.names}
-        return export.inference_data({"posterior": draws}, {name: about(name).unit for name in draws}, self._about)
+        units = {name: parameter_of(name).unit for name in draws}
+        return export.inference_data({"posterior": draws}, units, self._metadata)
 
     def plot(self) -> Figure:
         """The marginals of the material's draws and their pairs, with the median and the central 90 %.
 
         Raises InputError: no draws, or matplotlib or corner is missing."""
-        draws = {f"{name} ({about(name).unit})": 10.0 ** self.centre[:, self._column(name)] for name in self.names}
+        draws = {
+            f"{name} ({parameter_of(name).unit})": 10.0 ** self.centre[:, self._column(name)] for name in self.names
+        }
         return export.pairs(draws, np.full(len(self.centre), 1.0 / len(self.centre)))
 
     @property
-    def _about(self) -> dict[str, str]:
+    def _metadata(self) -> dict[str, str]:
         return {"material": self.material, "bubble": self.bubble.name, "line": self.line}
 
     def correlations(self) -> dict[str, tuple[float, float, float]]:

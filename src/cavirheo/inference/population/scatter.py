@@ -93,10 +93,10 @@ class Scatter:
         """Weighted draws; the mean weight is the evidence, but for the sizes of the likelihoods."""
         mixture = self._start()
 
-        def propose(rng: np.random.Generator, found: Sample | None) -> Mixture:
+        def propose(rng: np.random.Generator, previous: Sample | None) -> Mixture:
             nonlocal mixture
-            if found is not None:
-                mixture = mixture.fitted(found.u, found.log_weight)
+            if previous is not None:
+                mixture = mixture.fitted(previous.u, previous.log_weight)
             return mixture.widened()
 
         return sample(self, propose, seed=seed, each=_EACH, most=_MOST, enough=_ENOUGH, fewest=2)

@@ -162,7 +162,9 @@ def rank_laws(
     options |= {"medium": medium, "window": window, "trust_input": trust_input, "seed": seed}
     curves = several(curves)
     analyses = plans(models(laws, bubbles_of(bubble)), stretch=stretch, **options)
-    by_law = weigh_models(curves, analyses, lambda batch, plan, start: enumerate(plan.run(batch, workers, begun=start)))
+    by_law = weigh_models(
+        curves, analyses, lambda batch, plan, start: enumerate(plan.run(batch, workers, starts=start))
+    )
     if done:
         for i, answer in (pair for answers in by_law.values() for pair in answers.items()):
             done(i, answer)

@@ -1,7 +1,7 @@
 """Estimations that begin with searches over windows that grow by a collapse: that of a fit, and of a law by itself.
 
 A fit takes the noise as independent from frame to frame. Its size, and the share of the wall's motion in it, are learnt
-from what the best simulation leaves (`Experiment.weighed`). Models are compared, and the answer is judged, by the noise
+from what the best simulation leaves (`Experiment.reweighted`). Models are compared, and the answer judged, by the noise
 of a posterior, which allows for what no simulation follows.
 """
 
@@ -96,7 +96,7 @@ class FitEstimation(SearchedEstimation):
         prediction = self.shot.predict(x, DEFAULT)
         if prediction is None:
             return False
-        self.shot = self.shot.weighed(prediction)
+        self.shot = self.shot.reweighted(prediction)
         self.target = Target(self.shot, self.prior, self.shot.white_noise(), self.target.workers)
         return True
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
-from cavirheo.inference.alternatives import LAPLACE, LIMIT, SEEN
+from cavirheo.inference.alternatives import LAPLACE, LEAST_PROBABILITY, LIMIT
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview
 from cavirheo.inference.verify.tuning import TUNING
@@ -74,7 +74,7 @@ def sample_parts(parts: Sequence[Part], budget: Budget) -> None:
         waiting = []
         for part, share in zip(parts, probabilities, strict=True):
             error = part.evidence.error or 0.0
-            in_reach = part.log + 2.0 * min(error, TUNING.part_unsure) > top + np.log(SEEN)
+            in_reach = part.log + 2.0 * min(error, TUNING.part_unsure) > top + np.log(LEAST_PROBABILITY)
             large_or_unsure = share > TUNING.part_small or (part.sampling.drawn is None and error > TUNING.part_known)
             if rounds[id(part)] and in_reach and large_or_unsure and part.short(float(share)):
                 waiting.append((float(share), part))
@@ -118,7 +118,7 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
     for i, part in enumerate(laws):
         share = whole[id(part)]
         of_law = share + (whole.get(id(limits[i]), 0.0) if i in limits else 0.0)
-        if part.sampling.drawn is None and of_law < SEEN:
+        if part.sampling.drawn is None and of_law < LEAST_PROBABILITY:
             continue
         if part.sampling.drawn is None:
             part.weigh(float(share), budget)

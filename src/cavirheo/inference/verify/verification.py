@@ -13,7 +13,7 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
-from cavirheo.inference.alternatives import LAPLACE, SEEN, averaged, model_of
+from cavirheo.inference.alternatives import LAPLACE, LEAST_PROBABILITY, averaged, model_of
 from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.inference.experiment import Experiment, Simulations
 from cavirheo.inference.law import Family
@@ -310,7 +310,7 @@ class Estimation:
             if log_weight is not None and rival.evidence and rival.evidence.error != LAPLACE and real:
                 average = averaged(log_weight, evidence, view.log_weight, rival.evidence)
                 rival = replace(rival, weight=average.probability)
-                if average.probability > SEEN:
+                if average.probability > LEAST_PROBABILITY:
                     evidence, log_weight, log_q = average.evidence, average.log_weight, None
                     if average.probability > 0.5 and limit.sampling.drawn:
                         over_scale = limit.estimation.modulus_over_scale(limit.sampling.weighted)
