@@ -313,7 +313,7 @@ def test_rough_simulations_whose_error_changes_where_the_posterior_is_are_not_us
     assert not found.rough
     fine, rough = (found.exact.residuals(PLACES, accuracy) for accuracy in (DEFAULT, BRISK))
     assert np.array_equal(found.residuals(PLACES), fine)
-    assert np.array_equal(found.again(PLACES, rough).value, found.exact.log_posterior(PLACES, fine))
+    assert np.array_equal(found.corrected(PLACES, rough).value, found.exact.log_posterior(PLACES, fine))
     assert not np.allclose(found.exact.log_posterior(PLACES, rough), found.exact.log_posterior(PLACES, fine), atol=0.1)
 
 

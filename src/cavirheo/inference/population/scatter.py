@@ -127,7 +127,7 @@ class Scatter:
                 modes.append((place, width, height + 0.5 * np.linalg.slogdet(width)[1]))
         top = max(mode[2] for mode in modes)
         places, widths, integrals = zip(*(mode for mode in modes if mode[2] > top - _FAR), strict=True)
-        return Mixture.about(places, widths, integrals)
+        return Mixture.of_modes(places, widths, integrals)
 
     def _at(self, centre: Floats, spread: Floats) -> Floats:
         """u (m,) of a centre and a spread (d,)."""

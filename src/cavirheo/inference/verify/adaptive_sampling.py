@@ -37,18 +37,18 @@ LAST = {"each": TUNING.emulated_each, "fewest": TUNING.emulated_fewest}
 
 
 class WeightedDraws(NamedTuple):
-    """drawn: the weighted draws. residual: (k, size) their extended residuals, of simulations or of a surrogate. best:
-    the maximum beside the highest simulation; None if the default one fails there. modes: all that were found. few:
-    whether few simulations were enough. apart: how many standard errors the network's own evidence is above that of the
+    """sample: the weighted draws. residual: (k, size) their extended residuals, of simulations or of a surrogate. best:
+    the maximum beside the highest simulation; None if the default one fails there. modes: all maxima. few: whether few
+    simulations were enough. evidence_gap: how many standard errors the network's own evidence is above that of the
     others; None if its draws are worth too little. rough: standard deviation of the error of the log weights by rough
     simulations or by a surrogate."""
 
-    drawn: Sample
+    sample: Sample
     residual: Floats
     best: Mode | None
     modes: list[Mode]
     few: bool
-    apart: float | None
+    evidence_gap: float | None
     rough: float
 
 
@@ -78,7 +78,7 @@ class TwoFidelityTarget(Target):
         wrong = self.log_posterior(u, fine) - self.log_posterior(u, rough + self.missed)
         self.rough = bool(np.cov(wrong, aweights=trust) < TUNING.mended_begun**2)
 
-    def again(self, u: Floats, residual: Floats) -> Simulated:
+    def corrected(self, u: Floats, residual: Floats) -> Simulated:
         """What was known at u (k, d), with rough residuals (k, n), before something was learnt: with it, or by default
         simulations where rough ones are refused."""
         if not self.rough:
@@ -86,9 +86,9 @@ class TwoFidelityTarget(Target):
         residual = residual + self.missed
         return Simulated(u, residual, self.log_posterior(u, residual))
 
-    def lifted(self, modes: list[Mode]) -> list[Mode]:
+    def corrected_modes(self, modes: list[Mode]) -> list[Mode]:
         """Modes that were found before something was learnt, with it."""
-        now = self.again(*(np.array([getattr(mode, name) for mode in modes]) for name in ("u", "residual")))
+        now = self.corrected(*(np.array([getattr(mode, name) for mode in modes]) for name in ("u", "residual")))
         return [
             replace(mode, residual=residual, log_posterior=float(value))
             for mode, residual, value in zip(modes, now.residual, now.value, strict=True)
@@ -173,28 +173,30 @@ class AdaptiveSampling:
         scanned: Callable[[], list[Floats]], windowed: Callable[[], list[Floats]] = list, *, seed: int,
     ) -> None:  # fmt: skip
         self.target, self.network, self.scanned, self.windowed, self.seed = target, network, scanned, windowed, seed
-        self.near = near = TwoFidelityTarget(target)
+        self.two_fidelity = two_fidelity = TwoFidelityTarget(target)
         simulated, maxima = None, list[Mode]()
         if network:
-            u, simulated, mode = _begun(near, network, seed)
+            u, simulated, mode = _start_by_network(two_fidelity, network, seed)
             if mode:
-                maxima = [mode, *modes(near, _beyond(mode, simulated))]
+                maxima = [mode, *modes(two_fidelity, _unexpected(mode, simulated))]
         searched = not maxima
         if searched:
-            maxima = modes(near, starts(), scanned())
+            maxima = modes(two_fidelity, starts(), scanned())
         if not maxima:
             raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-        near.correct(_likely(near, maxima[0], None if searched else simulated, seed))
-        self.modes = near.lifted(maxima)
-        self.explorer = AdaptiveProposal(near, self.modes, TUNING.auto_learning, follow=searched, network=network)
+        two_fidelity.correct(_likely_simulations(two_fidelity, maxima[0], None if searched else simulated, seed))
+        self.modes = two_fidelity.corrected_modes(maxima)
+        self.explorer = AdaptiveProposal(
+            two_fidelity, self.modes, TUNING.auto_learning, follow=searched, network=network
+        )
         self.own: Sample | None = None
-        self.drawn: Sample | None = None
-        self.apart: float | None = None
+        self.sample: Sample | None = None
+        self.evidence_gap: float | None = None
         self.emulated: SurrogateDraws | None = None
         self.error = 0.0
         self.trusted = self.searched = self.ended = self.failed = False  # failed: no surrogate was good enough
         if network and simulated:
-            simulated = near.integrated(near.again(simulated.u, simulated.residual))
+            simulated = two_fidelity.integrated(two_fidelity.corrected(simulated.u, simulated.residual))
             self.explorer.learn(*simulated)
             self.own = Sample(u, simulated.value[: len(u)], network.log_density(u))
 
@@ -206,7 +208,7 @@ class AdaptiveSampling:
     def emulate(self, enough: float) -> Sample | None:
         """Draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own draws
         that check it; None where it is not good enough."""
-        target, explorer = self.near.exact, self.explorer
+        target, explorer = self.two_fidelity.exact, self.explorer
         emulation, self.emulated = None, None
         rng = np.random.Generator(np.random.Philox(self.seed))
         error = 0.0
@@ -232,9 +234,9 @@ class AdaptiveSampling:
             return None
         self.emulated, self.error = emulation, error
         unsure = float(np.hypot(error / np.sqrt(len(wrong)) * (1.0 + error), TUNING.emulated_unsure))
-        self.drawn = replace(emulation.sample, common=unsure)
-        self.trusted = self._agrees(self.drawn)
-        return self.drawn
+        self.sample = replace(emulation.sample, common=unsure)
+        self.trusted = self._agrees(self.sample)
+        return self.sample
 
     def _weighed(self, enough: float, rng: np.random.Generator) -> Sample | None:
         """Draws of a surrogate that is wrong in places, each simulated and weighed; None where they are worth too
@@ -252,7 +254,7 @@ class AdaptiveSampling:
             some = slice(len(value), len(value) + TUNING.draws_per_round)
             self.explorer(u[some])
             residual = self.explorer.residuals_of(u[some])
-            value = np.append(value, self.near.log_joint(u[some], residual, camera[some]))
+            value = np.append(value, self.two_fidelity.log_joint(u[some], residual, camera[some]))
             draws = Sample(u[: len(value)], value, log_q[: len(value)], camera=camera[: len(value)])
             if draws.ess >= needed and draws.reliable:
                 break
@@ -260,14 +262,14 @@ class AdaptiveSampling:
                 return None
         else:
             return None
-        self.drawn, self.trusted = draws, self._agrees(draws)
+        self.sample, self.trusted = draws, self._agrees(draws)
         return draws
 
     def search_windows(self) -> None:
         """Look for further modes by windows that grow, where the best one leaves more than noise."""
         frames = self.target.noise.split(max(self.modes, key=lambda mode: mode.log_posterior).residual)[0]
         if not self.searched and self.target.experiment.misfit(frames) > TUNING.searched_above:
-            self.explorer.also(modes(self.near, self.windowed(), maxima=self.explorer.modes))
+            self.explorer.also(modes(self.two_fidelity, self.windowed(), maxima=self.explorer.modes))
         self.searched = True
 
     def weigh(
@@ -280,57 +282,57 @@ class AdaptiveSampling:
         self.failed = self.failed or self.emulate(max(enough, TUNING.effective_fewest)) is None
         if self.failed or (thorough and not self.trusted):
             return self.thorough(budget) if thorough else self._simulated(enough, min(most, budget.draws), budget)
-        assert self.drawn is not None
-        return self.drawn
+        assert self.sample is not None
+        return self.sample
 
     def _simulated(self, enough: float, most: int, budget: Budget) -> Sample:
         """Draws that are simulated, until all are worth `enough` independent ones, or it is plain that they will not
         be."""
         sizes: dict[str, Any] = {"each": budget.each, "fewest": 1, "least": enough, "patience": budget.patience}
-        self.drawn = self.explorer.sample(self.seed + 2, most=most, enough=enough, **sizes)
-        self.trusted = self.drawn.ess >= enough and self.drawn.reliable
-        return self.drawn
+        self.sample = self.explorer.sample(self.seed + 2, most=most, enough=enough, **sizes)
+        self.trusted = self.sample.ess >= enough and self.sample.reliable
+        return self.sample
 
     def _agrees(self, draws: Sample) -> bool:
         """Whether the network's own evidence is not larger than that of the draws."""
-        guard, self.apart = self._guard, None
+        guard, self.evidence_gap = self._guard, None
         if guard and guard[1].ess >= TUNING.own_worth:
-            self.apart = _standard_errors(guard[1], draws)
-        return self.apart is None or self.apart <= TUNING.agree
+            self.evidence_gap = _standard_errors(guard[1], draws)
+        return self.evidence_gap is None or self.evidence_gap <= TUNING.agree
 
     def thorough(self, budget: Budget) -> Sample:
         """Draws of a surrogate, or as level "full" has them but of rough simulations, where few cannot be trusted:
         ridges are followed, and modes are looked for all over the ranges."""
         explorer, self.ended = self.explorer, True
         explorer.thorough(budget.learning)
-        explorer.also(modes(self.near, [], self.scanned()))
+        explorer.also(modes(self.two_fidelity, [], self.scanned()))
         enough = max(min(budget.enough, budget.draws / 4), TUNING.effective_fewest)
         if self.emulate(enough) is None or not self.trusted:
             self.emulated = None
             sizes = {"each": budget.each, "fewest": budget.fewest, "least": budget.least, "enough": enough}
-            self.drawn = explorer.sample(self.seed + 1, self._guard, most=budget.draws, **sizes)
-        assert self.drawn is not None
-        return self.drawn
+            self.sample = explorer.sample(self.seed + 1, self._guard, most=budget.draws, **sizes)
+        assert self.sample is not None
+        return self.sample
 
     @cached_property
     def weighted(self) -> WeightedDraws:
         """The draws, compared with default simulations. For the last call."""
-        assert self.drawn is not None
+        assert self.sample is not None
         explorer, emulation = self.explorer, self.emulated
-        draws, error = (self.drawn, self.error) if emulation else self.near.checked(self.drawn, self.seed)
+        draws, error = (self.sample, self.error) if emulation else self.two_fidelity.checked(self.sample, self.seed)
         residual = explorer.residuals_of(draws.u)
         if draws.camera is not None:
             shapes = emulation.surrogate.shapes(draws.u) if emulation else self.target.noise.shapes(residual)
             residual = self.target.extended(shapes, draws.camera)
-        best = self.near.highest(explorer.highest, emulation.surrogate if emulation else None)
-        return WeightedDraws(draws, residual, best, explorer.modes, self.trusted, self.apart, error)
+        best = self.two_fidelity.highest(explorer.highest, emulation.surrogate if emulation else None)
+        return WeightedDraws(draws, residual, best, explorer.modes, self.trusted, self.evidence_gap, error)
 
     @property
     def _guard(self) -> tuple[Proposal, Sample] | None:
         return (self.network, self.own) if self.network and self.own is not None else None
 
 
-def _begun(target: TwoFidelityTarget, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:
+def _start_by_network(target: TwoFidelityTarget, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:
     """(u of the network's own draws, their simulations and those on the way to the maximum, that maximum); None for it
     where hardly any could be simulated."""
     u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
@@ -341,7 +343,7 @@ def _begun(target: TwoFidelityTarget, network: Proposal, seed: int) -> tuple[Flo
     return u, simulated, mode
 
 
-def _likely(target: TwoFidelityTarget, mode: Mode, simulated: Simulated | None, seed: int) -> Simulated:
+def _likely_simulations(target: TwoFidelityTarget, mode: Mode, simulated: Simulated | None, seed: int) -> Simulated:
     """Rough simulations at a mode and where the posterior is: some of the known ones, for it may be curved and
     the Gaussian about its mode then leads far from it."""
     if simulated is None:
@@ -354,7 +356,7 @@ def _likely(target: TwoFidelityTarget, mode: Mode, simulated: Simulated | None, 
     return Simulated(simulated.u[chosen], simulated.residual[chosen], simulated.value[chosen])
 
 
-def _beyond(mode: Mode, simulated: Simulated) -> list[Floats]:
+def _unexpected(mode: Mode, simulated: Simulated) -> list[Floats]:
     """The likeliest simulation that the Gaussian about the mode does not expect there, if there is one: on the way to
     another mode."""
     expected = mode.log_posterior - 0.5 * mode.squares(simulated.u)

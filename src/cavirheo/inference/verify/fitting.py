@@ -105,7 +105,7 @@ class FitEstimation(SearchedEstimation):
         """Gaussians about the modes, and wider ones: posteriors are curved."""
         fitted = self.fitted_modes
         places, shapes = [mode.u for mode in fitted], [mode.covariance for mode in fitted]
-        return Mixture.about(places, shapes, [mode.log_evidence for mode in fitted]).widened(TUNING.fit_wide)
+        return Mixture.of_modes(places, shapes, [mode.log_evidence for mode in fitted]).widened(TUNING.fit_wide)
 
     def _nearest(self, x: Floats) -> tuple[Floats, float]:
         """x (all,), beside which the model comes no nearer; by least squares of default simulations, where the frames

@@ -35,12 +35,12 @@ class Part:
     @property
     def view(self) -> Preview:
         """Its weighted draws, or what its maximum tells."""
-        return self.estimation.as_part(self.sampling.weighted) if self.sampling.drawn else self.estimation.at_maximum()
+        return self.estimation.as_part(self.sampling.weighted) if self.sampling.sample else self.estimation.at_maximum()
 
     @property
     def evidence(self) -> Evidence:
         """As far as it is known."""
-        sample = self.sampling.drawn
+        sample = self.sampling.sample
         return Evidence(*sample.log_evidence) if sample else Evidence(self.sampling.log_laplace, LAPLACE)
 
     @property
@@ -50,7 +50,7 @@ class Part:
 
     def short(self, share: float) -> bool:
         """Whether its draws are fewer than a part of this share needs."""
-        sample = self.sampling.drawn
+        sample = self.sampling.sample
         return sample is None or (not self.sampling.ended and sample.ess < TUNING.effective_fewest * share)
 
     def weigh(self, share: float, budget: Budget) -> None:
@@ -75,7 +75,7 @@ def sample_parts(parts: Sequence[Part], budget: Budget) -> None:
         for part, share in zip(parts, probabilities, strict=True):
             error = part.evidence.error or 0.0
             in_reach = part.log + 2.0 * min(error, TUNING.part_unsure) > top + np.log(LEAST_PROBABILITY)
-            large_or_unsure = share > TUNING.part_small or (part.sampling.drawn is None and error > TUNING.part_known)
+            large_or_unsure = share > TUNING.part_small or (part.sampling.sample is None and error > TUNING.part_known)
             if rounds[id(part)] and in_reach and large_or_unsure and part.short(float(share)):
                 waiting.append((float(share), part))
         if not waiting:
@@ -118,9 +118,9 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
     for i, part in enumerate(laws):
         share = whole[id(part)]
         of_law = share + (whole.get(id(limits[i]), 0.0) if i in limits else 0.0)
-        if part.sampling.drawn is None and of_law < LEAST_PROBABILITY:
+        if part.sampling.sample is None and of_law < LEAST_PROBABILITY:
             continue
-        if part.sampling.drawn is None:
+        if part.sampling.sample is None:
             part.weigh(float(share), budget)
         needed = TUNING.effective_fewest * float(share) * (1.0 - 1e-9)
         answers.append(part.estimation.weighted_answer(part.sampling.weighted, needed, limits.get(i)))

@@ -139,7 +139,7 @@ class AdaptiveProposal:
                     self(place.u + np.concatenate([axes, -axes]), ROUGH)
         heights = np.array([place.log_evidence for place in self.places])
         means, covariances = [place.u for place in self.places], [place.covariance for place in self.places]
-        self.start = Mixture.about(means, covariances, heights - np.max(heights))
+        self.start = Mixture.of_modes(means, covariances, heights - np.max(heights))
 
     def __call__(self, u: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
@@ -261,7 +261,7 @@ class AdaptiveProposal:
 
     def _through(self, draws: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture that follows weighted draws, with as many components as they are worth."""
-        return self._followed(draws, rng).beside(self.start, TUNING.adapted_modes).widened()
+        return self._followed(draws, rng).mixed_with(self.start, TUNING.adapted_modes).widened()
 
     def _followed(self, draws: Sample, rng: np.random.Generator, each: float = TUNING.adapted_each) -> Mixture:
         """The same without the modes. each: effective draws for each coordinate that a component takes."""
@@ -308,8 +308,8 @@ class AdaptiveProposal:
         """A mixture through weighted draws of u and camera, wide enough to find what they miss."""
         shelf = shelves(self.target, few_draws(draws, rng), self.u.shape[1])
         mixture = adapted(draws, rng)
-        return mixture.beside(shelf, TUNING.shelf_share) if shelf else mixture
+        return mixture.mixed_with(shelf, TUNING.shelf_share) if shelf else mixture
 
     def _wide(self) -> Mixture:
         """The mixture with the modes beside it, widened."""
-        return self.mixture.beside(self.start, TUNING.modes_share).widened()
+        return self.mixture.mixed_with(self.start, TUNING.modes_share).widened()

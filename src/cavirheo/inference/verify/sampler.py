@@ -33,7 +33,7 @@ class Mixture:
     scale: Floats
 
     @classmethod
-    def about(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
+    def of_modes(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
         """A component about each place, and a tenth of the draws twice as wide."""
         share = np.exp(np.asarray(log_share) - log_sum(log_share))
         return cls(share, np.array(means), np.array(covariances)).widened(0.1, 2.0)
@@ -52,9 +52,9 @@ class Mixture:
 
     def widened(self, part: float = TUNING.wide_share, factor: float = TUNING.wide_factor) -> Mixture:
         """With `part` of the draws from the same components, wider: fitted shapes lose their tails."""
-        return self.beside(Mixture(self.share, self.mean, factor**2 * self.scale), part)
+        return self.mixed_with(Mixture(self.share, self.mean, factor**2 * self.scale), part)
 
-    def beside(self, mixture: Mixture, part: float) -> Mixture:
+    def mixed_with(self, mixture: Mixture, part: float) -> Mixture:
         """With `part` of the draws from another mixture."""
         return Mixture(
             np.concatenate([(1.0 - part) * self.share, part * mixture.share]),
@@ -290,7 +290,7 @@ def adapted(draws: Sample, rng: np.random.Generator) -> Mixture:
         count = int(np.clip(few.ess / (TUNING.joint_each * few.u.shape[1]), 1, TUNING.joint_components))
         mixtures.append(Mixture.through(few.u, few.log_weight, count, rng))
     near, flat = mixtures
-    return near.widened(TUNING.joint_wide, TUNING.joint_factor).beside(flat, TUNING.joint_flat)
+    return near.widened(TUNING.joint_wide, TUNING.joint_factor).mixed_with(flat, TUNING.joint_flat)
 
 
 def joined(samples: Sequence[Sample]) -> Sample:

@@ -166,9 +166,9 @@ class Estimation:
 
     def weighted_answer(self, draws: WeightedDraws, needed: float, limit: Part | None) -> Posterior:
         """The answer of level "auto". needed: effective draws that an interval takes. limit: of the rival."""
-        best, sample = draws.best or self._best(draws.modes), draws.drawn
+        best, sample = draws.best or self._best(draws.modes), draws.sample
         summary = {
-            "few_simulations": draws.few, "evidences_apart_in_standard_errors": draws.apart,
+            "few_simulations": draws.few, "evidences_apart_in_standard_errors": draws.evidence_gap,
             "log_weight_error": draws.rough,
         }  # fmt: skip
         trusted = self._trusted_draws(sample, draws.residual, best, needed)
@@ -176,7 +176,7 @@ class Estimation:
 
     def as_part(self, draws: WeightedDraws) -> Preview:
         """Weighted draws in the form of a preview."""
-        sample, best = draws.drawn, draws.best or draws.modes[0]
+        sample, best = draws.sample, draws.best or draws.modes[0]
         z, camera_drawn = self.target.camera.z(draws.residual), sample.camera is not None
         x, _ = self.target.completed(sample.u, z, best.u, self.settings.seed, camera_drawn=camera_drawn)
         quantiles, evidence = intervals(*self.shot.answer(x), sample.log_weight), Evidence(*sample.log_evidence)
@@ -312,7 +312,7 @@ class Estimation:
                 rival = replace(rival, weight=average.probability)
                 if average.probability > LEAST_PROBABILITY:
                     evidence, log_weight, log_q = average.evidence, average.log_weight, None
-                    if average.probability > 0.5 and limit.sampling.drawn:
+                    if average.probability > 0.5 and limit.sampling.sample:
                         over_scale = limit.estimation.modulus_over_scale(limit.sampling.weighted)
                     x = np.concatenate([x, shot.as_limit(view.x, limit.estimation.shot.names)])
             alternatives = (*alternatives, rival)
@@ -359,7 +359,7 @@ class Estimation:
 
     def modulus_over_scale(self, draws: WeightedDraws) -> float | None:
         """Relative change of G over that of R_max, of weighted draws."""
-        return self._moved_modulus(draws.best or draws.modes[0], *self._integrated(draws.drawn, draws.residual))
+        return self._moved_modulus(draws.best or draws.modes[0], *self._integrated(draws.sample, draws.residual))
 
     def _integrated(self, sample: Sample, residual: Floats) -> tuple[Floats, Floats, Floats]:
         """u, extended residuals and log weights of draws; of those with a camera of their own some, with the most
