@@ -241,6 +241,23 @@ def test_a_surrogate_knows_what_simulations_would_say():
     assert np.std((told - value)[likely]) < 0.3
 
 
+def test_frames_of_a_shape_follow_the_size_of_the_bubble():
+    """A bubble that is larger than the measured one by scale and factor, against its own simulation."""
+    curve = shot(within=Bubble("kinetic", 0.1, confinement_damping=0.2))
+    real = Experiment(curve, Family("nhkv"), options=Options(free=tuple(FREE), bubble=REAL))
+    target = Target(real, real.prior(), real.noise(discrepancy=False))
+    x = real.from_best(TRUTH | {"accommodation": 0.1, "confinement_damping": 0.2})
+    u, z = target.start(x)[None], np.array([[0.0, 2.0, 2.0]])
+    exact = real.difference(target.with_camera(u, z)[0], DEFAULT)[real.counted]
+    errors = []
+    for _ in range(2):
+        residual = target.residuals(u, DEFAULT)
+        frames = target.noise.split(target.extended(target.noise.shapes(residual), z))[0][0]
+        errors.append(np.sqrt(np.mean((frames - exact) ** 2)))
+        target.follow_size(u[0] + 0.1)
+    assert errors[1] < 0.3 * errors[0]
+
+
 @pytest.mark.parametrize(("width", "tolerance"), [(3.0, 0.15), (1.0, 0.25)])
 def test_draws_of_an_adapted_proposal_are_those_of_the_density_wherever_they_begin(width, tolerance):
     """A curved density in four dimensions of known evidence; from a wide proposal and from one that misses its ends."""

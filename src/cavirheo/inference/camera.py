@@ -4,7 +4,8 @@ They move the frames of a bubble that is already solved. In units of t_c its rad
 clock t_0, radius scale s and R_max factor f. What goes with p t_c scales with size: a viscosity or a relaxation time of
 the law is s f times that of the simulation (`rescaled`). Else size enters R* through heat and mass transfer, and hardly
 through surface tension and sound: 1 % of size changes R* by 0.15 % of R_max RMS. Where frames are sharp enough to tell
-(`resolves_size`), a second simulation gives R* to first order in size.
+(`resolves_size`), a second simulation gives R* to first order in size; else one beside the maximum does for all, for it
+hardly changes across a posterior.
 
 For each simulation the most likely (t_0, s, f) = p is found by Gauss-Newton steps on the frames, and the integral over
 p is Laplace's about it, H the curvature of -log(likelihood x prior) there:
@@ -30,7 +31,7 @@ what changes smoothly with a parameter. Where size counts, what a bubble that is
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -97,7 +98,8 @@ class CameraNuisances:
     time: (n,) s after the R_max that was read. measured: (n,) R/R_max. widths: standard deviations of t_0 (s), s and
     f; 0 for one that is exact. exposure: s of a frame.
     step: s between the instants at which a simulation is needed. collapses: in these frames. sized: whether the frames
-    tell what the size of the bubble changes besides time.
+    tell what the size of each bubble changes besides time. by_size: (numbers,) what a bubble that is SIZE_STEP larger
+    has more in its shape, of all bubbles alike, where each has not its own; empty where it is not known.
     """
 
     time: Floats
@@ -107,6 +109,7 @@ class CameraNuisances:
     step: float
     collapses: int = 0
     sized: bool = False
+    by_size: Floats = field(default_factory=lambda: NOTHING)
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -159,10 +162,6 @@ class CameraNuisances:
         larger = SimulatedCurve(radius, np.gradient(radius, self.step), run.by_size)
         return np.concatenate([residual, shape, _shape(larger, self.step, self.collapses) - shape]), curvature
 
-    def difference(self, run: SimulatedCurve, z: Floats) -> Floats:
-        """(n,) measured minus simulated of a simulation on `grid` by a camera z (m,)."""
-        return np.asarray(_simulated_frames(run, self.frames, z)[:, -1])
-
     def of_shapes(self, shapes: Floats, noise: Noise) -> Floats:
         """(k, n + m + 1) extended residuals of bubbles of these shapes (k, numbers), without shapes."""
         how = noise.covariances, noise.constants, noise.power
@@ -170,11 +169,13 @@ class CameraNuisances:
         return np.asarray(_of_shapes(shapes, last, self.shape_frames, self.starts, *how))
 
     def difference_of_shapes(self, shapes: Floats, z: Floats) -> Floats:
-        """(k, n) the same of bubbles of these shapes (k, numbers), by a camera z (k, m)."""
-        if self.sized:
+        """(k, n) measured minus simulated of bubbles of these shapes (k, numbers), by a camera z (k, m); NaN where one
+        is."""
+        if self.sized or len(self.by_size):
             values = self.natural(z)
             grown = values["radius_scale"] * values["max_radius_factor"] - 1.0
-            shapes = shapes[:, : self.numbers] + (grown / SIZE_STEP)[:, None] * shapes[:, self.numbers :]
+            by_size = shapes[:, self.numbers :] if self.sized else self.by_size
+            shapes = shapes[:, : self.numbers] + (grown / SIZE_STEP)[:, None] * by_size
         shapes, z = np.ascontiguousarray(shapes), np.ascontiguousarray(z)
         return np.asarray(_difference_of_shapes(shapes, z, len(self.grid) - 1.0, self.shape_frames))
 
@@ -456,6 +457,9 @@ def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames
     share, parts = np.empty(count * each), np.empty(count * each, np.int64)
     for k in range(len(shapes)):
         shape = shapes[k]
+        if not np.isfinite(np.sum(shape) + np.sum(z[k])):  # a simulation that failed
+            difference[k] = np.nan
+            continue
         knots[1 : collapses + 1], knots[collapses + 1] = shape[:collapses] * last, last
         for part in range(collapses + 1):
             rates[part] = 1.0 / max(knots[part + 1] - knots[part], 1e-9)

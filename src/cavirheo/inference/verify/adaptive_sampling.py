@@ -184,6 +184,8 @@ class AdaptiveSampling:
             maxima = modes(two_fidelity, starts(), scanned())
         if not maxima:
             raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
+        target.follow_size(maxima[0].u)
+        two_fidelity.camera = target.camera
         two_fidelity.correct(_likely_simulations(two_fidelity, maxima[0], None if searched else simulated, seed))
         self.modes = two_fidelity.corrected_modes(maxima)
         self.explorer = AdaptiveProposal(

@@ -40,6 +40,14 @@ class Target:
         self.noise: MarginalNoise = MarginalNoise(noise, len(self.camera.free), self.camera.size)
         self.workers: int = workers
 
+    def follow_size(self, u: Floats) -> None:
+        """Let frames follow the size of the bubble as they do at u (d,), where each simulation does not tell it."""
+        camera = replace(self.camera, sized=True)
+        if not self.camera.sized and self.noise.pulls:
+            residual = self.experiment.extended(self.with_camera(u[None])[0], camera, self.noise.frames)[0]
+            if np.all(np.isfinite(residual)):
+                self.camera = replace(self.camera, by_size=residual[-camera.numbers :])
+
     def start(self, x: Floats) -> Floats:
         """(..., d) u of x (..., all), where a climb can begin."""
         return self.prior.to_u(x[..., self.columns], INSIDE)
@@ -97,18 +105,8 @@ class Target:
 
     def checks(self, u: Floats, z: Floats) -> tuple[Simulated, Floats]:
         """Default simulations at u (k, d), and their log posterior with a camera z (k, m)."""
-        shot, frames = self.experiment, self.noise.frames
-
-        def simulate(pair: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-            run = shot.sampled(pair[0], self.camera, frames, DEFAULT)
-            if run is None:
-                return np.full(self.noise.size, np.nan), np.full(frames.size, np.nan)
-            return self.camera.extended(run, frames)[0], self.camera.difference(run, pair[1])
-
-        both = each(simulate, list(zip(self.with_camera(u), z, strict=True)), self.workers)
-        residual, difference = (np.array(values) for values in zip(*both, strict=True))
-        simulated = Simulated(u, residual, self.log_posterior(u, residual))
-        return simulated, self.log_posterior(u, _with_prior(difference, z))
+        simulated = Simulated.at(self, u, DEFAULT)
+        return simulated, self.log_joint(u, simulated.residual, z)
 
     def integrated(self, simulated: Simulated) -> Simulated:
         """The same with the camera integrated by importance sampling for those that are likely: Laplace's integral is

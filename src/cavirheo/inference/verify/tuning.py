@@ -158,7 +158,7 @@ class Tuning:
     systematic: float = 0.03  # of R_max: misfit beyond noise that rejects a law
     systematic_seen: float = 5e-4  # of R_max: misfit below which none is stated
     pulled: float = 2.3  # a nuisance that far from its middle has 1 % of its prior beyond it
-    moved: int = 200  # draws that tell what another scale would change
+    moved: int = 600  # draws that tell what another scale would change
     nearest_steps: int = 12  # of least squares from the maximum, where a misfit is no noise
     replicates: int = 2000  # of the predictive check
     rejected: float = 0.01  # probability of its rejection where the law is right
