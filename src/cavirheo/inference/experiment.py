@@ -390,20 +390,18 @@ class Experiment:
     ) -> tuple[Floats, Floats]:  # fmt: skip
         """(size,) extended residual (camera.py) of x (d,), whose clock, scale and factor do not count, and the
         curvature (m, m) about the most likely ones; NaN where the simulation failed."""
-        curve, m = self.sampled(x, camera, noise, accuracy), len(camera.free)
+        curve, m = self.sampled(x, camera, accuracy), len(camera.free)
         if curve is None:
             return np.full(camera.size, np.nan), np.full((m, m), np.nan)
         return camera.extended(curve, noise)
 
-    def sampled(
-        self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = DEFAULT
-    ) -> SimulatedCurve | None:
+    def sampled(self, x: Floats, camera: CameraNuisances, accuracy: Accuracy = DEFAULT) -> SimulatedCurve | None:
         """The bubble of x (d,) on the camera's grid, as `extended` has it; None where the simulation failed."""
         natural, by_size = self.natural(x), np.zeros(len(camera.grid))
         run = self._run(x, natural, self.max_radius, camera.grid, accuracy)
         if run is None:
             return None
-        if camera.sized or camera.resolves_size(noise):
+        if camera.sized:
             size = 1.0 + SIZE_STEP
             law = rescaled(self.family.parameters, x[None, : self.law], np.array([size]))[0]
             x = np.concatenate([law, x[self.law :]])

@@ -100,8 +100,9 @@ class Target:
 
     def extended(self, shapes: Floats, z: Floats) -> Floats:
         """(k, size) extended residuals of bubbles of these shapes (k, numbers) by a camera z (k, m), which is not
-        integrated."""
-        return np.hstack([_with_prior(self.camera.difference_of_shapes(shapes, z), z), shapes])
+        integrated: the logarithm of the rest is that of its prior."""
+        rest = np.full((len(z), 1), -0.5 * z.shape[1] * np.log(2.0 * np.pi))
+        return np.hstack([self.camera.difference_of_shapes(shapes, z), z, rest, shapes])
 
     def checks(self, u: Floats, z: Floats) -> tuple[Simulated, Floats]:
         """Default simulations at u (k, d), and their log posterior with a camera z (k, m)."""
@@ -151,12 +152,6 @@ class Target:
         moves = np.minimum(FORWARD * steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
         moved = self.residuals(u + np.diag(moves), accuracy)
         return np.nan_to_num((residual - moved) / moves[:, None]).T
-
-
-def _with_prior(difference: Floats, z: Floats) -> Floats:
-    """(k, n + m + 1) differences (k, n) and a camera z (k, m) with the density of its prior, as extended residuals have
-    them."""
-    return np.hstack([difference, z, np.full((len(z), 1), -0.5 * z.shape[1] * np.log(2.0 * np.pi))])
 
 
 @dataclass(frozen=True, eq=False)

@@ -385,7 +385,7 @@ class Estimation:
         if "shear_modulus" not in names:
             return None
         camera, noise = target.camera, target.noise.frames
-        bubble = shot.sampled(target.with_camera(best.u[None])[0], camera, noise)
+        bubble = shot.sampled(target.with_camera(best.u[None])[0], camera)
         if bubble is None:
             return None
         sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
