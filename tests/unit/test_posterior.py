@@ -254,8 +254,21 @@ def test_frames_of_a_shape_follow_the_size_of_the_bubble():
         residual = target.residuals(u, DEFAULT)
         frames = target.noise.split(target.extended(target.noise.shapes(residual), z))[0][0]
         errors.append(np.sqrt(np.mean((frames - exact) ** 2)))
-        target.follow_size(u[0] + 0.1)
-    assert errors[1] < 0.3 * errors[0]
+        near = u + 0.1
+        target.follow(mode_of.Mode(near[0], 0.0, np.eye(len(near.T)), target.residuals(near, DEFAULT)[0], np.empty(0)))
+    by_shape = target.camera.missed_by_shape(real.sampled(x, target.camera), z[0])
+    assert errors[1] < 0.3 * errors[0] + np.sqrt(np.mean(by_shape**2))
+    assert np.sqrt(np.mean(by_shape**2)) < 0.3 * errors[0]
+
+
+@pytest.mark.parametrize("counted", [0, 3])
+def test_shapes_have_the_collapses_of_the_bubble_however_many_were_counted(counted):
+    field = Experiment(shot(), Family("nhkv"), options=Options(free=tuple(FREE), bubble=FIELD))
+    before, noise = replace(field.camera, collapses=counted), field.noise(discrepancy=True)
+    run, z = field.sampled(field.from_best(TRUTH), before), np.zeros(3)
+    missed = [np.std(kind.missed_by_shape(run, z)) for kind in (before, before.with_collapses(run, z, noise))]
+    assert missed[1] < 0.2 * noise.typical
+    assert counted or missed[0] > noise.typical
 
 
 @pytest.mark.parametrize(("width", "tolerance"), [(3.0, 0.15), (1.0, 0.25)])

@@ -176,7 +176,8 @@ def planted(network, draws=400):
     here = experiment(shot())
     target = Target(here, here.prior(), here.noise(True), 2)
     sampling = AdaptiveSampling(target, network(target), lambda: [target.start(TRUE)], list, seed=1)
-    sampling.weigh(100.0, Budget(draws=draws))
+    while sampling.short(1.0):
+        sampling.weigh(1.0, Budget(draws=draws))
     return sampling.weighted
 
 

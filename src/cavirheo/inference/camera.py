@@ -31,7 +31,7 @@ what changes smoothly with a parameter. Where size counts, what a bubble that is
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -49,12 +49,24 @@ PER_FRAME = 3.0  # or so many for each frame
 MOST = 4000  # of them
 STEPS = 20  # Gauss-Newton steps, at most,
 ROUGH_GAIN, SHAPE_GAIN, GAIN = 0.1, 0.02, 1e-5  # until one gains less in log density: all, the best of a shape or not
-CLOCKS = (0.0, -1.2, -0.6, 0.6, 1.2)  # where these steps begin, in standard deviations of the clock,
+CLOCKS = (
+    0.0,
+    -2.4,
+    -1.8,
+    -1.2,
+    -0.6,
+    0.6,
+    1.2,
+    1.8,
+    2.4,
+)  # where these steps begin, in standard deviations of the clock,
 CLIMBED = 2  # from so many of them, the most likely
 SIZE_STEP = 0.02  # by which the bubble of the second simulation is larger
 SIZE_EFFECT = 0.15  # RMS change of R* over a relative change of size, about,
 SIZE_SHARE = 0.25  # of the noise, from which such a change counts
 INSTANTS, SHAPE_INSTANTS = 9, 3  # in an exposure, of a simulation and of a shape
+MOST_COLLAPSES = 4  # of a shape
+SHAPED = 0.1  # of the noise: RMS of what a shape may miss
 NODES = 40  # of a shape between two collapses, dense at these
 ROUGH_SHARE, SHARE = 0.1, 0.01  # of a size of the discrepancy in the noise, below which these leave it out
 # of `_angle`, the highest power first
@@ -67,13 +79,14 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class SimulatedCurve(NamedTuple):
-    """A simulation at regular instants: R/R_max, its derivative (1/s), and the derivative of R/R_max by the logarithm
-    of the bubble's size, 0 where that does not count; or a shape whose last instant is the `last` one: then the other
-    three are empty."""
+    """A simulation at regular instants: R/R_max, its derivative (1/s), and the derivatives of both by the logarithm of
+    the bubble's size, 0 where that does not count; or a shape whose last instant is the `last` one: then the others are
+    empty."""
 
     radius: Floats
     speed: Floats
     by_size: Floats
+    speed_by_size: Floats = NOTHING
     shape: Floats = NOTHING
     last: float = 0.0
 
@@ -159,8 +172,27 @@ class CameraNuisances:
         if not self.sized:
             return np.concatenate([residual, shape]), curvature
         radius = run.radius + SIZE_STEP * run.by_size
-        larger = SimulatedCurve(radius, np.gradient(radius, self.step), run.by_size)
+        larger = SimulatedCurve(radius, run.speed + SIZE_STEP * run.speed_by_size, run.by_size)
         return np.concatenate([residual, shape, _shape(larger, self.step, self.collapses) - shape]), curvature
+
+    def with_collapses(self, run: SimulatedCurve, z: Floats, noise: Noise) -> CameraNuisances:
+        """With as many collapses in a shape as it takes to give the frames of a simulation on `grid` by a camera z
+        (m,): those that were counted in the frames, if they do."""
+        best, least = self, np.inf
+        for count in (self.collapses, *range(MOST_COLLAPSES + 1)):
+            camera = replace(self, collapses=count)
+            missed = float(np.sqrt(np.mean(camera.missed_by_shape(run, z) ** 2))) / noise.typical
+            if missed < least:
+                best, least = camera, missed
+            if least < SHAPED:
+                break
+        return best
+
+    def missed_by_shape(self, run: SimulatedCurve, z: Floats) -> Floats:
+        """(n,) measured minus simulated by a camera z (m,), beyond what the shape of a simulation on `grid` gives."""
+        shape = _shape(run, self.step, self.collapses)
+        by_shape = _difference_of_shapes(shape[None], z[None], len(self.grid) - 1.0, self.shape_frames)[0]
+        return _simulated_frames(run._replace(by_size=NOTHING), self.frames, z)[:, -1] - by_shape
 
     def of_shapes(self, shapes: Floats, noise: Noise) -> Floats:
         """(k, n + m + 1) extended residuals of bubbles of these shapes (k, numbers), without shapes."""
@@ -182,7 +214,7 @@ class CameraNuisances:
     def radius_of(self, shape: Floats) -> Floats:
         """R/R_max on `grid` of a bubble of this shape (numbers,)."""
         return np.asarray(
-            _radius(SimulatedCurve(NOTHING, NOTHING, NOTHING, shape[: self.numbers], len(self.grid) - 1.0))
+            _radius(SimulatedCurve(NOTHING, NOTHING, NOTHING, NOTHING, shape[: self.numbers], len(self.grid) - 1.0))
         )
 
     @cached_property
@@ -421,7 +453,7 @@ def _shape(run: SimulatedCurve, step: float, collapses: int) -> Floats:
     for i in range(1, last):
         if count < collapses and run.speed[i] < 0.0 <= run.speed[i + 1]:
             count += 1
-            knots[count] = i + run.speed[i] / (run.speed[i] - run.speed[i + 1])
+            knots[count] = i + _turn(run.radius[i], run.radius[i + 1], run.speed[i] * step, run.speed[i + 1] * step)
     for k in range(count + 1, collapses + 1):
         knots[k] = knots[k - 1] + (last - knots[k - 1]) / (collapses + 2 - k)
     shape = np.empty(collapses + (collapses + 1) * (NODES + 1))
@@ -434,6 +466,17 @@ def _shape(run: SimulatedCurve, step: float, collapses: int) -> Floats:
 
 
 @compiled
+def _turn(first: float, second: float, fall: float, rise: float) -> float:
+    """Where R is least between two instants, from 0 to 1, with these radii and derivatives: R^5 is cubic there, for an
+    empty cavity collapses as R^5 = A (t - t_0)^2 (Rayleigh 1917, doi:10.1080/14786440808635681)."""
+    change, begin, end = second**5 - first**5, 5.0 * first**4 * fall, 5.0 * second**4 * rise
+    square = 3.0 * (begin + end) - 6.0 * change
+    linear = end - begin - square
+    root = np.sqrt(max(linear**2 - 4.0 * begin * square, 0.0))
+    return min(max(-2.0 * begin / (linear + root), 0.0), 1.0) if linear + root > 0.0 else begin / (begin - end)
+
+
+@compiled
 def _of_shapes(
     shapes: Floats, last: float, frames: Frames, starts: Floats, covariances: Covariances, constants: Floats,
     power: float,
@@ -441,7 +484,7 @@ def _of_shapes(
     """What `CameraNuisances.of_shapes` gives."""
     residuals, nothing = np.empty((len(shapes), len(frames.time) + len(frames.free) + 1)), np.empty(0)
     for k in range(len(shapes)):
-        run = SimulatedCurve(nothing, nothing, nothing, shapes[k], last)
+        run = SimulatedCurve(nothing, nothing, nothing, nothing, shapes[k], last)
         residuals[k] = _integrated(run, frames, starts, SHAPE_GAIN, covariances, constants, power)[0]
     return residuals
 

@@ -397,7 +397,7 @@ class Experiment:
 
     def sampled(self, x: Floats, camera: CameraNuisances, accuracy: Accuracy = DEFAULT) -> SimulatedCurve | None:
         """The bubble of x (d,) on the camera's grid, as `extended` has it; None where the simulation failed."""
-        natural, by_size = self.natural(x), np.zeros(len(camera.grid))
+        natural, by_size, speed_by_size = self.natural(x), *np.zeros((2, len(camera.grid)))
         run = self._run(x, natural, self.max_radius, camera.grid, accuracy)
         if run is None:
             return None
@@ -409,7 +409,8 @@ class Experiment:
             if larger is None:
                 return None
             by_size = (larger.radius / size - run.radius) / (self.max_radius * SIZE_STEP)
-        return SimulatedCurve(run.radius / self.max_radius, run.velocity / self.max_radius, by_size)
+            speed_by_size = (larger.velocity - run.velocity) / (self.max_radius * SIZE_STEP)
+        return SimulatedCurve(run.radius / self.max_radius, run.velocity / self.max_radius, by_size, speed_by_size)
 
     def residual(self, prediction: Prediction | None) -> Floats:
         """(m,) (measured - simulated)/sigma; a failed simulation misses by R_max everywhere: large, but finite."""

@@ -27,13 +27,11 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant
 from cavirheo.inference.verify.proposals import AdaptiveProposal, SurrogateDraws
-from cavirheo.inference.verify.sampler import Proposal, Sample, tempered
+from cavirheo.inference.verify.sampler import Proposal, Sample, effective_size, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import OtherAnswer
-
-LAST = {"each": TUNING.emulated_each, "fewest": TUNING.emulated_fewest}
 
 
 class WeightedDraws(NamedTuple):
@@ -57,6 +55,7 @@ class TwoFidelityTarget(Target):
 
     def __init__(self, target: Target) -> None:
         super().__init__(target.experiment, target.whole, target.noise.frames, target.workers)
+        self.camera, self.noise = target.camera, target.noise
         self.exact, self.missed, self.rough = target, np.zeros(target.noise.size), True
         self.learnt = np.empty((0, len(target.prior.names)))  # u of what taught it
 
@@ -143,12 +142,22 @@ class Emulated(Target):
 
     def __init__(self, target: Target, surrogate: Surrogate) -> None:
         super().__init__(target.experiment, target.whole, target.noise.frames, target.workers)
-        self.surrogate = surrogate
+        self.camera, self.noise, self.surrogate = target.camera, target.noise, surrogate
 
     def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
         """(k, size) at u (k, d)."""
         shapes = self.surrogate.shapes(u)
         return np.hstack([self.camera.of_shapes(shapes, self.noise.frames), shapes])
+
+
+def tolerance(share: float) -> float:
+    """Standard deviation of what may be wrong in the log weights of a model with this share in the answer."""
+    return min(TUNING.emulated_enough / share, TUNING.emulated_worst)
+
+
+def sizes(share: float) -> dict[str, int]:
+    """Of the rounds of draws that are the answer of a model with this share."""
+    return {"each": max(round(TUNING.emulated_each * share), TUNING.emulated_taught), "fewest": TUNING.emulated_fewest}
 
 
 class Preview(NamedTuple):
@@ -173,7 +182,7 @@ class AdaptiveSampling:
         scanned: Callable[[], list[Floats]], windowed: Callable[[], list[Floats]] = list, *, seed: int,
     ) -> None:  # fmt: skip
         self.target, self.network, self.scanned, self.windowed, self.seed = target, network, scanned, windowed, seed
-        self.two_fidelity = two_fidelity = TwoFidelityTarget(target)
+        two_fidelity = TwoFidelityTarget(target)
         simulated, maxima = None, list[Mode]()
         if network:
             u, simulated, mode = _start_by_network(two_fidelity, network, seed)
@@ -184,8 +193,12 @@ class AdaptiveSampling:
             maxima = modes(two_fidelity, starts(), scanned())
         if not maxima:
             raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-        target.follow_size(maxima[0].u)
-        two_fidelity.camera = target.camera
+        reshaped = target.follow(maxima[0])
+        self.two_fidelity = two_fidelity = TwoFidelityTarget(target)
+        if reshaped:
+            residuals = two_fidelity.residuals(np.array([mode.u for mode in maxima]))
+            maxima = [replace(mode, residual=row) for mode, row in zip(maxima, residuals, strict=True)]
+            simulated = Simulated.at(two_fidelity, simulated.u) if simulated else None
         two_fidelity.correct(_likely_simulations(two_fidelity, maxima[0], None if searched else simulated, seed))
         self.modes = two_fidelity.corrected_modes(maxima)
         self.explorer = AdaptiveProposal(
@@ -195,8 +208,8 @@ class AdaptiveSampling:
         self.sample: Sample | None = None
         self.evidence_gap: float | None = None
         self.emulated: SurrogateDraws | None = None
-        self.error = 0.0
-        self.trusted = self.searched = self.ended = self.failed = False  # failed: no surrogate was good enough
+        self.error, self.turns = 0.0, 0  # turns: rounds of surrogates so far
+        self.trusted = self.searched = self.ended = False
         if network and simulated:
             simulated = two_fidelity.integrated(two_fidelity.corrected(simulated.u, simulated.residual))
             self.explorer.learn(*simulated)
@@ -207,17 +220,18 @@ class AdaptiveSampling:
         """Laplace's log evidence of the modes so far."""
         return float(log_sum(np.array([mode.log_evidence for mode in self.explorer.modes])))
 
-    def emulate(self, enough: float) -> Sample | None:
-        """Draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own draws
-        that check it; None where it is not good enough."""
+    def emulate(self, enough: float, share: float = 1.0) -> bool:
+        """Take draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own
+        draws that check it, in a few rounds of these, until it is good enough for a model with this share in the
+        answer. Whether there are any."""
         target, explorer = self.two_fidelity.exact, self.explorer
         emulation, self.emulated = None, None
-        rng = np.random.Generator(np.random.Philox(self.seed))
-        error = 0.0
-        for turn in range(TUNING.emulated_rounds):
+        rng = np.random.Generator(np.random.Philox(self.seed).jumped(self.turns))
+        error, last = self.error, min(self.turns + TUNING.emulated_turns, TUNING.emulated_rounds)
+        while self.turns < last:
             emulation = explorer.emulated(rng)
             if emulation is None:
-                return None
+                return False
             often = TUNING.emulated_more if error > TUNING.emulated_wrong else 1
             draws, some = emulation.sample, emulation.chosen(often * TUNING.emulated_checked, rng)
             explorer(draws.u[emulation.chosen(TUNING.emulated_flatter, rng, TUNING.flatter)])
@@ -225,27 +239,27 @@ class AdaptiveSampling:
             checked, value = target.checks(draws.u[some], draws.camera[some])
             explorer.learn(*checked)
             explorer.climb_higher()
-            wrong = value - draws.log_target[some]
-            error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
-            if error <= TUNING.emulated_enough * (1.0 + turn / TUNING.emulated_patience):
+            worth = effective_size(value - draws.log_target[some]) / len(some)
+            error = float(np.sqrt(-np.log(worth))) if worth else np.inf
+            self.turns += 1
+            if error <= tolerance(share) * (1.0 + (self.turns - 1) / TUNING.emulated_patience):
                 break
-        else:
-            return self._weighed(enough, rng)
-        emulation = explorer.emulated(rng, TUNING.emulated_worth * enough, **LAST)
+        emulation = explorer.emulated(rng, TUNING.emulated_worth * enough, **sizes(share))
         if emulation is None:
-            return None
+            return False
         self.emulated, self.error = emulation, error
-        unsure = float(np.hypot(error / np.sqrt(len(wrong)) * (1.0 + error), TUNING.emulated_unsure))
+        unsure = TUNING.emulated_unsure + 0.5 * error**2  # what no draw met is missing, too
         self.sample = replace(emulation.sample, common=unsure)
         self.trusted = self._agrees(self.sample)
-        return self.sample
+        return True
 
-    def _weighed(self, enough: float, rng: np.random.Generator) -> Sample | None:
-        """Draws of a surrogate that is wrong in places, each simulated and weighed; None where they are worth too
-        little."""
-        emulation = self.explorer.emulated(rng, TUNING.emulated_weighed / TUNING.emulated_draws, **LAST)
+    def _weigh_draws(self, enough: float, share: float) -> bool:
+        """Take draws of a surrogate that is wrong in places, each simulated and weighed. Whether they are worth
+        enough."""
+        rng = np.random.Generator(np.random.Philox(self.seed).jumped(TUNING.emulated_rounds))
+        emulation = self.explorer.emulated(rng, TUNING.emulated_weighed * share / TUNING.emulated_draws, **sizes(share))
         if emulation is None:
-            return None
+            return False
         order, needed = rng.permutation(len(emulation.sample.u)), min(enough, TUNING.effective_fewest)
         assert emulation.sample.camera is not None
         u, log_q, camera = (
@@ -259,13 +273,11 @@ class AdaptiveSampling:
             value = np.append(value, self.two_fidelity.log_joint(u[some], residual, camera[some]))
             draws = Sample(u[: len(value)], value, log_q[: len(value)], camera=camera[: len(value)])
             if draws.ess >= needed and draws.reliable:
-                break
+                self.sample, self.trusted, self.emulated, self.error = draws, self._agrees(draws), None, 0.0
+                return True
             if draws.ess / len(value) * len(u) < 0.5 * needed:
-                return None
-        else:
-            return None
-        self.sample, self.trusted = draws, self._agrees(draws)
-        return draws
+                break
+        return False
 
     def search_windows(self) -> None:
         """Look for further modes by windows that grow, where the best one leaves more than noise."""
@@ -274,26 +286,38 @@ class AdaptiveSampling:
             self.explorer.also(modes(self.two_fidelity, self.windowed(), maxima=self.explorer.modes))
         self.searched = True
 
-    def weigh(
-        self, enough: float, budget: Budget, *, most: int = TUNING.auto_draws, thorough: bool = True
-    ) -> Sample:  # fmt: skip
-        """Draws that are worth `enough` independent ones, of a good surrogate. Where there is none, or it is not to be
-        trusted, more simulations, if it may be thorough; else draws of a mixture, `most` simulations at most."""
+    def short(self, share: float) -> bool:
+        """Whether its draws are fewer, or wrong by more, than a model with this share in the answer needs."""
+        if self.sample is None:
+            return True
+        rough = self.error > 2.0 * tolerance(share)
+        return not self.ended and (rough or self.sample.ess < TUNING.effective_fewest * share)
+
+    def weigh(self, share: float, budget: Budget) -> None:
+        """Take draws that are worth what a model with this share in the answer needs, or that tell this share better:
+        of a surrogate; where it has not become good enough, of it and simulated; where these are worth too little or
+        not to be trusted, more simulations, of ridges where the share is large, else of a mixture."""
+        thorough = share > TUNING.part_thorough
         if thorough:
             self.search_windows()
-        self.failed = self.failed or self.emulate(max(enough, TUNING.effective_fewest)) is None
-        if self.failed or (thorough and not self.trusted):
-            return self.thorough(budget) if thorough else self._simulated(enough, min(most, budget.draws), budget)
-        assert self.sample is not None
-        return self.sample
+        enough = max(TUNING.auto_enough * share, TUNING.part_enough)
+        worth = max(enough, TUNING.effective_fewest)
+        taken = self.turns < TUNING.emulated_rounds and self.emulate(worth, share)
+        taken = taken or self._weigh_draws(worth, share)
+        if taken and (self.trusted or not thorough):
+            return
+        if thorough:
+            self.thorough(budget)
+        else:
+            most = min(max(round(TUNING.auto_draws * share), TUNING.part_draws), budget.draws)
+            self._simulate(enough, most, budget)
 
-    def _simulated(self, enough: float, most: int, budget: Budget) -> Sample:
-        """Draws that are simulated, until all are worth `enough` independent ones, or it is plain that they will not
-        be."""
-        sizes: dict[str, Any] = {"each": budget.each, "fewest": 1, "least": enough, "patience": budget.patience}
-        self.sample = self.explorer.sample(self.seed + 2, most=most, enough=enough, **sizes)
-        self.trusted = self.sample.ess >= enough and self.sample.reliable
-        return self.sample
+    def _simulate(self, enough: float, most: int, budget: Budget) -> None:
+        """Take draws that are simulated, until all are worth `enough` independent ones, or it is plain that they will
+        not be."""
+        how: dict[str, Any] = {"each": budget.each, "fewest": 1, "least": enough, "patience": budget.patience}
+        self.sample = self.explorer.sample(self.seed + 2, most=most, enough=enough, **how)
+        self.trusted, self.emulated, self.error = self.sample.ess >= enough and self.sample.reliable, None, 0.0
 
     def _agrees(self, draws: Sample) -> bool:
         """Whether the network's own evidence is not larger than that of the draws."""
@@ -302,19 +326,19 @@ class AdaptiveSampling:
             self.evidence_gap = _standard_errors(guard[1], draws)
         return self.evidence_gap is None or self.evidence_gap <= TUNING.agree
 
-    def thorough(self, budget: Budget) -> Sample:
-        """Draws of a surrogate, or as level "full" has them but of rough simulations, where few cannot be trusted:
+    def thorough(self, budget: Budget) -> None:
+        """Take draws of a surrogate, or as level "full" has them but of rough simulations, where few cannot be trusted:
         ridges are followed, and modes are looked for all over the ranges."""
         explorer, self.ended = self.explorer, True
         explorer.thorough(budget.learning)
         explorer.also(modes(self.two_fidelity, [], self.scanned()))
         enough = max(min(budget.enough, budget.draws / 4), TUNING.effective_fewest)
-        if self.emulate(enough) is None or not self.trusted:
-            self.emulated = None
-            sizes = {"each": budget.each, "fewest": budget.fewest, "least": budget.least, "enough": enough}
-            self.sample = explorer.sample(self.seed + 1, self._guard, most=budget.draws, **sizes)
-        assert self.sample is not None
-        return self.sample
+        self.turns = TUNING.emulated_rounds - TUNING.emulated_turns
+        good = self.emulate(enough) and self.error <= 2.0 * TUNING.emulated_enough
+        if not (good and self.trusted) and not self._weigh_draws(enough, 1.0):
+            self.emulated, self.error = None, 0.0
+            how = {"each": budget.each, "fewest": budget.fewest, "least": budget.least, "enough": enough}
+            self.sample = explorer.sample(self.seed + 1, self._guard, most=budget.draws, **how)
 
     @cached_property
     def weighted(self) -> WeightedDraws:

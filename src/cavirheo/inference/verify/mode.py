@@ -40,13 +40,19 @@ class Target:
         self.noise: MarginalNoise = MarginalNoise(noise, len(self.camera.free), self.camera.size)
         self.workers: int = workers
 
-    def follow_size(self, u: Floats) -> None:
-        """Let frames follow the size of the bubble as they do at u (d,), where each simulation does not tell it."""
-        camera = replace(self.camera, sized=True)
-        if not self.camera.sized and self.noise.pulls:
-            residual = self.experiment.extended(self.with_camera(u[None])[0], camera, self.noise.frames)[0]
-            if np.all(np.isfinite(residual)):
-                self.camera = replace(self.camera, by_size=residual[-camera.numbers :])
+    def follow(self, mode: Mode) -> bool:
+        """Let shapes have the collapses, and frames the effect of size, of the bubble at a mode, where each simulation
+        does not tell the latter. Whether shapes changed."""
+        frames, before = self.noise.frames, self.camera
+        curve = self.experiment.sampled(self.with_camera(mode.u[None])[0], replace(before, sized=True))
+        if curve is None or not self.noise.pulls:
+            return False
+        camera = before.with_collapses(curve, before.z(mode.residual), frames)
+        if not camera.sized:
+            shape = replace(camera, sized=True).extended(curve, frames)[0]
+            camera = replace(camera, by_size=shape[-camera.numbers :])
+        self.camera, self.noise = camera, MarginalNoise(frames, len(camera.free), camera.size)
+        return camera.collapses != before.collapses
 
     def start(self, x: Floats) -> Floats:
         """(..., d) u of x (..., all), where a climb can begin."""
@@ -105,9 +111,21 @@ class Target:
         return np.hstack([self.camera.difference_of_shapes(shapes, z), z, rest, shapes])
 
     def checks(self, u: Floats, z: Floats) -> tuple[Simulated, Floats]:
-        """Default simulations at u (k, d), and their log posterior with a camera z (k, m)."""
-        simulated = Simulated.at(self, u, DEFAULT)
-        return simulated, self.log_joint(u, simulated.residual, z)
+        """Default simulations at u (k, d), and their log posterior with a camera z (k, m), which their shapes do not
+        decide."""
+        shot, frames, camera = self.experiment, self.noise.frames, self.camera
+
+        def simulate(pair: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+            curve = shot.sampled(pair[0], camera, DEFAULT)
+            if curve is None:
+                return np.full(camera.size, np.nan), np.full(frames.size, np.nan)
+            return camera.extended(curve, frames)[0], camera.missed_by_shape(curve, pair[1])
+
+        rows = each(simulate, list(zip(self.with_camera(u), z, strict=True)), self.workers)
+        residual, missed = (np.array(part) for part in zip(*rows, strict=True))
+        extended = self.extended(self.noise.shapes(residual), z)
+        extended[:, : frames.size] += missed
+        return Simulated(u, residual, self.log_posterior(u, residual)), self.log_posterior(u, extended)
 
     def integrated(self, simulated: Simulated) -> Simulated:
         """The same with the camera integrated by importance sampling for those that are likely: Laplace's integral is

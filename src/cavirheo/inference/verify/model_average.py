@@ -21,7 +21,7 @@ from cavirheo.inference.verify.verification import Estimation
 from cavirheo.physics.bubble import REAL
 from cavirheo.posterior import Evidence, Posterior
 
-_ROUNDS = 3  # in which a part is sampled, at most
+_ROUNDS = 6  # in which a part is sampled, at most
 
 
 class Part:
@@ -48,17 +48,6 @@ class Part:
         """Of the evidence times the prior probability."""
         return self.evidence.log + self.prior
 
-    def short(self, share: float) -> bool:
-        """Whether its draws are fewer than a part of this share needs."""
-        sample = self.sampling.sample
-        return sample is None or (not self.sampling.ended and sample.ess < TUNING.effective_fewest * share)
-
-    def weigh(self, share: float, budget: Budget) -> None:
-        """Sample it as a part of this share."""
-        enough = max(TUNING.auto_enough * share, TUNING.part_enough)
-        most = max(round(TUNING.auto_draws * share), TUNING.part_draws)
-        self.sampling.weigh(enough, budget, most=most, thorough=share > TUNING.part_thorough)
-
 
 def shares(parts: Sequence[Part]) -> Floats:
     """(n,) probabilities of the parts, as far as they are known."""
@@ -74,15 +63,15 @@ def sample_parts(parts: Sequence[Part], budget: Budget) -> None:
         waiting = []
         for part, share in zip(parts, probabilities, strict=True):
             error = part.evidence.error or 0.0
-            in_reach = part.log + 2.0 * min(error, TUNING.part_unsure) > top + np.log(LEAST_PROBABILITY)
-            large_or_unsure = share > TUNING.part_small or (part.sampling.sample is None and error > TUNING.part_known)
-            if rounds[id(part)] and in_reach and large_or_unsure and part.short(float(share)):
+            in_reach = part.log + min(error, TUNING.part_unsure) > top + np.log(TUNING.part_seen)
+            large_or_unsure = share > TUNING.part_small or error > TUNING.part_known
+            if rounds[id(part)] and in_reach and large_or_unsure and part.sampling.short(float(share)):
                 waiting.append((float(share), part))
         if not waiting:
             return
         share, part = max(waiting, key=lambda pair: pair[0])
         rounds[id(part)] -= 1
-        part.weigh(share, budget)
+        part.sampling.weigh(share, budget)
 
 
 def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Posterior]:
@@ -100,7 +89,9 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
     if not laws:
         raise problems[0]
     limits: dict[int, Part] = {}
-    for i, (part, share) in enumerate(zip(laws, shares(laws) if len(laws) > 1 else [1.0], strict=True)):
+    by_share = sorted(enumerate(shares(laws) if len(laws) > 1 else [1.0]), key=lambda pair: -pair[1])
+    for i, share in by_share:
+        part = laws[i]
         rival = part.estimation.rival() if share > TUNING.part_small else None
         if rival is not None:
             real = part.estimation.answer.bubble == REAL
@@ -109,8 +100,6 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
             except SolverError:
                 continue
             part.prior = np.log(1.0 - LIMIT) if real else 0.0
-    if len(laws) == 1 and not limits:
-        laws[0].weigh(1.0, budget)
     counted = [part for part in (*laws, *limits.values()) if np.isfinite(part.prior)]
     sample_parts(counted, budget)
     answers = []
@@ -121,7 +110,7 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
         if part.sampling.sample is None and of_law < LEAST_PROBABILITY:
             continue
         if part.sampling.sample is None:
-            part.weigh(float(share), budget)
+            part.sampling.weigh(float(share), budget)
         needed = TUNING.effective_fewest * float(share) * (1.0 - 1e-9)
         answers.append(part.estimation.weighted_answer(part.sampling.weighted, needed, limits.get(i)))
     return answers

@@ -38,21 +38,23 @@ class Tuning:
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
     # draws of a surrogate
-    emulated_rounds: int = 12  # of simulations that check it, at most
+    emulated_rounds: int = 12  # of simulations that check it, at most,
+    emulated_turns: int = 4  # so many before the shares of all models are compared anew
     emulated_checked: int = 20  # of its draws in each, by default simulations,
     emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
     emulated_weighed: int = 1200  # of its draws that are simulated where it is never trusted, at most
     pool: float = 40.0  # effective draws of one while it is taught,
     pool_followed: float = 200.0  # of one that a mixture follows,
     emulated_taught: int = 1000  # in rounds of so many,
-    emulated_each: int = 3000  # of so many where they are the answer,
-    emulated_fewest: int = 1  # which takes so many adapted proposals at least,
-    emulated_worth: float = 1.5  # effective draws over those that are asked for,
-    emulated_draws: float = 2.5  # and draws over these
+    emulated_each: int = 5000  # of so many where they are the whole answer,
+    emulated_fewest: int = 2  # which takes so many adapted proposals at least,
+    emulated_worth: float = 2.5  # effective draws over those that are asked for,
+    emulated_draws: float = 3.0  # and draws over these
     emulated_unsure: float = 0.1  # standard error of its log evidence, at least
     emulated_enough: float = 0.3  # standard deviation of what they find wrong in log weights: then it is trusted,
+    emulated_worst: float = 1.0  # or, of a model with a small share, this over its share, at most this,
     emulated_patience: float = 8.0  # or after so many more rounds twice as much
-    emulated_wrong: float = 3.0  # the same, from which
+    emulated_wrong: float = 1.2  # the same, from which
     emulated_more: int = 3  # times as many draws check the next one
 
     # draws of a density that is quick to know
@@ -70,6 +72,7 @@ class Tuning:
 
     # models of one curve, each with its part in the answer
     part_small: float = 0.05  # of the answer, below which few simulations tell a part well enough,
+    part_seen: float = 0.01  # below which it changes the answer too little to be told better,
     part_unsure: float = 2.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on
     part_known: float = 1.0  # standard error of a log evidence, above which a part is sampled, however small it seems
     part_enough: float = 25.0  # effective draws of any other part, at least

@@ -138,7 +138,7 @@ class Estimation:
             evidence = Evidence(float(log_sum([mode.log_evidence for mode in maxima])))
             return self._answer((u, np.tile(best.residual, (len(u), 1))), None, best, evidence, maxima, {})
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
-        self.target.follow_size(maxima[0].u)
+        self.target.follow(maxima[0])
         proposal = AdaptiveProposal(self.target, maxima)
         each = min(TUNING.draws_per_round, most)
         sample = proposal.sample(seed, each=each, most=most, enough=enough)
