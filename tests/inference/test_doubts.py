@@ -80,7 +80,8 @@ def gel(seed, stiff):
 def test_a_recording_that_starts_at_the_maximum_is_no_doubt():
     """The twelve of a group count, whatever a frame would change in their answers."""
     soft = [recorded(GEL, 7.0, noise=0.008, seed=seed) for seed in range(12)]
-    assert all(curve.begins_late for curve in soft)
+    stated = simulated(stated_time_of_max=0.0), simulated(maximum=(0.0, 250e-6)), *read_curves(SOFT)
+    assert [curve.begins_late for curve in (*soft, *stated)] == [True] * 12 + [False] * len(stated)
     assert [answer.checks.warnings for answer in infer_many(soft)] == [()] * 12
     answer = fit(soft[0])
     assert (answer.checks.warnings, answer.checks.verdict) == ((), "ok")
@@ -127,14 +128,6 @@ def test_a_maximum_that_was_missed_is_a_doubt():
     assert infer(late).checks.verdict == "check_input"
     assert infer(late, trust_input=True).checks.verdict != "check_input"
     assert recorded(GEL, 7.0, frames=150, noise=0.003).frames_missed == 0.0
-
-
-def test_a_stated_or_recorded_maximum_does_not_begin_late():
-    assert simulated().begins_late
-    assert not simulated(stated_time_of_max=0.0).begins_late
-    assert not simulated(maximum=(0.0, 250e-6)).begins_late
-    assert not any(curve.begins_late for curve in read_curves(SOFT))
-    assert simulated().with_max_radius(200e-6).begins_late
 
 
 def test_stiff_gels_are_told_from_soft_ones_misread():

@@ -28,7 +28,11 @@ def recording(truth: tuple[float, float, float], seed: int) -> RadiusCurve:
 @pytest.mark.parametrize("weights", ["equal", pytest.param("learnt", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("truth", "seed"),
-    [((8e3, 0.05, 7.0), 1), pytest.param((3e3, 0.1, 6.0), 2, marks=pytest.mark.slow), ((2e4, 0.03, 5.5), 3)],
+    [
+        ((8e3, 0.05, 7.0), 1),
+        pytest.param((3e3, 0.1, 6.0), 2, marks=pytest.mark.slow),
+        pytest.param((2e4, 0.03, 5.5), 3, marks=pytest.mark.slow),
+    ],
 )
 def test_a_fit_is_the_conventional_least_squares(truth, seed, weights):
     """Where a minimum is Gaussian, best value, median and interval are the textbook's, but for the noise of about a

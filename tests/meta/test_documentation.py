@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 import typer
-from conftest import ROOT
+from conftest import ROOT, load_benchmark
 
 import cavirheo
 from cavirheo import read_curves, verbs
@@ -166,24 +166,16 @@ def test_what_a_page_names_exists(page):
         "[gone](docs/gone.md)",
         "[gone](README.md#no-such-heading)",
         "[no page of the site](benchmarks/documents.py)",
-        "[a folder without a page](src/cavirheo)",
         "`cavirheo guess FILE`",
-        "`cavirheo infer FILE --verfy full`",
         "`fit --laws nhkv`",
-        "`--no-such-option`",
         "`cavirheo.posterior.Posteriors`",
-        "`cavirheo.nowhere.name`",
         "`physics/nothing.py`",
         "src/cavirheo/gone.py",
         "`make nothing`",
-        "```\nmake nothing\n```",
-        "```\ncavirheo infer\n```",
         "```\ncavirheo infer a.csv --windows 2\n```",
         "```\ncavirheo infer a.csv --window two\n```",
         "```\npip install '.[nothing]'\n```",
-        "```\npython benchmarks/nothing.py\n```",
         "```\npython -m validation.nothing\n```",
-        "<<<<<<< HEAD",
     ],
 )
 def test_a_planted_mistake_is_found(planted):
@@ -272,3 +264,19 @@ def test_examples_run(script, monkeypatch, tmp_path, capsys):
     runpy.run_path(str(path), run_name="__main__")
     assert re.search((EXAMPLES | LONG)[script], capsys.readouterr().out)
     assert {one.stem for one in path.parent.glob("*.py")} == {*EXAMPLES, *LONG, "make_examples"}
+
+
+PICTURES = sorted((ROOT / "docs" / "method").glob("*.png"))
+LARGEST = 150_000  # bytes
+
+
+@pytest.mark.slow
+@pytest.mark.needs("matplotlib")
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.stem)
+def test_a_picture_of_the_method_pages_is_made(picture, monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    monkeypatch.setattr("sys.argv", ["method_figures.py", picture.stem])
+    script = load_benchmark("method_figures")
+    monkeypatch.setattr(script, "FOLDER", tmp_path)
+    script.main()
+    assert max((tmp_path / picture.name).stat().st_size, picture.stat().st_size) < LARGEST

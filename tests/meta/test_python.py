@@ -18,7 +18,6 @@ from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify import Verification, VerificationOptions, verify
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.accuracy import Accuracy
-from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.media import MEDIA, medium
 from cavirheo.physics.simulate import SimulationOptions
@@ -55,9 +54,7 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer(CURVE, medium="honey"), "honey"),
     (lambda: cavirheo.infer(CURVE, medium=1000.0), "Medium"),
     (lambda: cavirheo.infer(CURVE, stretch="7"), "'7'"),
-    (lambda: cavirheo.infer(CURVE, stretch=0.5), "0.5"),
     (lambda: cavirheo.infer(CURVE, window=0), "0"),
-    (lambda: cavirheo.infer(CURVE, window=1.5), "1.5"),
     (lambda: cavirheo.infer(CURVE, verify="all"), "none, map or full"),
     (lambda: cavirheo.infer(CURVE, verify="full", seed=-1), "-1"),
     (lambda: cavirheo.infer_many([CURVE], workers=0), "0"),
@@ -66,7 +63,6 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.fit(CURVE, end="10"), "'10'"),
     (lambda: cavirheo.fit(CURVE, stretch="seven"), "plateau"),
     (lambda: cavirheo.fit(CURVE, free="clock"), "t0, scale, rmax"),
-    (lambda: cavirheo.fit(CURVE, free=[1, "t0"]), "t0, scale, rmax"),
     (lambda: cavirheo.fit(CURVE, t0_bound="1"), "'1'"),
     (lambda: cavirheo.fit(CURVE, seed=1.5), "1.5"),
     (lambda: verify(CURVE, "nhkv"), "nhkv"),
@@ -76,20 +72,14 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: simulate("nhkv"), "NeoHookeanKelvinVoigt"),
     (lambda: simulate(max_radius=250), "0.00025 m"),
     (lambda: simulate(max_radius="250 um"), "'250 um'"),
-    (lambda: simulate(stretch="6"), "'6'"),
     (lambda: dataclasses.replace(simulate(), radius=np.full(3, 200.0)), "0.0002 m"),
     (lambda: simulate(time=[[0.0, 1e-6]]), "(1, 2)"),
-    (lambda: simulate(time=[1e-6, 0.0]), "ascend"),
-    (lambda: simulate(medium="honey"), "honey"),
     (lambda: simulate(driving=1e5), "Pulse"),
     (lambda: simulate(bubble="field"), "'field'"),
     (lambda: simulate(accuracy=1e-5), "1e-05"),
-    (lambda: Bubble(motion="gilmor"), "gilmor"),
     (lambda: Accuracy(relative_error="fine"), "'fine'"),
     (lambda: many(GEL), "[NeoHookeanKelvinVoigt"),
-    (lambda: many([GEL, GEL], max_radius=[1e-4] * 3), "(3,)"),
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
-    (lambda: NeoHookeanKelvinVoigt(-8e3, 0.05), "-8000"),
     (lambda: Pulse("1 MPa", 1e6, 0.0), "'1 MPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
     (lambda: RadiusCurve(TIME * 1e6, RADIUS), "us"),
@@ -99,7 +89,6 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: CURVE.with_max_radius(250), "0.00025 m"),
     (lambda: ANSWER.median("G"), NAMES_AND_UNITS),
     (lambda: ANSWER.interval("viscosity", 95), "0.95"),
-    (lambda: ANSWER.interval("viscosity", 1.0), "1.0"),
     (lambda: cavirheo.read_curves(["a.csv", "b.csv"]), "a.csv"),
     (lambda: cavirheo.read_curves("nowhere.csv"), "nowhere.csv"),
     (lambda: cavirheo.load(7), "7"),
@@ -121,14 +110,9 @@ CONSTANTS = [  # as a user may give them, and the value that was meant
     ("sound_speed", 1.5, "1500 m/s"),
     ("surface_tension", 72, "0.072 N/m"),
     ("pressure", 1, "100000 Pa"),
-    ("pressure", 101.3, "101300 Pa"),
     ("pressure", 1013, "101300 Pa"),
-    ("gas_constant", 0.287, "287 J/(kg K)"),
-    ("vapour_constant", 0.462, "462 J/(kg K)"),
     ("diffusivity", 0.242, "2.42e-05 m2/s"),
-    ("diffusivity", 24.2, "2.42e-05 m2/s"),
     ("conductivity_slope", 0.053, "5.3e-05 W/(m K2)"),
-    ("conductivity_intercept", 11.7, "0.0117 W/(m K)"),
     ("adiabatic_index", 140, "1 to 1.7"),
     ("vapour_reference_temperature", 52, "1000 to 20000 K"),
 ]

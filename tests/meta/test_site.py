@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import contextlib
-import functools
 import importlib
-import inspect
 import os
 import re
 import subprocess
@@ -39,20 +36,6 @@ def site(request, tmp_path_factory):
     done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
-
-
-@pytest.mark.parametrize(
-    "planted",
-    [
-        '<script async src="https://example.org/a.js">',
-        "<link rel=preconnect href=//example.org>",
-        "<img alt='' src='http://example.org/a.png'>",
-        "@import 'https://example.org/a.css'",
-        "body {background: url(//example.org/a.png)}",
-    ],
-)
-def test_a_planted_outside_resource_is_found(planted):
-    assert len(FETCHED.findall(planted)) == 1
 
 
 def test_nothing_is_fetched_from_elsewhere(site):
@@ -103,69 +86,6 @@ def test_the_reference_has_every_name_verb_and_field(site):
     assert [name for name in cavirheo.__all__ if f'id="cavirheo.{name}"' not in python] == []
     assert [verb.name for verb in app.registered_commands if f'id="{verb.name}"' not in commands] == []
     assert [name for name in Result.model_json_schema()["$defs"] if f'id="{name.lower()}"' not in result] == []
-
-
-def imported(code: str) -> set[str]:
-    """Whole names that this code imports from the package."""
-    found = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.ImportFrom)]
-    rooms = [node for node in found if (node.module or "").partition(".")[0] == "cavirheo"]
-    return {f"{node.module}.{alias.name}" for node in rooms for alias in node.names}
-
-
-def used() -> set[str]:
-    """Whole names that pages and examples import, or name."""
-    pages = [path.read_text("utf-8") for path in (ROOT / "README.md", *ROOT.glob("docs/**/*.md"))]
-    blocks = [code for text in pages for code in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)]
-    scripts = [path.read_text("utf-8") for path in ROOT.glob("examples/**/*.py")]
-    named = {name for text in pages for name in re.findall(r"`(cavirheo(?:\.[A-Za-z_]\w*)+)", text)}
-    return named.union(*map(imported, [*blocks, *scripts]))
-
-
-def found(name: str):
-    """The object of a whole name: a module, what is in one, or a member of that."""
-    parts = name.split(".")
-    for count in range(len(parts), 0, -1):
-        room = ".".join(parts[:count])
-        with contextlib.suppress(ModuleNotFoundError):
-            return functools.reduce(getattr, parts[count:], importlib.import_module(room))
-    raise ModuleNotFoundError(name)
-
-
-@pytest.fixture
-def listed(site):
-    """Whole names that have a place in the reference."""
-    pages = [page.read_text("utf-8") for page in site.glob("reference/*.html")]
-    return {name for text in pages for name in re.findall(r'\bid="(cavirheo\.[\w.]+)"', text)}
-
-
-def test_what_pages_and_examples_import_is_in_the_reference(listed):
-    wanted, there = {name: found(name) for name in used()}, [*map(found, listed)]
-    missing = {
-        name
-        for name, thing in wanted.items()
-        if name not in listed
-        and not (inspect.ismodule(thing) and any(other.startswith(f"{name}.") for other in listed))
-        and not any(thing is other for other in there)
-    }
-    assert missing == set()
-    assert len(wanted) > 20
-
-
-def held(thing) -> set[str]:
-    """Names of the types of its fields, or of what it returns."""
-    thing = getattr(thing, "fget", thing)
-    notes = getattr(thing, "__annotations__", {})
-    if inspect.isfunction(thing):
-        notes = {"return": notes.get("return", "")}
-    return {word for key, text in notes.items() if key[0] != "_" for word in re.findall(r"\b[A-Z]\w+", str(text))}
-
-
-def test_what_public_objects_hold_and_return_is_in_the_reference(listed):
-    unseen = {"Record", "Parts", "Options", "PosteriorModel", "StoredRows"}  # nobody outside makes or asks these
-    sources = [path.read_text("utf-8") for path in (ROOT / "src" / "cavirheo").rglob("*.py")]
-    ours = {name for text in sources for name in re.findall(r"^class ([A-Z]\w+)", text, re.MULTILINE)}
-    lacking = ours - {name.rpartition(".")[2] for name in listed} - unseen
-    assert {name: missing for name in sorted(listed) if (missing := held(found(name)) & lacking)} == {}
 
 
 @pytest.fixture

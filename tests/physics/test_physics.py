@@ -8,7 +8,7 @@ import pytest
 from cavirheo.errors import SolverError
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver
-from cavirheo.physics.accuracy import DEFAULT, NO_SHELLS, PRECISE, Accuracy, wall_clustered
+from cavirheo.physics.accuracy import NO_SHELLS, wall_clustered
 from cavirheo.physics.bubble import ACCOMMODATION, MOTIONS, Bubble
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.elastic import Fung, Gent, NeoHookean, Quadratic
@@ -23,7 +23,6 @@ from cavirheo.physics.materials import (
 from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
-from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import CarreauYasuda, HerschelBulkley, Newtonian
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
@@ -131,26 +130,3 @@ def test_what_a_simulation_carries():
     gas = (run.pressure * run.radius**3) * ((1 - k) / (mean * T) @ shells)
     assert gas == pytest.approx(gas[0], rel=2e-4)  # interpolated between steps
     assert simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME).contents is None
-
-
-def test_precise_is_more_accurate():
-    settings = dict(max_radius=200e-6, stretch=8.0, time=TIME)
-    truth, *radii = (simulate(GEL, accuracy=a, **settings).radius for a in (Accuracy(1024, 1e-8), DEFAULT, PRECISE))
-    default, precise = (np.abs(radius - truth).max() / 200e-6 for radius in radii)
-    assert precise < min(1e-4, 0.35 * default)
-
-
-def test_tableau_is_of_order_five():
-    """Classical order on y' = -y^2, whose solution is 1/(1 + t)."""
-
-    def error(n):
-        y, h = 1.0, 1.0 / n
-        for _ in range(n):
-            W, u = 1 / (h * RODAS5P.gamma) + 2 * y, np.zeros(8)
-            for s in range(8):
-                stage = y + RODAS5P.A[s, :s] @ u[:s]
-                u[s] = (-(stage**2) + RODAS5P.C[s, :s] @ u[:s] / h) / W
-            y += RODAS5P.A[7, :7] @ u[:7] + u[7]
-        return abs(y - 0.5)
-
-    assert np.log2(error(8) / error(16)) > 4.7

@@ -105,7 +105,7 @@ def test_the_density_of_a_proposal_is_normalised(law, bubble, given, integrated)
     assert np.std(ratio) / np.mean(ratio) / np.sqrt(len(v)) < 0.15
 
 
-@pytest.mark.parametrize(("noise", "seed"), [(0.01, 1), (0.003, 2)])
+@pytest.mark.parametrize(("noise", "seed"), [(0.01, 1), pytest.param(0.003, 2, marks=pytest.mark.slow)])
 def test_the_default_answer_holds_the_truth_and_agrees_with_more_draws(noise, seed):
     curve = shot(noise=noise, seed=seed)
     few, full = (cavirheo.infer(curve, bubble="field", verify=level, **NHKV) for level in ("auto", "full"))
@@ -164,10 +164,7 @@ def test_what_is_outside_the_training_is_not_sent_through_the_network(given, con
     with refused("network.outside"):
         load_posterior().proposal(here, here.prior(), True)
     assert cavirheo.infer(curve, medium=medium, verify="none", **NHKV).checks.verdict == "failed"
-
-
-def test_a_medium_within_the_training_is_known():
-    medium = replace(WATER, temperature=293.15, sound_speed=1450.0, surface_tension=0.07)
+    medium = replace(WATER, temperature=293.15, sound_speed=1450.0, surface_tension=0.07)  # this is within
     assert not load_posterior().outside(Experiment(shot(), Family("nhkv"), medium, Options()))
 
 
@@ -270,10 +267,6 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     assert card["kind"] == "posterior"
     assert set(card["coverage"]["by_slot"]) == set(COORDINATES)
     assert load_posterior(str(tmp_path / "run" / "small.onnx")).name == "small"
-    for old, new, out, said in (("seed = 7", "seed = 8", "data", "another seed"), ("nhkv", "zener", "new", "zener")):
-        (tmp_path / "wrong.toml").write_text(small.replace(old, new), encoding="utf-8")
-        status, _, err = run("generate", "wrong.toml", "-o", out)
-        assert (status, said in err) == (2, True)
 
 
 def test_a_misfit_that_the_real_bubble_explains_is_said():
