@@ -162,9 +162,9 @@ def test_no_open_recording_is_doubted_but_the_one_of_a_wrong_scale(real_data):
 
 def test_a_mean_of_trials_is_judged_as_a_measurement():
     """Smooth, and 1 % from any simulation: too far for a simulated curve, but less than what its trials scatter."""
-    curve = recorded(NeoHookeanKelvinVoigt(8e3, 0.1), 5.0, periods=2.0, frames=400, noise=0.0)
-    bent = replace(curve, radius=curve.radius * (1.0 + 0.015 * np.sin(np.linspace(0.0, 9.0, 400))))
-    mean = replace(bent, radius_std=np.full(400, 0.02 * 250e-6))
+    curve = recorded(NeoHookeanKelvinVoigt(8e3, 0.1), 5.0, periods=2.0, frames=200, noise=0.0)
+    bent = replace(curve, radius=curve.radius * (1.0 + 0.015 * np.sin(np.linspace(0.0, 9.0, 200))))
+    mean = replace(bent, radius_std=np.full(200, 0.02 * 250e-6))
     assert bent.noise < 1e-4 * bent.max_radius
     exact, measured = (fit(one, window=1).checks for one in (bent, mean))
     assert exact.verdict == "model_does_not_fit"

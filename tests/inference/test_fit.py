@@ -19,6 +19,7 @@ from cavirheo.io import write_csv
 from cavirheo.physics.bubble import ACCOMMODATION
 from cavirheo.physics.materials import parse
 from cavirheo.physics.media import WATER
+from validation.challenge import run_scipy
 
 R_MAX = 250e-6
 
@@ -138,12 +139,12 @@ def test_windows():
 
 def test_the_stretch_is_given_fitted_or_known_by_the_plateau():
     curve = shot(NeoHookeanKelvinVoigt(8e3, 0.2), frames=150)
-    answer, given = fit(curve, window=1, stretch="plateau"), fit(curve, stretch=7.0)
+    answer, given = (fit(curve, window=1, stretch=stretch) for stretch in ("plateau", 7.0))
     assert "plateau" in answer.diagnostics.stretch_source
     assert answer.median("stretch") == pytest.approx(7.0, rel=0.02)
     assert given.diagnostics.stretch_source == "given"
     assert "stretch" not in given.names
-    assert fit(shot(frames=40), stretch="plateau").checks.messages  # it has none
+    assert fit(shot(frames=40), window=1, stretch="plateau").checks.messages  # it has none
 
 
 def test_a_stretch_that_the_file_states_is_a_prior():
@@ -239,3 +240,31 @@ def test_command_line(run, tmp_path):
     assert (record.method, failed.verdict) == ("least_squares", "failed")
     assert record.shear_modulus_Pa.q05 < record.shear_modulus_Pa.median < record.shear_modulus_Pa.q95
     assert "time_origin" in record.other_parameters
+
+
+def ratio(x: np.ndarray) -> np.ndarray:
+    """R/R_max (80,) of log10 of G, mu and stretch, at 1 Mfps from R_max on."""
+    return run_scipy.ratio(x, 1e-6 * np.arange(80), R_MAX, WATER)
+
+
+@pytest.mark.parametrize("weights", ["equal", pytest.param("learnt", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "truth",
+    [
+        (8e3, 0.05, 7.0),
+        pytest.param((3e3, 0.1, 6.0), marks=pytest.mark.slow),
+        pytest.param((2e4, 0.03, 5.5), marks=pytest.mark.slow),
+    ],
+)
+def test_a_fit_is_the_conventional_least_squares(truth, weights):
+    """Of a page of scipy, which shares nothing but the simulation: where a minimum is Gaussian, best value, median and
+    interval are the textbook's, but for the noise of about a hundred draws, and for weights that the fit has learnt."""
+    curve = shot(NeoHookeanKelvinVoigt(*truth[:2]), truth[2], noise=0.01)
+    best, sigma = run_scipy.fit(ratio, curve.radius / R_MAX)
+    answer = fit(curve, window="all", free="none", weights=weights, trust_input=True)
+    apart = 0.5 if weights == "learnt" else 0.3
+    for name, middle, width in zip(("shear_modulus", "viscosity", "stretch"), best, sigma, strict=True):
+        low, high = np.log10(answer.interval(name))
+        assert abs(np.log10(answer.best[name]) - middle) < apart * width, name
+        assert abs(np.log10(answer.median(name)) - middle) < (apart + 0.1) * width, name
+        assert 0.7 < (high - low) / (2.0 * 1.645 * width) < 1.4, name

@@ -44,7 +44,7 @@ PLANTED = (
             "z, p_dot = 0.0, -3 * numbers", "z, p_dot = 0.0, -1.5 * numbers", ("test_condensation", "test_physics")),
     Planted("ultrasound in cycles, not radians", "physics/driving.py",
             "n, omega = self.exponent, 2 * pi * self.frequency", "n, omega = self.exponent, self.frequency",
-            ("test_driving",)),
+            ("test_physics",)),
     Planted("constants of no liquid are taken", "physics/media.py",
             "if not unusual:", "if False:", ("test_python",)),
     Planted("discrepancy's step variance", "inference/noise.py",

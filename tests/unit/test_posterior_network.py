@@ -105,25 +105,27 @@ def test_the_density_of_a_proposal_is_normalised(law, bubble, given, integrated)
     assert np.std(ratio) / np.mean(ratio) / np.sqrt(len(v)) < 0.15
 
 
-@pytest.mark.parametrize(("noise", "seed"), [(0.01, 1), pytest.param(0.003, 2, marks=pytest.mark.slow)])
-def test_the_default_answer_holds_the_truth_and_agrees_with_more_draws(noise, seed):
+@pytest.mark.slow
+@pytest.mark.parametrize(("noise", "seed"), [(0.01, 1), (0.003, 2)])
+def test_the_default_answer_agrees_with_more_draws(noise, seed):
     curve = shot(noise=noise, seed=seed)
     few, full = (cavirheo.infer(curve, bubble="field", verify=level, **NHKV) for level in ("auto", "full"))
-    assert (few.method, few.checks.verdict) == ("verified", "ok")
-    assert few.diagnostics.effective_sample_size >= TUNING.effective_fewest
     assert few.diagnostics.simulations < full.diagnostics.simulations
     assert few.evidence.log == pytest.approx(full.evidence.log, abs=0.4)
-    for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05)):
-        low, high = few.interval(name, 0.98)
-        assert low < truth < high
+    for name in ("shear_modulus", "viscosity"):
         widths = [np.log(answer.interval(name)[1] / answer.interval(name)[0]) for answer in (few, full)]
         assert 0.7 < widths[0] / widths[1] < 1.4
 
 
-def test_the_default_answer_depends_on_its_curve_alone():
-    one, again = cavirheo.infer_many([shot(), shot()], bubble="field", workers=2, **NHKV)
-    assert np.array_equal(one.theta, again.theta)
-    assert np.array_equal(one.theta, cavirheo.infer(shot(), bubble="field", **NHKV).theta)
+def test_the_default_answer_holds_the_truth_and_depends_on_its_curve_alone():
+    one, other = cavirheo.infer_many([shot(noise=0.01, seed=1), shot(noise=0.003, seed=2)], bubble="field", **NHKV)
+    for answer in (one, other):
+        assert (answer.method, answer.checks.verdict) == ("verified", "ok")
+        assert answer.diagnostics.effective_sample_size >= TUNING.effective_fewest
+        for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05)):
+            low, high = answer.interval(name, 0.98)
+            assert low < truth < high
+    assert np.array_equal(one.theta, cavirheo.infer(shot(noise=0.01, seed=1), bubble="field", **NHKV).theta)
 
 
 def test_an_answer_says_how_a_wrong_scale_would_move_it():
