@@ -140,20 +140,6 @@ def test_two_materials_are_told_apart_and_one_is_not():
     assert low < 1.0 < high
 
 
-def test_a_column_has_a_slope():
-    column = np.linspace(1.0, 3.0, 12)
-    made = [
-        replace(one, theta=np.add(one.theta, [0.3 * (x - 2.0), 0.0])) for one, x in zip(shots(12), column, strict=True)
-    ]
-    found = population(made, along=column)
-    low, _, high = found.trend("shear_modulus")
-    assert 0.1 < low < 0.3 < high
-    assert found.scatter("shear_modulus")[1] < 0.1
-    assert population(made).scatter("shear_modulus")[1] > 0.13
-    with refused("population.along"):
-        population(made).trend("viscosity")
-
-
 def one_sided(n, viscosity, error, *, seed=0, spread=0.05, tilt=0.0) -> tuple[list[Posterior], np.ndarray]:
     """Shots of 6.3 kPa whose mu is measured with a normal `error` (n,) in Pa s, so that some are only bounded, and the
     measured mu (n,), Pa s. log10 of G is traded for mu by `tilt` decades per Pa s."""
@@ -311,6 +297,10 @@ def test_a_declared_column_gives_the_group_its_slope(tmp_path):
     assert (found.column, found.column_at) == ("concentration", pytest.approx(values.mean()))
     assert np.log10(found.shear_modulus_Pa.median) == pytest.approx(CENTRE[0], abs=0.04)
     assert found.spreads_decades["shear_modulus"].median < 0.06  # what the slope explains is no scatter
+    without = population(with_slopes(curves, [0.3, 0.0]))
+    assert without.scatter("shear_modulus")[1] > 0.13
+    with refused("population.along"):
+        without.trend("viscosity")
     assert [one.column["c"] for one in declared(tmp_path / "d.csv", "shot,c\ngel,1\nshot 2,5\n", 4)] == [1, 1, 5, 1]
     write_json(tmp_path / "result.json", made)
     assert load(tmp_path / "result.json").curves[4].column == {"concentration": 0.5}

@@ -45,19 +45,6 @@ def test_nothing_is_fetched_from_elsewhere(site):
     assert len(fetched) > 60
 
 
-def test_what_a_page_loads_is_there(site):
-    pattern = re.compile(r"""<(?:link|script|img)\b[^>]*?\b(?:href|src)=["']?([^"'\s>#?]+)""")
-    loaded = {
-        (page, name)
-        for page in site.rglob("*.html")
-        for name in pattern.findall(page.read_text("utf-8"))
-        if not name.startswith(("data:", "http", "mailto:"))
-    }
-    base = {page: site if page.name == "404.html" else page.parent for page, _ in loaded}
-    assert {(page, name) for page, name in loaded if not (base[page] / name.lstrip("/")).is_file()} == set()
-    assert len(loaded) > 300
-
-
 def test_every_page_of_the_repository_is_there(site):
     pages = [path for folder in ("docs", "benchmarks", "validation") for path in (ROOT / folder).rglob("*.md")]
     names = {path: "index" if path.stem == "README" else path.stem for path in pages}
