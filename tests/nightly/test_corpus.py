@@ -25,7 +25,7 @@ csv_open_quote
 """  # one of each kind, of those that took down a room
 
 
-_QUICK = ["collapse-time", "rheometer", "rheometer --beside", "simulate --driving", "compare FOLDER", "show"]
+_QUICK = ["collapse-time", "rheometer", "simulate --driving", "show"]
 
 
 def test_a_sample_through_rooms_without_a_solver(tmp_path):
