@@ -1,8 +1,7 @@
 """The solver against trajectories of IMRv2, of which tests/physics/imrv2/README.md says how they were computed.
 
-Two things differ. Its gas is adiabatic from R_eq, ours is expanded isothermally to the start: a larger stretch gives
-the same gas. Its elastic law is about R_eq all the same. Its Gilmore equation leaves out the factor 1 - U/C of dH/dt,
-so that its trajectory `radial4` is not compared.
+Three things differ. Its gas is adiabatic from R_eq, ours is expanded isothermally to the start: a larger stretch gives
+the same gas. Its elastic law is about R_eq all the same. Its Gilmore equation leaves out the factor 1 - U/C of dH/dt.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from test_limits import textbook
 
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.bubble import Bubble
@@ -22,6 +22,7 @@ from cavirheo.physics.elastic import NeoHookean, Quadratic
 from cavirheo.physics.law import Elastic
 from cavirheo.physics.materials import OldroydB, TotalRelaxation, Viscoelastic
 from cavirheo.physics.media import Medium
+from cavirheo.physics.scales import TAIT, dimensionless
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import scaled
 from cavirheo.physics.viscous import Newtonian
@@ -127,3 +128,19 @@ def test_a_grid_of_moduli_and_viscosities():
         median, largest = differences(radius(gel(NeoHookean(modulus), viscosity), GRID["time_s"]), GRID[name])
         assert median < 3e-6, name
         assert largest < 1e-3, name
+
+
+def test_gilmore_differs_by_the_factor_that_is_left_out_there():
+    """Measured: 1.3e-2 at most between the two; each of them is met to 1e-5 or better by an independent solution."""
+    liquid = replace(DRY, sound_speed=float(np.sqrt(TAIT * (DRY.pressure + 304.913e6) / DRY.density)))
+    ours = radius(NHKV, CASES["time_s"], medium=liquid, motion="gilmore")
+    bubble = Bubble(motion="gilmore", exponent=INDEX)
+    numbers = dimensionless(NHKV, liquid, R_MAX, stretch_of(liquid), bubble=bubble)
+    p, t = liquid.pressure, CASES["time_s"] / T_C
+    theirs, printed = (
+        textbook(t, numbers, G / p, MU / (p * T_C), "gilmore", lambda t: (0.0, 0.0), stretch=STRETCH, whole=whole)
+        for whole in (False, True)
+    )
+    assert differences(theirs, CASES["radial4"])[1] < 2e-5
+    assert differences(printed, ours)[1] < 1e-7
+    assert 1e-2 < differences(ours, CASES["radial4"])[1] < 1.5e-2

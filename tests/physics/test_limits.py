@@ -185,25 +185,26 @@ def test_response_with_condensation_at_a_finite_rate(medium, accommodation):
     within(4e-5, error=wave_error(Newtonian(4e-3), 20e-6, medium, bubble, Accuracy(256, 1e-9)))
 
 
-def textbook(t_star, n, G, mu, motion, far):
+def textbook(t_star, n, G, mu, motion, far, *, stretch=None, whole=True):
     """R(t) by an explicit method from the equations as printed: n of the wall's pressure b, p_inf = rho = 1.
 
     Gilmore: (1-U/c) R R'' + 3/2 (1-U/3c) U^2 = (1+U/c) h + (1-U/c) (R/c) h', h = int dp/rho from far to the wall,
-    p + B = (1 + B) rho^m, c^2 = dp/drho at the wall; Keller-Miksis: h = b - f, c constant, no (1-U/c) before h'.
+    p + B = (1 + B) rho^m, c^2 = dp/drho at the wall; Keller-Miksis: h = b - f, c constant, no (1-U/c) before h', which
+    Gilmore's equation lacks too where it is not `whole`. `stretch` of the solid, where it is not that of the gas.
     """
     C, m, gas = n.C, n.tait, n.pressure - n.pv
 
     def rhs(t, y):
         R, U = y
         f, f_t = far(t)
-        q, p = 1 / (R * n.stretch), n.pv + gas * R ** (-3 * n.polytropic)
+        q, p = 1 / (R * (stretch or n.stretch)), n.pv + gas * R ** (-3 * n.polytropic)
         b = p - 1 / (n.We * R) - G * (5 - 4 * q - q**4) / 2 - 4 * mu * U / R - 1
         b_t = (-3 * n.polytropic * (p - n.pv) + 1 / (n.We * R) - 2 * G * (q + q**4)) * U / R + 4 * mu * (U / R) ** 2
         if motion == "gilmore":
             wall, away = 1 + m * b / C**2, 1 + m * f / C**2
             h = C**2 / (m - 1) * (wall ** (1 - 1 / m) - away ** (1 - 1 / m))
             c, per_b, h_t = C * wall ** ((m - 1) / (2 * m)), wall ** (-1 / m), -(away ** (-1 / m)) * f_t
-            late = 1 - U / c
+            late = 1 - U / c if whole else 1.0
         else:
             h, c, per_b, h_t, late = b - f, C, 1.0, -f_t, 1.0
         h_t += per_b * b_t
