@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
+import pkgutil
 import re
 import subprocess
 import sys
@@ -73,6 +74,19 @@ def test_the_reference_has_every_name_verb_and_field(site):
     assert [name for name in cavirheo.__all__ if f'id="cavirheo.{name}"' not in python] == []
     assert [verb.name for verb in app.registered_commands if f'id="{verb.name}"' not in commands] == []
     assert [name for name in Result.model_json_schema()["$defs"] if f'id="{name.lower()}"' not in result] == []
+
+
+def test_what_pages_and_examples_import_is_in_the_reference(site):
+    paths = [ROOT / "README.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/**/*.py")]
+    code = "\n".join(path.read_text("utf-8") for path in paths)
+    imports = re.findall(r"^from (cavirheo[\w.]*) import ([\w, ]+)$", code, re.MULTILINE)
+    wanted = {f"{module}.{name.strip()}" for module, names in imports for name in names.split(",")}
+    pages = "\n".join(page.read_text("utf-8") for page in site.glob("reference/*.html"))
+    listed = {*re.findall(r'\bid="(cavirheo\.[\w.]+)"', pages)}
+    there = {id(pkgutil.resolve_name(name)) for name in listed}
+    missing = {name for name in wanted - listed if id(pkgutil.resolve_name(name)) not in there}
+    assert {name for name in missing if not any(other.startswith(f"{name}.") for other in listed)} == set()
+    assert len(wanted) >= 20
 
 
 @pytest.fixture
