@@ -12,6 +12,7 @@ from scipy.stats import norm
 from cavirheo import RadiusCurve, load, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import OUTLIERS, SPREAD, WIDE
+from cavirheo.inference.verify.evidence import ranked
 from cavirheo.io.option_tables import LOG_SIZE, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reporting import result
@@ -360,3 +361,27 @@ def test_a_column_reaches_the_answer_and_is_refused_before_it_is_computed(run, t
     for verb in ("infer", "fit", "which-law"):
         status, out, err = run(verb, "gel.csv", "--column", "age.csv", "-o", "s")
         assert (status, out, "nobody" in err) == (2, "", True)
+
+
+def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_are():
+    rng = np.random.default_rng(1)
+    theta = np.concatenate([rng.normal(0.0, 0.1, (400, 2)), rng.normal([1.0, 0.5], 0.05, (200, 2))])
+    weight = rng.exponential(size=600)
+    found = likelihood(theta, np.log(weight), np.zeros(600))
+    assert len(found.share) == 2
+    assert np.allclose(np.sort(found.mean[:, 0]), [0.0, 1.0], atol=0.03)
+    mean, covariance = np.average(theta, axis=0, weights=weight), np.cov(theta.T, aweights=weight, bias=True)
+    off = found.mean - found.share @ found.mean
+    whole = np.einsum("k,kij->ij", found.share, found.covariance) + (off.T * found.share) @ off
+    assert np.allclose(found.share @ found.mean, mean, atol=1e-3)
+    assert np.allclose(whole, covariance, rtol=0.01)
+    assert len(likelihood(theta[:400], np.zeros(400), np.zeros(400)).share) == 1
+
+
+def test_which_law_gives_each_law_its_slope(tmp_path):
+    curves = declared(tmp_path / "c.csv")
+    answers = [replace(one, evidence=Evidence(0.0, 0.1)) for one in with_slopes(curves, [0.3, 0.0])]
+    _, (group,) = ranked(curves, {"nhkv": answers})
+    low, _, high = group.populations["nhkv"].trend("shear_modulus")
+    assert low < 0.3 < high
+    assert group.column == "concentration"

@@ -127,3 +127,9 @@ import cavirheo.inference.bdt, cavirheo.inference.verify, cavirheo.verbs, cavirh
 from cavirheo import infer, read_curves"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_plan_itself_runs_upwards():
+    order = [room for room, _ in ROOMS]
+    for room, below in MAY_USE.items():
+        assert below - {"arrays"} <= set(order[: order.index(room)]), room

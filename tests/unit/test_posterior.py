@@ -14,7 +14,7 @@ from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
-from cavirheo import RadiusCurve, simulate
+from cavirheo import RadiusCurve, infer, simulate
 from cavirheo.inference import camera, verify
 from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.analysis import Analysis
@@ -538,3 +538,11 @@ def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():
     assert pair.error == pytest.approx(2**0.5 * np.std([50.0, 38.0], ddof=1))
     by_chance = [weighed("nhkv", -90.5, 3.0), weighed("nhkv", -83.0), weighed("nhkv", -9.0)]
     assert ranked(curves, {"newtonian": liquid, "nhkv": by_chance})[1][0].contenders == ["newtonian", "nhkv"]
+
+
+@pytest.mark.slow
+def test_a_law_that_the_network_knows_is_weighed_as_by_infer():
+    curve = shot()
+    ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], bubble="field", seed=3)
+    assert found.answers["nhkv"].evidence == infer(curve, material="nhkv", bubble="field", seed=3).evidence
+    assert found.chosen == "nhkv"
