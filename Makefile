@@ -19,8 +19,8 @@ test-slow: $(VENV)/test.done
 test-hostile: $(VENV)/test.done
 	$(BIN)/python -m pytest -m hostile tests/nightly/test_corpus.py
 
-# Mutated files, the same on every machine; what is found is kept in build/fuzz. The same call goes on where it stopped,
-# another SEED makes other files: make fuzz SEED=2 N=100000
+# Mutated files, the same on every machine; what is found is kept in build/fuzz.
+# Another SEED makes other files: make fuzz SEED=2 N=100000
 SEED ?= 1
 N ?= 20000
 fuzz: $(VENV)/test.done

@@ -62,8 +62,9 @@ def refusal(called: tuple[int, str, str], *words: str) -> str:
 
 
 LONGEST = (
-    "test_app_browser", "test_app", "test_posterior", "test_golden", "test_fit", "test_tutorials", "test_documentation",
-    "test_architecture", "test_bubble_model", "test_python", "test_training",
+    "test_app_browser", "test_app", "test_fit", "test_bubble_model", "test_posterior_network", "test_golden",
+    "test_posterior", "test_documentation", "test_population", "test_inference", "test_doubts", "test_training",
+    "test_corpus",
 )  # fmt: skip
 
 
@@ -82,7 +83,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def real_data() -> Path:
     """The folder of published measurements, which are not part of the project; without it a test is skipped."""
     default = Path(__file__).resolve().parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("CAVIRHEO_REAL_DATA", default))
+    folder = Path(os.environ.get("CAVIRHEO_REAL_DATA") or default)
     if not folder.is_dir():
         pytest.skip(f"no real data in {folder} (set CAVIRHEO_REAL_DATA)")
     return folder

@@ -1,7 +1,6 @@
 """Which names of Python the reference shows: by page and group, those of each room; the laws are those that are known.
 
-tests/meta/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a
-public object holds or returns.
+tests/meta/test_site.py finds a name that a page or an example imports and that is missing here.
 """
 
 from __future__ import annotations

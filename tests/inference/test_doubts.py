@@ -80,7 +80,8 @@ def gel(seed, stiff):
 def test_a_recording_that_starts_at_the_maximum_is_no_doubt():
     """The twelve of a group count, whatever a frame would change in their answers."""
     soft = [recorded(GEL, 7.0, noise=0.008, seed=seed) for seed in range(12)]
-    assert all(curve.begins_late for curve in soft)
+    stated = simulated(stated_time_of_max=0.0), simulated(maximum=(0.0, 250e-6)), *read_curves(SOFT)
+    assert [curve.begins_late for curve in (*soft, *stated)] == [True] * 12 + [False] * len(stated)
     assert [answer.checks.warnings for answer in infer_many(soft)] == [()] * 12
     answer = fit(soft[0])
     assert (answer.checks.warnings, answer.checks.verdict) == ((), "ok")
@@ -129,14 +130,6 @@ def test_a_maximum_that_was_missed_is_a_doubt():
     assert recorded(GEL, 7.0, frames=150, noise=0.003).frames_missed == 0.0
 
 
-def test_a_stated_or_recorded_maximum_does_not_begin_late():
-    assert simulated().begins_late
-    assert not simulated(stated_time_of_max=0.0).begins_late
-    assert not simulated(maximum=(0.0, 250e-6)).begins_late
-    assert not any(curve.begins_late for curve in read_curves(SOFT))
-    assert simulated().with_max_radius(200e-6).begins_late
-
-
 def test_stiff_gels_are_told_from_soft_ones_misread():
     """Radii doubled, or the frame interval wrong by two; a few recordings show too little to tell."""
     stiff, soft = ([gel(seed, kind) for seed in range(30)] for kind in (True, False))
@@ -169,9 +162,9 @@ def test_no_open_recording_is_doubted_but_the_one_of_a_wrong_scale(real_data):
 
 def test_a_mean_of_trials_is_judged_as_a_measurement():
     """Smooth, and 1 % from any simulation: too far for a simulated curve, but less than what its trials scatter."""
-    curve = recorded(NeoHookeanKelvinVoigt(8e3, 0.1), 5.0, periods=2.0, frames=400, noise=0.0)
-    bent = replace(curve, radius=curve.radius * (1.0 + 0.015 * np.sin(np.linspace(0.0, 9.0, 400))))
-    mean = replace(bent, radius_std=np.full(400, 0.02 * 250e-6))
+    curve = recorded(NeoHookeanKelvinVoigt(8e3, 0.1), 5.0, periods=2.0, frames=200, noise=0.0)
+    bent = replace(curve, radius=curve.radius * (1.0 + 0.015 * np.sin(np.linspace(0.0, 9.0, 200))))
+    mean = replace(bent, radius_std=np.full(200, 0.02 * 250e-6))
     assert bent.noise < 1e-4 * bent.max_radius
     exact, measured = (fit(one, window=1).checks for one in (bent, mean))
     assert exact.verdict == "model_does_not_fit"

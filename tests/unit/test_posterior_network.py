@@ -105,25 +105,27 @@ def test_the_density_of_a_proposal_is_normalised(law, bubble, given, integrated)
     assert np.std(ratio) / np.mean(ratio) / np.sqrt(len(v)) < 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise", "seed"), [(0.01, 1), (0.003, 2)])
-def test_the_default_answer_holds_the_truth_and_agrees_with_more_draws(noise, seed):
+def test_the_default_answer_agrees_with_more_draws(noise, seed):
     curve = shot(noise=noise, seed=seed)
     few, full = (cavirheo.infer(curve, bubble="field", verify=level, **NHKV) for level in ("auto", "full"))
-    assert (few.method, few.checks.verdict) == ("verified", "ok")
-    assert few.diagnostics.effective_sample_size >= TUNING.effective_fewest
     assert few.diagnostics.simulations < full.diagnostics.simulations
     assert few.evidence.log == pytest.approx(full.evidence.log, abs=0.4)
-    for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05)):
-        low, high = few.interval(name, 0.98)
-        assert low < truth < high
+    for name in ("shear_modulus", "viscosity"):
         widths = [np.log(answer.interval(name)[1] / answer.interval(name)[0]) for answer in (few, full)]
         assert 0.7 < widths[0] / widths[1] < 1.4
 
 
-def test_the_default_answer_depends_on_its_curve_alone():
-    one, again = cavirheo.infer_many([shot(), shot()], bubble="field", workers=2, **NHKV)
-    assert np.array_equal(one.theta, again.theta)
-    assert np.array_equal(one.theta, cavirheo.infer(shot(), bubble="field", **NHKV).theta)
+def test_the_default_answer_holds_the_truth_and_depends_on_its_curve_alone():
+    one, other = cavirheo.infer_many([shot(noise=0.01, seed=1), shot(noise=0.003, seed=2)], bubble="field", **NHKV)
+    for answer in (one, other):
+        assert (answer.method, answer.checks.verdict) == ("verified", "ok")
+        assert answer.diagnostics.effective_sample_size >= TUNING.effective_fewest
+        for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05)):
+            low, high = answer.interval(name, 0.98)
+            assert low < truth < high
+    assert np.array_equal(one.theta, cavirheo.infer(shot(noise=0.01, seed=1), bubble="field", **NHKV).theta)
 
 
 def test_an_answer_says_how_a_wrong_scale_would_move_it():
@@ -164,10 +166,7 @@ def test_what_is_outside_the_training_is_not_sent_through_the_network(given, con
     with refused("network.outside"):
         load_posterior().proposal(here, here.prior(), True)
     assert cavirheo.infer(curve, medium=medium, verify="none", **NHKV).checks.verdict == "failed"
-
-
-def test_a_medium_within_the_training_is_known():
-    medium = replace(WATER, temperature=293.15, sound_speed=1450.0, surface_tension=0.07)
+    medium = replace(WATER, temperature=293.15, sound_speed=1450.0, surface_tension=0.07)  # this is within
     assert not load_posterior().outside(Experiment(shot(), Family("nhkv"), medium, Options()))
 
 
@@ -271,10 +270,6 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     assert card["kind"] == "posterior"
     assert set(card["coverage"]["by_slot"]) == set(COORDINATES)
     assert load_posterior(str(tmp_path / "run" / "small.onnx")).name == "small"
-    for old, new, out, said in (("seed = 7", "seed = 8", "data", "another seed"), ("nhkv", "zener", "new", "zener")):
-        (tmp_path / "wrong.toml").write_text(small.replace(old, new), encoding="utf-8")
-        status, _, err = run("generate", "wrong.toml", "-o", out)
-        assert (status, said in err) == (2, True)
 
 
 def test_a_misfit_that_the_real_bubble_explains_is_said():

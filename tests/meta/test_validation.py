@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import csv
+import json
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, read_curves, simulate
 from cavirheo.physics.elastic import Fung
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Newtonian, PowerLaw
+from validation import __main__ as validate
+from validation import numbers, pages
 from validation.challenge import answers, camera, make, score, truth
+from validation.numbers import Run
 
 
 @pytest.fixture(scope="module")
@@ -74,12 +79,6 @@ def test_two_solvers_agree_on_a_truth(law):
     assert np.max(np.abs(truth.solve(one, 1.7)(at) - run.radius / 200e-6)) < 5e-3
 
 
-def test_a_parabola_reads_the_maximum():
-    time = np.arange(9) * 1e-6
-    radius = 2e-4 * (1 - 0.02 * (1e6 * time - 3.3) ** 2)
-    assert camera.read_maximum(time, radius) == pytest.approx((3.3e-6, 2e-4), rel=1e-6)
-
-
 def test_camera_shows_scale_and_clock(monkeypatch):
     """With hardly any noise a recording is its curve, up to its scale and from its origin."""
     quiet = camera.Level(**{**vars(camera.LEVELS["easy"]), "noise": (1e-9, 2e-9), "exposure": (0.0, 1e-9)})
@@ -90,34 +89,29 @@ def test_camera_shows_scale_and_clock(monkeypatch):
     assert seen.radius[after] == pytest.approx(expected[after], rel=1e-6)
 
 
-def judged(row: dict[str, str], G: str = "1000"):
-    """Scores of G and mu of one answer."""
+@pytest.mark.parametrize(
+    ("G", "row", "held", "bounded"),
+    [
+        (
+            "1000",
+            {"G": "2000", "G_low": "100", "G_high": "10000", "mu": "0.1", "mu_low": "0.2", "mu_high": "0.4"},
+            [True, False],
+            [True, True],
+        ),
+        ("1000", {"G_high": "2000", "mu_low": "0.2"}, [True, False], [False, False]),  # bounds are no intervals
+        ("0.0", {"G": "5", "mu": ""}, [False], [False]),  # a liquid has no modulus
+    ],
+)
+def test_scores(G, row, held, bounded):
     about = [{"name": "a", "half": "real", "G": G, "mu": "0.1"}]
-    return [score.judge(about, [{"name": "a", "seconds": "1", **row}], name) for name in ("G", "mu")]
-
-
-def test_scores_of_an_interval():
-    row = {"G": "2000", "G_low": "100", "G_high": "10000", "mu": "0.1", "mu_low": "0.2", "mu_high": "0.4"}
-    (G,), (mu,) = judged(row)
-    assert (G.held, mu.held) == (True, False)
-    assert G.error == pytest.approx(np.log10(2))
-    assert G.interval_score == pytest.approx(G.width) == pytest.approx(2.0)
-    assert mu.interval_score == pytest.approx(np.log10(2) + 20 * np.log10(2))
-
-
-def test_a_bound_on_one_side_is_no_interval():
-    (G,), (mu,) = judged({"G_high": "2000", "mu_low": "0.2"})
-    assert (G.held, mu.held) == (True, False)
-    assert (score.cells([G, mu])[0], score.cells([G, mu])[-1]) == ("0 of 2", "1 of 2")
-
-
-def test_liquids_have_no_modulus_and_what_is_missing_is_not_answered():
-    none, (mu,) = judged({"G": "5", "mu": ""}, G="0.0")
-    assert (none, mu.bounded, score.cells([mu])[0]) == ([], False, "0 of 1")
-    about = [{"name": "a", "half": "real", "G": "0.0", "mu": "0.1"}]
-    (missing,) = score.judge(about, [], "mu")
-    assert np.isnan(missing.error)
-    for wrong in ([{"name": "b"}], [{"name": "a", "seconds": "1"}] * 2):
+    answer = [{"name": "a", "seconds": "1", **row}]
+    scores = [one for name in ("G", "mu") for one in score.judge(about, answer, name)]
+    assert [one.held for one in scores] == held
+    assert [one.bounded for one in scores] == bounded
+    if "G_low" in row:
+        assert scores[0].interval_score == pytest.approx(scores[0].width) == pytest.approx(2.0)
+        assert scores[1].interval_score == pytest.approx(np.log10(2) + 20 * np.log10(2))
+    for wrong in ([{"name": "b"}], answer * 2):
         with pytest.raises(ValueError, match="one answer"):
             score.judge(about, wrong, "mu")
 
@@ -139,14 +133,6 @@ def test_tables_and_picture(made, tmp_path, monkeypatch):
     assert (tmp_path / "out.png").stat().st_size > 1000
 
 
-def test_frames_that_were_held_out():
-    held = [{"set": "gel", "name": "a", "time_us": f"{t}", "radius_um": "100", "R_max_um": "200"} for t in (1, 2)]
-    predicted = [{"name": "a", "time_us": "1", "radius_um": "102"}, {"name": "a", "time_us": "2", "radius_um": "98"}]
-    text = score.ahead(held, {"some": predicted, "half": predicted[:1]})
-    assert "| some | gel | 1 of 1 | 1.00 | 1.00 |" in text
-    assert "| half | gel | 0 of 1 |" in text
-
-
 def test_a_runner_goes_on_where_it_stopped(made, tmp_path, monkeypatch):
     asked = []
     out = tmp_path / "answers.csv"
@@ -157,3 +143,75 @@ def test_a_runner_goes_on_where_it_stopped(made, tmp_path, monkeypatch):
         rows = list(csv.DictReader(file))
     assert asked == ["shot001", "shot002"] == [row["name"] for row in rows]
     assert all(float(row["seconds"]) >= 0 for row in rows)
+
+
+RESULTS = pages.read_results()
+
+
+@pytest.mark.parametrize("page", [str(path.relative_to(ROOT)) for path in pages.marked_pages()])
+def test_a_page_has_the_numbers_of_the_results(page):
+    text = (ROOT / page).read_text("utf-8")
+    assert text == pages.filled(text, RESULTS), "run python -m validation --fill"
+
+
+@pytest.mark.repository
+def test_the_page_of_claims_is_that_of_the_results():
+    assert pages.PAGE.read_text("utf-8") == pages.page(RESULTS), "run python -m validation --page"
+    assert len(RESULTS) == len(pages.CLAIMS) == 10
+
+
+@pytest.mark.repository
+@pytest.mark.parametrize("page", ["README.md", "docs/how-far.md", "docs/validation.md"])
+def test_headline_numbers_are_marked(page):
+    assert pages.MARKED.search((ROOT / page).read_text("utf-8"))
+    assert not pages.AT_BEGINNING.search((ROOT / page).read_text("utf-8"))
+
+
+def test_numbers_are_written_with_their_errors_and_others_are_kept(tmp_path, monkeypatch):
+    out = tmp_path / "validate.json"
+    out.write_text('{"earlier": {"numbers": {}}}')
+    values = np.arange(100.0)
+    monkeypatch.setattr(validate, "measured", lambda name: lambda run: [numbers.statistic("middle", values, "m")])
+    monkeypatch.setattr("sys.argv", ["validate", "solver", "--full", "-o", str(out)])
+    validate.main()
+    found = json.loads(out.read_text())
+    assert found["earlier"] == {"numbers": {}}
+    assert {"commit", "date", "processor", "full", "seconds"} < set(found["solver"])
+    number = found["solver"]["numbers"]["middle"]
+    assert (number["value"], number["n"], number["unit"], number["seed"]) == (49.5, 100, "m", numbers.SEED)
+    assert number["standard_error"] == pytest.approx(1.2533 * np.std(values) / 10, rel=0.5)  # that of a normal sample
+
+
+@pytest.mark.parametrize(
+    ("marked", "filled"),
+    [("error:.1e", "1.8e-5"), ("error:.4%", "0.0018"), ("error:se.0e", "2e-6"), ("error:n", "12"), ("time:.1f", None)],
+)
+def test_numbers_between_markers_are_filled(marked, filled):
+    results = {"solver": {"numbers": {"error": {"value": 1.84e-5, "standard_error": 2.2e-6, "n": 12}}}}
+    text = f"| it is <!--solver.{marked}-->9<!--/--> |"
+    if filled is None:
+        with pytest.raises(ValueError, match="python -m validation solver"):
+            pages.filled(text, results)
+    else:
+        assert pages.filled(text, results) == f"| it is <!--solver.{marked}-->{filled}<!--/--> |"
+
+
+def squared(job: tuple[int]) -> dict:
+    return {"square": job[0] ** 2}
+
+
+def test_cases_are_kept_and_an_interrupted_run_goes_on(tmp_path):
+    run = Run(workers=1, kept=tmp_path)
+    run.rows("squares", squared, [(1,), (3,)])
+    kept = (tmp_path / "squares.jsonl").read_text().replace("9", "10")
+    (tmp_path / "squares.jsonl").write_text(kept)
+    assert [row["square"] for row in run.rows("squares", squared, [(3,), (2,)])] == [10, 4]
+
+
+def test_shares_and_their_standard_errors():
+    number = numbers.coverage("held", [True] * 45 + [False] * 5, 0.9)
+    assert (number.value, number.n) == (0.9, 50)
+    assert number.standard_error == pytest.approx(0.0424, abs=1e-4)
+    assert 0.0 < numbers.share("all", [True] * 5).standard_error < 0.15
+    assert numbers.share("none", []).n == 0
+    assert np.isnan(numbers.statistic("one", [2.0], "s").standard_error)

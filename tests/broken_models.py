@@ -114,25 +114,21 @@ def of_problem(**new: Any) -> Callable[[dict[str, Any]], Any]:
     return lambda about: about | {"problem": about["problem"] | new}
 
 
-def field(number: int, kind: int, content: bytes) -> bytes:
-    """A field of a protobuf message."""
-    return varint(number << 3 | kind) + (varint(len(content)) if kind == 2 else b"") + content
-
-
-def varint(value: int) -> bytes:
-    out = b""
-    while value > 127:
-        out, value = out + bytes([value & 127 | 128]), value >> 7
-    return out + bytes([value])
-
-
 def nested(depth: int) -> bytes:
-    """A model of an If within an If within ..."""
+    """A model of an If within an If within ..., which only its bytes can hold."""
     inner = b""
     for _ in range(depth):
-        attribute = field(1, 2, b"then_branch") + field(20, 0, varint(5)) + field(6, 2, inner)
-        inner = field(1, 2, field(4, 2, b"If") + field(5, 2, attribute))
-    return field(7, 2, inner)
+        branch = onnx.AttributeProto(name="then_branch", type=onnx.AttributeProto.GRAPH).SerializeToString()
+        inner = message(1, onnx.NodeProto(op_type="If").SerializeToString() + message(5, branch + message(6, inner)))
+    return message(7, inner)
+
+
+def message(number: int, content: bytes) -> bytes:
+    """A field of a protobuf message."""
+    length, size = b"", len(content)
+    while size > 127:
+        length, size = length + bytes([size & 127 | 128]), size >> 7
+    return bytes([number << 3 | 2]) + length + bytes([size]) + content
 
 
 def with_a_function() -> onnx.ModelProto:
@@ -166,12 +162,11 @@ def of_operator(kind: str, **settings: Any) -> Callable[[], Any]:
 
 
 models("graph.damaged", empty=lambda: b"")
-models("graph.damaged", with_a_length_beyond_the_end=lambda: graph().SerializeToString() + varint(58) + varint(1 << 62))
+models("graph.damaged", with_a_length_beyond_the_end=lambda: graph().SerializeToString() + b"\x3a" + b"\xff" * 8)
 models(
     "graph.operator",
     nested_deeply=lambda: nested(3000),
     with_an_operator_of_its_own=of_operator("Pwn", domain="com.evil"),
-    with_an_operator_of_microsoft=of_operator("Gelu", domain="com.microsoft"),
     with_random_numbers=of_operator("RandomNormalLike"),
 )
 models("graph.functions", with_a_function=with_a_function)
@@ -268,17 +263,14 @@ def of_output(**new: Any) -> Callable[[dict[str, Any]], Any]:
 cards("files.json", card_nested_deeply=lambda _: b"[" * 200_000)
 cards("files.size", card_of_20_mb=lambda about: json.dumps(about) + " " * 20_000_000)
 cards("model.changed", card_of_another_file=changed(onnx={"sha256": 64 * "0", "opset": 18}))
-cards("model.fails", card_of_one_output=lambda about: about | {"outputs": about["outputs"][1:]})
 cards(
     "model.card",
     card_of_an_output_twice=of_output(name="log10_viscosity", unit="Pa s"),
     card_of_a_later_schema=changed(schema=2),
     card_of_the_problem_a_list=changed(problem=[]),
     card_of_the_material_unknown=of_problem(material="honey"),
-    card_of_the_prior_infinite=of_problem(prior=PRIOR | {"log10_viscosity": [-3.0, 1e300]}),
     card_of_many_frames=of_problem(camera={"frame_interval": 1e-6, "frames": 10**9}),
     card_of_a_name_a_path=changed(name="../../../etc/passwd"),
-    card_of_a_name_that_rings=changed(name="\x1b[31mred\x07"),
 )
 
 
