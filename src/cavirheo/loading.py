@@ -33,8 +33,8 @@ KINDS = {
     "collapse-time": Kind("companions.collapse_times", "CollapseTimes", "companions.collapse_times.print_table"),
     "measure": Kind("video.document", "Measured", "video.document.print_table"),
     "design": Kind("companions.design_document", "Design", "companions.design_document.print_table"),
-    "metrics": Kind("training.documents", "Metrics", "training.documents.print_metrics"),
-    "training": Kind("training.documents", "TrainingRun", "training.documents.print_run"),
+    "metrics": Kind("training.evaluate", "Metrics", "training.evaluate.print_metrics"),
+    "training": Kind("training.evaluate", "TrainingRun", "training.evaluate.print_run"),
 }
 NAMES = tuple(f"{kind}.json" for kind in KINDS)
 

@@ -25,7 +25,7 @@ from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import simulate
 from cavirheo.prior import uniforms
-from cavirheo.training.posterior_recipe import PosteriorTable, sampled_parameters
+from cavirheo.training.recipe import PosteriorTable, sampled_parameters
 from cavirheo.training.shards import Layout, Rows, StoredRows
 
 PER_FILE = 1000

@@ -20,7 +20,7 @@ from functools import cached_property, partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +30,11 @@ from cavirheo.errors import require
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
+from cavirheo.training.curves import CurveStore, curves_layout
+from cavirheo.training.recipe import PosteriorTable
 from cavirheo.training.shards import FileKind, Layout, Rows, Shard, StoredRows, blocks, fill, read_shard
 from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
-
-if TYPE_CHECKING:
-    from cavirheo.training.curves import CurveStore
-    from cavirheo.training.posterior_recipe import PosteriorTable
 
 Indices = NDArray[np.int64]
 
@@ -70,15 +68,8 @@ def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
     return {"theta": theta, "radius": radius.astype(np.float32), "status": status}
 
 
-def _curves_layout(table: PosteriorTable | Mapping[str, Any]) -> Layout:
-    from cavirheo.training.curves import curves_layout  # compiles: other trainings need not wait
-    from cavirheo.training.posterior_recipe import PosteriorTable
-
-    return curves_layout(PosteriorTable.model_validate(table))
-
-
 GRID = FileKind("shard", "problem", lambda problem: grid_layout(TrainingProblem.from_dict(problem)))
-CURVES = FileKind("curves", "posterior", _curves_layout)
+CURVES = FileKind("curves", "posterior", lambda table: curves_layout(PosteriorTable.model_validate(table)))
 
 
 @dataclass(frozen=True)
@@ -189,7 +180,7 @@ def generate(
     if isinstance(problem, TrainingProblem):
         kind, layout = GRID, grid_layout(problem)
     else:
-        kind, layout = CURVES, _curves_layout(problem)
+        kind, layout = CURVES, curves_layout(problem)
     part, parts = shard
     message = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"
     require(n >= 1 and 1 <= part <= parts, message, "dataset.shard")
@@ -229,9 +220,7 @@ def load_curves(problem: PosteriorTable, data_dir: str | Path, scratch: Path) ->
     Raises:
         InputError: none, some missing or damaged, or made with another recipe.
     """
-    expected = {"posterior": _curves_layout(problem).problem, "made_by": version("cavirheo")}
-    from cavirheo.training.curves import CurveStore
-
+    expected = {"posterior": curves_layout(problem).problem, "made_by": version("cavirheo")}
     return CurveStore(**_load(data_dir, CURVES, expected, scratch, ("time", "radius"))[1])
 
 
