@@ -265,8 +265,6 @@ _SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
     UNIT: "the unit of the radius contradicts its numbers|: given in {given}, but the largest value {largest:.4g} only "
     "makes sense in {taken}: taken as {taken}",
     "check_input.time_order": "times not in order| ({steps} steps back): frames sorted",
-    "check_input.frame_rate": "the frame rate is given as another than the file states|: {given:.6g}/s, and the file "
-    "has {stated:.6g}/s",
     "check_input.density": "check the density|: {density:.5g} kg/m3 makes the frame rate {rate:.5g}/s; a camera at "
     "{usual:.3g}/s means --density {meant:.5g}",
     "check_input.file_damaged": "the file is damaged| after frame {frames} ({cause})",

@@ -213,7 +213,6 @@ LAYOUTS = {
     "german.csv": table("Kreisfrequenz [rad/s];Speichermodul [Pa];Verlustmodul [Pa]", ";").replace(".", ","),
     "hertz.tsv": table("Frequency (Hz)\tG' (MPa)\tG'' (kPa)", "\t", (2 * np.pi, 1e6, 1e3)),
     "rheocompass.csv": RHEOCOMPASS.encode("utf-16"),
-    "rheocompass-le.csv": RHEOCOMPASS.encode("utf-16-le"),
     "trios.txt": TRIOS,
     "trios.csv": TRIOS.replace("\t", ","),
     "rspace.csv": RSPACE,

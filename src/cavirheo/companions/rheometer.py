@@ -83,7 +83,6 @@ VOCABULARY = Vocabulary(  # as exported, in English, German and French, as the p
     "expected a header such as omega (rad/s), G' (Pa), G'' (Pa) or strain (%), G' (Pa), G'' (Pa)",
     {"columns": "rheometer.no_moduli", "empty": "rheometer.empty", "rows": _NO_SWEEP, "twice": "rheometer.two_columns"}
     | {"no_unit": "rheometer.no_unit", "unit": "rheometer.unknown_unit"},
-    marks="#",
     sections=True,
 )
 _SWEPT = 2.0  # largest over smallest, from which a column counts as swept

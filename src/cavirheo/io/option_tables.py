@@ -33,8 +33,6 @@ _DECLARED = Vocabulary(
     "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
     dict.fromkeys(("columns", "empty"), "column.head") | dict.fromkeys(("number", "comma", "width"), "column.number"),
     fallback=lambda _: Name("any"),
-    marks="#",
-    declared=True,
 )
 
 
