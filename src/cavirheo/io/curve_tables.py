@@ -72,7 +72,6 @@ CURVES = Vocabulary(
             "diameter bubblediameter meandiameter equivalentdiameter durchmesser blasendurchmesser diametre "
             "diametrebulle diametredebulle diametredelabulle diametro 直径 直徑 気泡直径 气泡直径",
             _EITHER,
-            symbols="d",
         ),
         "curve": Term("curve shot"),
     },

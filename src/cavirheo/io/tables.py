@@ -34,17 +34,9 @@ from cavirheo.io.formats import (
     unit_of,
 )
 
-Need = Sequence[str] | Callable[[CellTexts], bool]
 _LONGEST = 120  # characters of a title; more is a sentence, and takes time
-_SUMMARIES = {  # of rows that are no measurements, as `plain_title` writes them
-    word
-    for words in (
-        "mean average avg median sum total std sd stdev stddev standarddeviation min max minimum maximum",
-        "mittel mittelwert durchschnitt summe gesamt standardabweichung moyenne mediane somme ecarttype",
-        "media promedio suma mediana desviacionestandar desviaciontipica 平均 平均值 合計 标准差 標準偏差",
-    )
-    for word in words.split()
-}
+# of rows that are no measurements, as `plain_title` writes them
+_SUMMARIES = "mean average avg median sum total std sd stdev stddev min max mittel mittelwert summe moyenne media"
 _LISTED = 8  # titles in a message
 _SPACES_AND_BRACKETS = re.compile(r"[\s\[\]()]+")
 
@@ -68,7 +60,6 @@ class Term:
     label: str = ""  # its name in messages
     hint: str = ""  # how to write its unit, where it is missing
     twice: str = "keep the one that counts"  # how to mend a table with two columns of it
-    symbols: str = ""  # titles, as `words`, that count only with a unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +94,8 @@ class Vocabulary:
                     return Name(kind, spelling)
             if re.fullmatch(r"\s*[\[(][^\[\]()]+[\])]\s*", text[cut.start() :]):
                 with_foreign_unit = Name(kind, written)
-        whole = plain_title(text)
-        kind = self._kinds.get(whole)
-        return Name(kind) if kind and whole not in self.terms[kind].symbols.split() else with_foreign_unit
+        kind = self._kinds.get(plain_title(text))
+        return Name(kind) if kind else with_foreign_unit
 
     def code(self, mistake: str) -> str:
         return self.codes.get(mistake, f"tabular.{mistake}")
@@ -119,8 +109,7 @@ class Vocabulary:
 
     @cached_property
     def _kinds(self) -> dict[str, str]:
-        words = ((kind, f"{term.words} {term.symbols}".split()) for kind, term in self.terms.items())
-        return {plain_title(word): kind for kind, titles in words for word in titles}
+        return {plain_title(word): kind for kind, term in self.terms.items() for word in term.words.split()}
 
 
 @lru_cache(4096)
@@ -238,13 +227,13 @@ def single(columns: Sequence[Column]) -> Column | None:
     return columns[0] if columns else None
 
 
-def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
+def read_columns(path: Path, vocabulary: Vocabulary, need: Sequence[str]) -> list[Table]:
     """The table of a text file or of a workbook's first sheet; with sections all tables of all sheets.
 
     Args:
         path: text of any dialect (formats.py), .xlsx, .xls, .xlsb or .ods.
         vocabulary: what columns may hold.
-        need: columns whose titles are a header, "time|frame" for one of two; or what tells a header.
+        need: columns whose titles are a header, "time|frame" for one of two.
 
     Returns:
         The tables, at least one; no row has more cells than there are titles.
@@ -256,8 +245,6 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
     """
 
     def is_header(texts: CellTexts) -> bool:
-        if callable(need):
-            return need(texts)
         kinds = {vocabulary.name(cell).kind for cell in texts}
         return all(not kinds.isdisjoint(needed.split("|")) for needed in need)
 
@@ -273,18 +260,16 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
     return tables
 
 
-def _no_titles(rows: list[CellTexts], vocabulary: Vocabulary, need: Need) -> InputError:
+def _no_titles(rows: list[CellTexts], vocabulary: Vocabulary, need: Sequence[str]) -> InputError:
     """That no row is a header: the row that is closest to one, and what it lacks."""
     if not rows:
         return InputError(f"no rows of data; {vocabulary.expected}", vocabulary.code("empty"))
-    data = (k for k, row in enumerate(rows) if all(map(is_number, row)) and any(re.search(r"\d", c) for c in row))
-    above_data = max(next(data, 1) - 1, 0)
-    kinds = [{vocabulary.name(cell).kind for cell in row} - {""} for row in rows]
-    closest = max(range(len(rows)), key=lambda k: (len(kinds[k]), k == above_data))
-    titles = ", ".join(repr(title[:30]) for title in rows[closest][:_LISTED])
-    missing = [] if callable(need) else [kind for kind in need if kinds[closest].isdisjoint(kind.split("|"))]
+    closest = max(rows, key=lambda row: len({vocabulary.name(cell).kind for cell in row} - {""}))
+    kinds = {vocabulary.name(cell).kind for cell in closest}
+    titles = ", ".join(repr(title[:30]) for title in closest[:_LISTED])
+    missing = [kind for kind in need if kinds.isdisjoint(kind.split("|"))]
     names = " and ".join(vocabulary.label(kind.split("|")[0]) for kind in missing)
-    lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}" if missing else f"the titles are {titles}"
+    lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}"
     return InputError(f"{lack}; {vocabulary.expected}", vocabulary.code("columns"))
 
 
@@ -308,7 +293,7 @@ def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[CellTexts
                 raise InputError(message, vocabulary.code("width"))
         measured = any(map(vocabulary.units, (vocabulary.name(title).kind for title in titles)))
         last = rows[-1].texts if rows and measured else []
-        if word := next((cell for cell in last if plain_title(cell) in _SUMMARIES), ""):
+        if word := next((cell for cell in last if plain_title(cell) in _SUMMARIES.split()), ""):
             message = f"row {rows[-1].number} is a {word} and no measurement: remove it, and others like it"
             raise InputError(message, vocabulary.code("summary"))
         yield Table(vocabulary, titles, rows, notes, sheet.rows[at].number, sheet.name)
