@@ -11,8 +11,7 @@ import pytest
 from conftest import ROOT, messages, refusal
 
 from cavirheo import loading, read_curves
-from cavirheo.companions import collapse_times
-from cavirheo.companions import rheometer_document as rheometer
+from cavirheo.companions import collapse_times, rheometer
 from cavirheo.companions.rheometer import Sweep
 from cavirheo.inference.model import card, path_of
 from cavirheo.io import write_csv

@@ -248,19 +248,6 @@ def test_unusable_rows_are_dropped_and_counted(tmp_path):
     assert "2 rows with a modulus or setting that is not positive left out" in found.notes
 
 
-@pytest.mark.parametrize("order", ["one after the other", "row by row", "up and down"])
-def test_repeated_rows_are_repeated_sweeps(tmp_path, order):
-    first, second = ([(w, factor * s, v) for w, s, v in FREQUENCY_ROWS] for factor in (1.0, 1.1))
-    rows = {
-        "one after the other": first + second,
-        "row by row": [row for pair in zip(first, second, strict=True) for row in pair],
-        "up and down": first + second[::-1],
-    }[order]
-    found = read_sweeps(write(tmp_path / "a.csv", table("omega,Gp,Gpp", rows=rows)))
-    assert [one.name for one in found] == ["a[1]", "a[2]"]
-    assert found[1].storage == pytest.approx(1.1 * found[0].storage, rel=1e-6)
-
-
 def test_a_setting_measured_twice_is_averaged_and_counted(tmp_path):
     (found,) = read_sweeps(write(tmp_path / "a.csv", LAYOUTS["comma.csv"] + f"{OMEGA[3]:.6g},3000,7\n"))
     assert found.storage[3] == pytest.approx((1e3 + OMEGA[3] + 3000) / 2)

@@ -45,7 +45,7 @@ def test_all_public_types_are_known():
 
 USE = """# pyright: strict
 import cavirheo
-from cavirheo.companions.design_document import Design
+from cavirheo.companions.design import Design
 from cavirheo.reporting.laws import Laws
 
 curves = cavirheo.read_curves("gel.mat", shots="1,4-7")

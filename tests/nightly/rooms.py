@@ -25,7 +25,7 @@ from valid import TEXTS, shard
 
 import cavirheo
 from cavirheo import verbs
-from cavirheo.companions import collapse_times, published_values, rheometer_document
+from cavirheo.companions import collapse_times, published_values, rheometer
 from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.errors import InputError, SolverError
 from cavirheo.io import write_csv
@@ -149,7 +149,7 @@ def times(path: str) -> None:
 
 
 def sweeps(path: str) -> None:
-    rheometer_document.rheometry(read_sweeps(Path(path)), "x", command="x", date="", notes=[]).model_dump_json()
+    rheometer.rheometry(read_sweeps(Path(path)), "x", command="x", date="", notes=[]).model_dump_json()
 
 
 def pressure(path: str) -> None:

@@ -222,7 +222,7 @@ def documents() -> dict[str, str]:
     """One document of each kind, as the program writes it."""
     from answers import answer, bubble
 
-    from cavirheo.companions import rheometer_document as document
+    from cavirheo.companions import rheometer as document
     from cavirheo.companions.collapse_times import CollapseTimes, read_groups
     from cavirheo.companions.rheometer import read_sweeps
     from cavirheo.physics.media import WATER

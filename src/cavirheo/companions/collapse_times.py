@@ -21,11 +21,10 @@ from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
 from cavirheo.io.matlab import read_variables
 from cavirheo.io.shots import Chosen, read_shots, selected
 from cavirheo.io.tables import Term, Vocabulary, read_columns
-from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
-from cavirheo.writing.style import BLUE, INK, VERMILLION, headed, named_curves, one_panel, two_panels, write
+from cavirheo.writing.style import BLUE, VERMILLION, named_curves, panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -316,43 +315,25 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
 
 
 def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
-    """Above, t_1/t_RC of the shots and of the best model, with the analytic curve at the median lambda; below,
-    residuals. Where G and mu were not both found: the equally good pairs."""
-    (factor, name), best, count = document.modulus_unit, group.best, digits.counted(len(group.usable), "collapse time")
+    """t_1/t_RC of the shots and of the best model over R_max, open where a shot is weighted down. Where G and mu were
+    not both found: the equally good pairs."""
+    (factor, name), best = document.modulus_unit, group.best
     assert best is not None
     G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s
     if G.value is None or mu.value is None:
-        drawing = headed(group.name, count, ["G and µ: one relation, not both"])
+        drawing, axes = panel(group.name, "G and µ: one relation, not both", "µ (Pa s)", f"G ({name})")
         pairs = np.array(best.pairs).reshape(-1, 2) * [factor, 1.0]
-        axes = one_panel(drawing, "µ (Pa s)", f"G ({name})")
         axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
-        message = "every pair on this line has the measured collapse times"
-        write(axes, 0.02, 0.93, message if len(pairs) else "no pair gives such times", size=9, color=INK)
         return drawing
-    answer = [f"G = {_interval(G, factor)} {name}", f"µ = {_interval(mu)} Pa s", "exact" if group.exact else "analytic"]
-    labels = (r"$t_1/t_\mathrm{RC}$", r"$R_\mathrm{max}$ (µm)", r"$t_1$ from model (%)")
-    medium, shots = Medium(**document.medium, unusual=True), group.measured()
-    drawing = headed(group.name, count, answer)
-    upper, lower = two_panels(drawing, *labels)
-    radius, measured, model = 1e6 * shots.max_radius, shots.ratio(medium), np.array(best.model, dtype=float)
-    heavy, away = np.array(best.weight) >= 0.5, 100 * (measured / model - 1)
-    upper.plot(radius, measured, "o", ms=4.5, mew=0, color=BLUE, label="measured", zorder=3)
-    if np.isfinite(model).any():
-        upper.plot(radius, model, "s", ms=4.2, mew=1.0, mfc="none", mec=VERMILLION, label="model", zorder=4)
-        lower.plot(radius[heavy], away[heavy], "o", ms=4, mew=0, color=BLUE)
-        lower.plot(radius[~heavy], away[~heavy], "x", ms=5, mew=1.4, color=INK)
-        write(lower, 1.0, 1.05, "× weighted down" * (not heavy.all()), size=8, color=INK, ha="right")
-        most = 1.15 * float(np.nanmax(np.abs(away))) or 1.0
-        lower.set_ylim(-most, most)
-        across = np.geomspace(radius.min() * 0.97, radius.max() * 1.03, 200) * 1e-6
-        stretch = float(np.median(shots.stretch))
-        times = analytic_time(across, stretch, G.value, mu.value, medium) / rayleigh_time(across, medium)
-        label = f"analytic, λ = {digits.significant(stretch, 2)}"
-        upper.plot(1e6 * across, np.where(np.isfinite(times), times, np.nan), lw=1, color=VERMILLION, label=label)
-    lower.axhline(0.0, color=INK, lw=0.8)
-    upper.axhline(1.0, color=INK, lw=0.8, ls=(0, (2, 3)), zorder=0)
-    margin = 0.04 * max(float(np.ptp(radius)), 10.0)
-    for axes in (upper, lower):
-        axes.set_xlim(radius.min() - margin, radius.max() + margin)
-    named_curves(upper, 3)
+    answer = f"G = {_interval(G, factor)} {name}, µ = {_interval(mu)} Pa s"
+    drawing, axes = panel(group.name, answer, r"$R_\mathrm{max}$ (µm)", r"$t_1/t_\mathrm{RC}$")
+    shots = group.measured()
+    radius, heavy = 1e6 * shots.max_radius, np.array(best.weight) >= 0.5
+    measured = shots.ratio(Medium(**document.medium, unusual=True))
+    axes.plot(radius[heavy], measured[heavy], "o", ms=4.5, mew=0, color=BLUE, label="measured")
+    if not heavy.all():
+        axes.plot(radius[~heavy], measured[~heavy], "o", ms=4.5, mfc="none", mec=BLUE, label="weighted down")
+    label = f"{'exact' if group.exact else 'analytic'} model"
+    axes.plot(radius, np.array(best.model, dtype=float), "s", ms=4.2, mfc="none", mec=VERMILLION, label=label)
+    named_curves(axes, 3)
     return drawing

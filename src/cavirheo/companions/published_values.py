@@ -180,8 +180,7 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
 
     Raises InputError: a file cannot be read, or is neither.
     """
-    from cavirheo.companions import rheometer_document as document
-    from cavirheo.companions.rheometer import read_sweeps
+    from cavirheo.companions import rheometer
 
     values: dict[str, Published] = {}
     files: list[Path] = []
@@ -193,8 +192,8 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
                 raise
             files.append(path)
     if files:
-        sweeps = [sweep for path in files for sweep in read_sweeps(path)]
-        rheometry = document.rheometry(sweeps, document.shared_name(files), command="")
+        sweeps = [sweep for path in files for sweep in rheometer.read_sweeps(path)]
+        rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), command="")
         values[rheometry.material] = {**values.get(rheometry.material, {}), **rheometry.published}
     return TypeAdapter(dict[str, Published]).dump_python(values)
 

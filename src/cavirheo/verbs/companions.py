@@ -69,7 +69,6 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import rheometer
-        from cavirheo.companions import rheometer_document as document
         from cavirheo.companions.published_values import add_to_groups
         from cavirheo.reporting import comparison, read_json
         from cavirheo.writing import style
@@ -88,20 +87,20 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
             except InputError as error:
                 run.refuse([str(error)])
         run.need(sweeps, "sweep")
-        material = self.name or document.shared_name(files)
-        rheometry = document.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.head)
-        outputs.write("rheometer.csv", document.write_csv, rheometry)
+        material = self.name or rheometer.shared_name(files)
+        rheometry = rheometer.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.head)
+        outputs.write("rheometer.csv", rheometer.write_csv, rheometry)
         if result:
             add_to_groups(result.groups, {material: rheometry.published})
             outputs.write("table.csv", comparison.write_csv, result)
         for kind in ("strain", "frequency") if drawing else ():
             if rheometry.of(kind):
-                rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, document.figure, rheometry, kind)
+                rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, rheometer.figure, rheometry, kind)
         outputs.write("rheometer.json", write_json, rheometry)
         outputs.finish()
-        run.show(rheometry, document.print_rheometry)
+        run.show(rheometry, rheometer.print_rheometry)
         if result and not run.quiet:
-            comparison.print_with_published(result, document.regimes(rheometry, result))
+            comparison.print_with_published(result, rheometer.regimes(rheometry, result))
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
 
@@ -163,7 +162,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
 
 
 @dataclass(kw_only=True)
-class Design(options.Printing, options.Documents, options.Pictures, options.Seed, options.Liquid, options.OneBubble):
+class Design(options.Printing, options.Documents, options.Seed, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
@@ -188,11 +187,9 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.design import Rig, design
-        from cavirheo.companions.design_document import picture, print_table
+        from cavirheo.companions.design import Rig, design, print_table
         from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
 
         message = "--group names a group of a result.json: give the file, or leave out --group"
@@ -208,9 +205,9 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
             medium=self.liquid,
             bubble=self.bubbles or "real",
         )
-        drawing, names = self.drawing(run), ("shear_modulus", "viscosity", "stretch")
+        names = ("shear_modulus", "viscosity", "stretch")
         inputs = [self.result] if self.result else []
-        outputs = Outputs(self.out, "design.json", *(["design.png"] if drawing else []), inputs=inputs)
+        outputs = Outputs(self.out, "design.json", inputs=inputs)
         run_in_thread(load_solver)
         with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
             document = design(
@@ -226,8 +223,6 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
                 seed=self.seed,
                 done=advance,
             ).model_copy(update=run.head)
-        if drawing:
-            document.notes += outputs.picture("design.png", style.save, picture, document)
         outputs.write("design.json", write_json, document)
         outputs.finish()
         run.show(document, print_table)
