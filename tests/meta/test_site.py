@@ -161,7 +161,7 @@ def held(thing) -> set[str]:
 
 
 def test_what_public_objects_hold_and_return_is_in_the_reference(listed):
-    unseen = {"Record", "Parts", "Options", "PosteriorModel", "StoredRows"}  # nobody outside makes or asks these
+    unseen = {"Record", "Parts", "Options", "PosteriorModel"}  # nobody outside makes or asks these
     sources = [path.read_text("utf-8") for path in (ROOT / "src" / "cavirheo").rglob("*.py")]
     ours = {name for text in sources for name in re.findall(r"^class ([A-Z]\w+)", text, re.MULTILINE)}
     lacking = ours - {name.rpartition(".")[2] for name in listed} - unseen

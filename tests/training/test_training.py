@@ -19,7 +19,6 @@ from cavirheo.inference.model import predict
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.training import evaluate as judge
-from cavirheo.training import figures
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.evaluate import breakdown, metrics
 from cavirheo.training.recipe import Recipe, read_recipe
@@ -130,17 +129,14 @@ def test_breakdown_finds_the_error_where_it_is():
     assert (stretch[1]["rmse"], stretch[1]["bias"], stretch[1]["share"]) == (None, None, 0.0)
 
 
-def test_figures(tmp_path, monkeypatch):
+def test_the_picture(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib.figure")
     truth = Prior.uniform({"log10_viscosity": (-4.0, 0.0)}).sample(60, 1)
-    card = {"history": {"train": [2.0, 1.0], "validation": [1.5, 0.9]}, "training": {"best_epoch": 2}}
-    given = {"metrics": metrics(["log10_viscosity"], truth, truth + 0.1)}, truth, truth + 0.1
-    outputs = Outputs(tmp_path, "metrics.json")
-    assert figures.draw(outputs, card, *given) == ["loss.png", "predicted.png"]
-    assert min((tmp_path / name).stat().st_size for name in figures.NAMES) > 10_000
-    assert figures.draw(outputs, {}, *given) == ["predicted.png"]  # a card without a history
+    scores, outputs = metrics(["log10_viscosity"], truth, truth + 0.1), Outputs(tmp_path, "metrics.json")
+    judge.draw(outputs, scores, truth, truth + 0.1)
+    assert (tmp_path / "predicted.png").stat().st_size > 10_000
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    refused("figures.matplotlib", figures.draw, outputs, {}, *given)
+    refused("figures.matplotlib", judge.draw, outputs, scores, truth, truth)
 
 
 # network and training

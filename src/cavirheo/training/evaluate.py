@@ -15,12 +15,12 @@ from cavirheo.errors import InputError, require
 from cavirheo.inference.model import Network
 from cavirheo.parameters import LOG10, natural, natural_name, parameter_of
 from cavirheo.prior import Prior
-from cavirheo.training import figures
 from cavirheo.training.dataset import Dataset, load
 from cavirheo.training.recipe import difference
 from cavirheo.writing.document import Document, Outputs, write_json
-from cavirheo.writing.style import available
+from cavirheo.writing.style import BLUE, INK, available
 
+PICTURE = "predicted.png"
 BINS = 4  # of a parameter whose prior is not logarithmic; the others are cut by decades
 # heading and format of each column
 METRICS = {
@@ -119,7 +119,7 @@ def evaluate(
             ranges of its prior apart; it shares draws with the training set without being the whole of it; fewer than
             2 curves.
     """
-    outputs = Outputs(out_dir, "metrics.json", "evaluation.md", *figures.NAMES) if out_dir is not None else None
+    outputs = Outputs(out_dir, "metrics.json", "evaluation.md", PICTURE) if out_dir is not None else None
     network, data = Network(model), load(data_dir)
     of_training = _trained_on(network, data)
     chosen = data.split(network.card["training"]["seed"])["test"] if of_training else np.flatnonzero(data.ok)
@@ -141,7 +141,8 @@ def evaluate(
     }
     if outputs is not None:
         if available():
-            result["figures"] = figures.draw(outputs, network.card, result, truth, predicted)
+            draw(outputs, result["metrics"], truth, predicted)
+            result["figures"] = [PICTURE]
         else:
             result["notes"].append("no figures, which need matplotlib: pip install 'cavirheo[plot]'")
         outputs.write("metrics.json", write_json, Metrics(**result))
@@ -202,6 +203,31 @@ def markdown(result: Mapping[str, Any]) -> str:
         lines = [[label(key), *_formatted(row, _ROW)] for key, rows in parameters.items() for row in rows]
         text += _table(["true value of", *_heads(_ROW)], lines)
     return "\n".join(text) + "\n"
+
+
+def draw(folder: Outputs, outputs: Mapping[str, Mapping[str, float]], truth: Floats, predicted: Floats) -> None:
+    """predicted.png: predicted over true values, (curves, outputs) in the prior's scale, of outputs with their metrics.
+
+    Raises InputError if matplotlib is not installed.
+    """
+    require(available(), "the figures need matplotlib: pip install 'cavirheo[plot]'", "figures.matplotlib")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.3 * len(outputs), 4.4), layout="constrained")
+    panels = figure.subplots(1, len(outputs), squeeze=False)[0]
+    for axes, name, *columns in zip(panels, outputs, truth.T, predicted.T, strict=True):
+        t, p = (natural(name, column) for column in columns)
+        words, unit, logarithmic = natural_name(name).replace("_", " "), parameter_of(name).unit, name.startswith(LOG10)
+        label = f"{words} {parameter_of(name).symbol}" + ("" if unit == "1" else f" ({unit})")
+        ends = [min(t.min(), p.min()), max(t.max(), p.max())]
+        axes.plot(t, p, marker=".", ls="", ms=3.5, mew=0, color=BLUE, alpha=0.5)
+        axes.plot(ends, ends, color=INK, lw=1, label="predicted = true", zorder=1)
+        scale = "log" if logarithmic else "linear"
+        axes.set(xlabel=f"true {label}", ylabel=f"predicted {label}", xscale=scale, yscale=scale)
+        axes.set(xlim=axes.get_ylim(), box_aspect=1)
+        axes.set_title(f"R² = {outputs[name]['r2']:.4f}" + " of the logarithm" * logarithmic, fontsize=10)
+        axes.legend(loc="upper left", frameon=False, fontsize=9)
+    folder.write(PICTURE, lambda path, drawing: drawing.savefig(path, dpi=160), figure)
 
 
 def label(name: str) -> str:

@@ -23,7 +23,6 @@ from cavirheo.errors import InputError, require, validation_message
 from cavirheo.files import read_bytes
 from cavirheo.inference.latent import BUBBLE_NAMES, CAMERA, COORDINATES, used
 from cavirheo.inference.law import Family
-from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import Prior
 from cavirheo.problem import FrameGrid, TrainingProblem
@@ -131,28 +130,15 @@ class Recipe(Section):
         _ = self.problem, self.outputs
 
 
-class OftenTable(Section):
-    """A share of the curves is drawn from these ranges alone, SI."""
-
-    model_config: ClassVar[ConfigDict] = ConfigDict(extra="allow")
-    share: Annotated[float, Field(gt=0, lt=1)]
-
-    @property
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        return {name: (float(low), float(high)) for name, (low, high) in (self.model_extra or {}).items()}
-
-
 class PosteriorTable(Section):
     """What the curves of a posterior network are drawn from.
 
-    laws, bubbles: shares of the curves by name. max_radius_um: ends of its range. more: where a share of the curves is
-    drawn from.
+    laws, bubbles: shares of the curves by name. max_radius_um: ends of its range.
     """
 
     laws: dict[str, PositiveFloat] = Field(min_length=1)
     bubbles: dict[Literal["field", "real"], PositiveFloat] = Field({"field": 0.35, "real": 0.65}, min_length=1)
     max_radius_um: Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False)] = (25.0, 650.0)
-    more: OftenTable | None = None
 
     @property
     def kinds(self) -> list[tuple[str, str, float]]:
@@ -161,10 +147,9 @@ class PosteriorTable(Section):
         return [(law, bubble, share * of_bubble) for law, share in laws for bubble, of_bubble in bubbles]
 
     def check(self) -> None:
-        """Raises InputError: a range without width or beyond the prior's, or a law that the coordinates cannot hold."""
+        """Raises InputError: a range without width, or a law that the coordinates cannot hold."""
         low, high = self.max_radius_um
         require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
-        ranges = {"max_radius": (1e-6 * low, 1e-6 * high)}
         for law, bubble, _ in self.kinds:
             try:
                 names = {*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA}
@@ -173,16 +158,6 @@ class PosteriorTable(Section):
                 fits = False
             message = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(COORDINATES)})"
             require(fits, message, "recipe.value")
-            for name in sampled_parameters(law, bubble):
-                low, high = PARAMETERS[name].searched or (0.0, 0.0)
-                ranges[name] = 10.0**low, 10.0**high
-        for name, pair in ((self.more.model_extra or {}) if self.more else {}).items():
-            numbers = isinstance(pair, list) and len(pair) == 2 and all(isinstance(end, int | float) for end in pair)
-            fine = name in ranges and numbers
-            slack = 1.0 + 1e-5
-            fine = fine and ranges[name][0] / slack <= pair[0] < pair[1] <= ranges[name][1] * slack
-            message = f"more.{name} must be one of {', '.join(ranges)}, with [low, high] in its range, got {pair}"
-            require(fine, message, "recipe.value")
 
 
 class PosteriorNetworkTable(Section):
