@@ -13,7 +13,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
-from cavirheo.messages import UNIT, Message
+from cavirheo.messages import Message
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a stand-in until R_max is given
 _PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most
@@ -59,8 +59,8 @@ def make_curve(
     """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
 
     Frames with NaN or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left out; frames
-    are sorted by time; frames of one time are averaged. Each is counted in the notes; a unit that the size contradicts,
-    and times out of order, are among the curve's `warnings` too. fields: other fields of the curve.
+    are sorted by time; frames of one time are averaged. Each is counted in the notes; times out of order are among the
+    curve's `warnings` too. A unit that the size contradicts is no scale. fields: other fields of the curve.
 
     Raises:
         InputError: no unit of time is given and it cannot be told.
@@ -104,15 +104,13 @@ def _in_metres(r: Floats, std: Floats, unit: str | None, remarks: _Remarks) -> t
     """(radii in m, NaN where there is none; their deviations; why there is no scale)."""
     r = np.where(np.abs(r) < _ABSURD, r, np.nan)
     missing = np.count_nonzero(np.isnan(r))
-    scale, remark, unscaled = _radius_scale(_largest(r), unit)
+    scale, hint, unscaled = _radius_scale(_largest(r), unit)
     r, std = r * scale, std * scale
     std[~(std > 0)] = np.nan
     empty = r < _NO_BUBBLE
     r[empty] = np.nan
-    if isinstance(remark, Message):
-        remarks.warn(remark)
-    elif remark:
-        remarks.hint(remark)
+    if hint:
+        remarks.hint(hint)
     remarks.notes += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
     remarks.notes += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
     return r, std, unscaled
@@ -133,12 +131,10 @@ def _in_order(t: Floats, r: Floats, std: Floats, remarks: _Remarks) -> tuple[Flo
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
     """The mean of what is known of each run of values that begins at one of the indices `first`."""
-    means = values[first]
-    for k in np.flatnonzero(np.diff(first, append=len(values)) > 1):
-        run = values[first[k] : first[k + 1] if k + 1 < len(first) else None]
-        finite = run[np.isfinite(run)]
-        means[k] = finite.mean() if finite.size else np.nan
-    return means
+    known = np.isfinite(values)
+    count = np.add.reduceat(known.astype(int), first)
+    total = np.add.reduceat(np.where(known, values, 0.0), first)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _largest(r: Floats) -> float:
@@ -147,9 +143,8 @@ def _largest(r: Floats) -> float:
     return float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))
 
 
-def _radius_scale(largest: float, unit: str | None) -> tuple[float, Message | str, str]:
-    """(metres per number, a warning or a note, why there is no scale) from the largest radius and the unit given, if
-    any."""
+def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
+    """(metres per number, a note, why there is no scale) from the largest radius and the unit given, if any."""
     if unit == "px":
         return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"
     fits = [u for u in ("m", "mm", "um") if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
@@ -158,10 +153,10 @@ def _radius_scale(largest: float, unit: str | None) -> tuple[float, Message | st
     words = f"the radius is given in {unit}" if unit else "no unit is given for the radius"
     if 0.8 < largest < 1.25:  # rather R/R_max than a bubble of 1 mm
         return 1e-6, "", f"{words}, but its largest value {largest:.4g} looks like R/R_max"
-    if len(fits) != 1:
-        return 1e-6, "", f"{words}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
-    warning = Message(UNIT, {"given": unit, "largest": largest, "taken": fits[0]})
-    return RADIUS_UNITS[fits[0]], warning if unit else f"{words}: taken as {fits[0]} from its size", ""
+    if unit or not fits:
+        only = f"; it only makes sense in {fits[0]}" if fits else ""
+        return 1e-4 / largest, "", f"{words}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm{only}"
+    return RADIUS_UNITS[fits[0]], f"{words}: taken as {fits[0]} from its size", ""
 
 
 def _guess_time_unit(t: Floats) -> str:
