@@ -112,7 +112,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
     material: Annotated[Literal["nhkv", "nh", "newtonian"], option("nh has no viscosity, newtonian no elasticity")] = (
         "nhkv"
     )
-    exact: Annotated[bool, option("fit with simulated collapse times, too: seconds", None, "--exact")] = False
+    exact: Annotated[bool, option("fit with simulated collapse times: seconds", None, "--exact")] = False
     shear_modulus: Annotated[float | None, option("Pa, if it is known: only µ is fitted")] = None
     viscosity: Annotated[float | None, option("Pa s, if it is known: only G is fitted")] = None
     stretch: Annotated[float | None, option(_STRETCH)] = None
@@ -148,7 +148,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
                 shear_modulus=self.shear_modulus,
                 viscosity=self.viscosity,
             )
-        answered_groups = [group for group in groups if group.best] if self.drawing(run) else []
+        answered_groups = [group for group in groups if group.estimate] if self.drawing(run) else []
         document = collapse_times.CollapseTimes(
             material=self.material, medium=asdict(liquid), groups=groups, **run.head
         )
@@ -158,7 +158,10 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
         outputs.write("collapse-time.json", write_json, document)
         outputs.finish()
         run.show(document, collapse_times.print_table)
-        run.end(f"written to {self.out}", any(group.incomplete or (self.exact and not group.exact) for group in groups))
+        run.end(
+            f"written to {self.out}",
+            any(group.incomplete or (self.exact and group.model != "exact") for group in groups),
+        )
 
 
 @dataclass(kw_only=True)
