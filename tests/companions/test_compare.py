@@ -122,7 +122,7 @@ def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
     assert [group.errors for group in one.groups] == [group.errors for group in other.groups]
     assert [group.name for group in other.groups] == ["gel a", "gone", "bare.csv"]
     assert (tmp_path / "d" / "comparison.csv").read_text() == (tmp_path / "c" / "comparison.csv").read_text()
-    assert run(*words, "--fit", "nhkv", "-o", "g")[0] == 2
+    assert run(*words, "--material", "nhkv", "-o", "g")[0] == 2
     (folder / "alone.csv").write_text(f"{HEAD}\nother name,,,IMR,G_kPa,8,\n")
     shown = compare(tmp_path / "answers.json", folder / "alone.csv", tmp_path / "e")[0]
     assert ["IMR" in group.published for group in shown.groups] == [True, True]  # the only set is that of all groups
@@ -349,4 +349,3 @@ def test_the_law_is_taken_from_what_is_published():
     networks = {name: Answering("bdt-viscoelastic").analysis(one).model for name, one in sets.items()}
     assert networks == {"gel": "bdt-viscoelastic", "liquid": "bdt-viscous"}
     assert Answering(material="zener").analysis(sets["liquid"]).material == "zener"
-    assert Answering("bdt-viscous", fit="nhkv").analysis(sets["gel"]).material == "newtonian"

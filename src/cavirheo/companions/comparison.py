@@ -1,4 +1,4 @@
-"""The answers of `infer` or `fit` beside published values: an analysis of sets of measurements, or a result.json."""
+"""Answers beside published values: an analysis of sets of measurements, or a result.json of `infer` or `fit`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from cavirheo.companions.published_values import ReferenceSet, by_group, read_re
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
-from cavirheo.inference.law import Family
 from cavirheo.inference.model import Network
 from cavirheo.inference.posterior_network import network_of
 from cavirheo.io.files import expand
@@ -38,27 +37,19 @@ _OF_LIQUIDS = {"bdt-viscoelastic": "bdt-viscous"}  # by the network of gels
 
 @dataclass(frozen=True)
 class Answering:
-    """How sets are answered that do not say so themselves: as `infer` does, or by least squares of the law `fit`.
+    """How sets are answered that do not say so themselves: as `infer` does.
 
     bubble: the field's is that which published values assume. material: a law; by default that of `infer`, Newtonian
-    of a set whose published values have no modulus. Raises InputError: no such law.
+    of a set whose published values have no modulus. Raises InputError: no such law or network.
     """
 
     model: str = DEFAULT
     material: str | None = None
-    fit: str | None = None
     bubble: Requested = "field"
     trust_input: bool = False
 
     def __post_init__(self) -> None:
         Analysis("infer", self.model, self.material, self.bubble)
-        if self.fit:
-            Family(self.fit)
-
-    def model_of(self, reference: ReferenceSet) -> str:
-        """That of the set, or this; of the paper's two networks the one for liquids where no modulus is published."""
-        usual = self.model if reference.solid else _OF_LIQUIDS.get(self.model, self.model)
-        return str(reference.settings.get("model") or usual)
 
     def check(self, reference: ReferenceSet) -> None:
         """Raises InputError, with the set: what only inference can judge, before a shot costs time."""
@@ -70,16 +61,15 @@ class Answering:
 
     def analysis(self, reference: ReferenceSet) -> Analysis:
         """What is asked of the shots of a set."""
-        model = self.model_of(reference)
-        network, law = network_of(model), reference.settings.get("material", self.material)
-        if not isinstance(network, Network) and law is None and not reference.solid:
+        model, law = self.model, reference.settings.get("material", self.material)
+        if not reference.solid:  # of the paper's two networks the one for liquids
+            model = _OF_LIQUIDS.get(model, model)
+        model = str(reference.settings.get("model") or model)
+        if law is None and not reference.solid and not isinstance(network_of(model), Network):
             law = "newtonian"
         how: dict[str, Any] = {name: reference.settings.get(name) for name in ("stretch", "window")}
         how |= {"medium": reference.medium, "trust_input": self.trust_input, "bubble": self.bubble}
-        if not self.fit:
-            return Analysis("infer", model, law, **how)
-        liquid = "newtonian" in (law, network.card["material"] if isinstance(network, Network) else None)
-        return Analysis("fit", material="newtonian" if liquid else self.fit, **how)
+        return Analysis("infer", model, law, **how)
 
 
 @dataclass(frozen=True)
@@ -142,7 +132,7 @@ def compare(
     table_outputs = partial(Outputs, out, *_TABLES, inputs=inputs)  # of the folder as it is then
     table_outputs()
     if source.is_file():
-        message = f"{source} is not answered again: leave out --model, --material, --bubble, --fit and --trust-input"
+        message = f"{source} is not answered again: leave out --model, --material, --bubble and --trust-input"
         require(how in (None, Answering()), message, "compare.answered")
         document = _with_published(source, Outputs(out, *DOCUMENTS, inputs=inputs), published, against, notes, head)
         _write_tables(table_outputs(), document)

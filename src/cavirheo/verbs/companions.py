@@ -15,7 +15,6 @@ CAMERA, SEARCH = "Camera", "Search"
 _Range = tuple[float, float]
 _SOURCE = "holds the measurements, a file, subfolder or glob per set; or a result.json"
 _REFERENCE = "errors are relative to it; may be repeated  [default: IMR, rheometer]"
-_FIT = "least squares with this law (nhkv, ...) instead of networks"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
 _TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin"
 _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
@@ -30,7 +29,6 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
     reference_method: Annotated[list[str] | None, option(_REFERENCE, metavar="METHOD")] = None
     model: options.ModelName = "posterior"
     material: options.Material = None
-    fit_law: Annotated[str | None, option(_FIT, None, "--fit", autocompletion=completion.sum_names)] = None
     out: options.Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:
@@ -42,7 +40,7 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
             self.source,
             self.references,
             self.out,
-            how=Answering(self.model, self.material, self.fit_law, self.bubbles or "field", self.trust_input),
+            how=Answering(self.model, self.material, self.bubbles or "field", self.trust_input),
             reference_methods=self.reference_method or [],
             pictures=self.pictures,
             command=run.command,
