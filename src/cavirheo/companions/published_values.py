@@ -127,7 +127,7 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     for number, texts in table.rows:
         row = {name.kind: cell for name, cell in zip(names, texts, strict=False) if cell}
         _add_line(row, f"{path}, line {number}", sets, methods)
-    message = f"{path}: {len(sets)} sets; more than {_MOST} are not compared in one picture; split the file"
+    message = f"{path}: {len(sets)} sets; more than {_MOST} are not compared at once; split the file"
     require(len(sets) <= _MOST, message, "references.sets")
     for reference in sets.values():
         constants = {name: reference.settings[name] for name in _CONSTANTS if name in reference.settings}

@@ -124,10 +124,13 @@ def text_sheet(text: str, is_header: IsHeader) -> Sheet:
     limits.few(len(lines), limits.ROWS, "lines")
     limits.few(max(map(len, lines), default=0), limits.LINE, "characters in one line")
     notes = (f"{invisible} control characters left out",) if invisible else ()
-    data = ["" if line.lstrip().startswith("#") else line for line in lines]
-    for candidates in (data, [line.lstrip("# ") if line.lstrip().startswith("#") else line for line in lines]):
-        if (rows := _rows_with_header(candidates, is_header)) is not None:
-            return _sheet("", rows, notes)
+    comments = {k for k, line in enumerate(lines) if line.lstrip().startswith("#")}
+    data = ["" if k in comments else line for k, line in enumerate(lines)]
+    rows = _rows_with_header(data, is_header)
+    if rows is None and comments:
+        rows = _rows_with_header([line.lstrip("# ") for line in lines], is_header)
+    if rows is not None:
+        return _sheet("", rows, notes)
     sample = [line for line in data if line.strip()][:20]
     separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
     return _sheet("", list(_split(data, separator)), notes)

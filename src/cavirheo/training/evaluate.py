@@ -100,13 +100,8 @@ class TrainingRun(Document):
     metrics: dict[str, dict[str, float]] = {}
 
 
-def evaluate(
-    model: Path,
-    data_dir: Path,
-    out_dir: Path | None = None,
-    **head: Any,
-) -> dict[str, Any]:
-    """Judge an exported model (.onnx with its card) on a set; tables and the paper's figures go into `out_dir`.
+def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, **head: Any) -> dict[str, Any]:
+    """Judge an exported model (.onnx with its card) on a set; tables and the paper's figure go into `out_dir`.
 
     On the set that it was trained on, or one of the same draws made anew, only the test part counts; on any other,
     every usable curve. head: `command` and `date` of the document.
