@@ -153,7 +153,7 @@ def test_h_is_help(lab, verb):
 
 
 def test_json_is_the_document_and_quiet_says_errors_alone(lab):
-    words = ("collapse-time", "times.csv")
+    words = ("collapse-time", "times.csv", "--no-pictures")
     status, out, err = lab(*words, "--json", "-o", "r")
     assert (status, err) == (0, "")
     assert out == Path("r", "collapse-time.json").read_text(encoding="utf-8")

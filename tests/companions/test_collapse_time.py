@@ -228,6 +228,7 @@ class TestReading:
 
 
 class TestCommand:
+    @pytest.mark.needs("matplotlib")
     def test_table(self, run, tmp_path):
         status, _, err = run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result")
         assert status == 0, err
@@ -236,6 +237,7 @@ class TestCommand:
         assert (document["schema"], group["n"], group["model"]) == (1, 30, "analytic")
         assert group["estimate"]["shear_modulus_Pa"]["value"] == pytest.approx(1e4, rel=0.05)
         assert len((tmp_path / "result" / "shots.csv").read_text().splitlines()) == 31
+        assert (tmp_path / "result" / "gel.png").stat().st_size > 1000
 
     def test_exact_and_medium(self, run, tmp_path):
         path = write(tmp_path / "gel.csv", table(5, noise=0.001))

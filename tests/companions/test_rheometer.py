@@ -17,6 +17,7 @@ from cavirheo.companions.rheometer import VOCABULARY, Sweep, frequency_sweep, re
 from cavirheo.errors import InputError
 from cavirheo.io.tables import Table
 from cavirheo.reporting import write_report
+from cavirheo.writing import style
 
 EXAMPLES = ROOT / "examples"
 OMEGA = np.logspace(-1, 2, 16)
@@ -45,6 +46,12 @@ def maxwell(omega, G=1e3, tau=1.0):
 
 def softening(gamma, G=2e3, at=1.0):
     return G / (1 + (gamma / at) ** 2)
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Without pictures, which take half a second each."""
+    monkeypatch.setattr(style, "available", lambda: False)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
@@ -297,8 +304,9 @@ def test_bad_usage(run, tmp_path, words, named):
     refusal(run("rheometer", *words.split()), named)
 
 
+@pytest.mark.needs("matplotlib")
 def test_examples_give_back_the_truth(run, tmp_path, examples):
-    """The main job: both sweeps of one gel, documents."""
+    """The main job: both sweeps of one gel, documents, pictures."""
     files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
     status, _, err = run("rheometer", *files, "-o", "r")
     assert status == 0, err
@@ -313,7 +321,7 @@ def test_examples_give_back_the_truth(run, tmp_path, examples):
     assert strain["plateau_storage_Pa"] == pytest.approx(storage, rel=0.01)
     assert strain["plateau_to"] == pytest.approx(examples.HALF_STRAIN * np.sqrt(1 / 0.95 - 1), rel=0.1)
     assert strain["crossover"] == pytest.approx(examples.HALF_STRAIN * np.sqrt((storage / loss - 1) / 4), rel=0.02)
-    names = {"rheometer.json", "rheometer.csv", ".cavirheo"}
+    names = {"rheometer.json", "rheometer.csv", "strain-sweep.png", "frequency-sweep.png", ".cavirheo"}
     assert {path.name for path in (tmp_path / "r").iterdir()} == names
     with (tmp_path / "r" / "rheometer.csv").open(newline="", encoding="utf-8") as file:
         assert [row["kind"] for row in csv.DictReader(file)] == ["strain", "frequency"]
@@ -324,7 +332,7 @@ def test_examples_give_back_the_truth(run, tmp_path, examples):
 @pytest.mark.parametrize(
     ("words", "status", "viscosity"), [([], 0, 5.0), (["--at", 1e3], 1, None), (["bad.csv"], 2, 5.0)]
 )
-def test_repeats_give_mean_and_deviation_and_outside_is_status_1(run, tmp_path, words, status, viscosity):
+def test_repeats_give_mean_and_deviation_and_outside_is_status_1(plain, run, tmp_path, words, status, viscosity):
     for k, factor in enumerate((0.9, 1.0, 1.1), 1):
         rows = [(w, factor * 1e3, factor * 5 * w) for w in OMEGA]
         write(tmp_path / f"gel_{k}.csv", table("omega,Gp,Gpp", rows=rows))
@@ -337,7 +345,7 @@ def test_repeats_give_mean_and_deviation_and_outside_is_status_1(run, tmp_path, 
 
 
 @pytest.mark.parametrize(("loss", "modulus"), [(50.0, 2e3), (5000.0, None)])
-def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path, loss, modulus):
+def test_the_strain_plateau_stands_in_for_a_solid_only(plain, run, tmp_path, loss, modulus):
     rows = "".join(f"{g},{softening(g)},{loss},10\n" for g in STRAIN)
     write(tmp_path / "gel.csv", f"strain [1],G',G'',omega\n{rows}")
     run("rheometer", "gel.csv", "-o", "r")

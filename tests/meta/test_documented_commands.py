@@ -42,7 +42,7 @@ PLACES = re.compile(
 BARE = {"models", "laws"}  # verbs that are a whole command alone; `cavirheo design` is a name
 LONGEST = 300.0  # s, of a block
 WRITTEN = {  # page: files that it says its commands write
-    "docs/how-to/collapse-time.md": ("result/collapse-time.json", "result/shots.csv"),
+    "docs/how-to/collapse-time.md": ("result/collapse-time.json", "result/shots.csv", "result/*.png"),
     "docs/how-to/compare.md": ("DIR/comparison.md", "DIR/comparison.csv", "DIR/result.json"),
     "docs/how-to/design.md": ("plan/design.json",),
     "docs/how-to/measure.md": ("measured/measured.csv", "measured/contact.png", "measured/measure.json"),

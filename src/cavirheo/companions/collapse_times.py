@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
+from cavirheo.writing.style import BLUE, VERMILLION, named_curves, panel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 VARIABLE = "pIMR_array"
 VOCABULARY = Vocabulary(
@@ -143,7 +147,7 @@ class CollapseTimes(Document):
 
     @property
     def modulus_unit(self) -> tuple[float, str]:
-        """(factor from Pa, its name) of G in all tables of this document."""
+        """(factor from Pa, its name) of G in all tables and pictures of this document."""
         estimates = [group.estimate for group in self.groups if group.estimate]
         return digits.modulus_unit(value for each in estimates if (value := each.shear_modulus_Pa.value))
 
@@ -296,3 +300,28 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
         yield group.name, note
     if origins := sorted({record.stretch_from for record in group.shots} - {"", "table"}):
         yield group.name, f"lambda: {', '.join(origins)}"
+
+
+def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
+    """t_1/t_RC of the shots and of the model over R_max, open where a shot is weighted down. Where G and mu were
+    not both found: the equally good pairs."""
+    (factor, name), best = document.modulus_unit, group.estimate
+    assert best is not None
+    G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s
+    if G.value is None or mu.value is None:
+        drawing, axes = panel(group.name, "G and µ: one relation, not both", "µ (Pa s)", f"G ({name})")
+        pairs = np.array(best.pairs).reshape(-1, 2) * [factor, 1.0]
+        axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
+        return drawing
+    answer = f"G = {_interval(G, factor)} {name}, µ = {_interval(mu)} Pa s"
+    drawing, axes = panel(group.name, answer, r"$R_\mathrm{max}$ (µm)", r"$t_1/t_\mathrm{RC}$")
+    shots = group.measured()
+    radius, heavy = 1e6 * shots.max_radius, np.array(best.weight) >= 0.5
+    measured = shots.ratio(Medium(**document.medium, unusual=True))
+    axes.plot(radius[heavy], measured[heavy], "o", ms=4.5, mew=0, color=BLUE, label="measured")
+    if not heavy.all():
+        axes.plot(radius[~heavy], measured[~heavy], "o", ms=4.5, mfc="none", mec=BLUE, label="weighted down")
+    model = np.array(best.model, dtype=float)
+    axes.plot(radius, model, "s", ms=4.2, mfc="none", mec=VERMILLION, label=f"{group.model} model")
+    named_curves(axes, 3)
+    return drawing

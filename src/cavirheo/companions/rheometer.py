@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -30,6 +30,10 @@ from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
 from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of, write_rows
+from cavirheo.writing.style import BLUE, VERMILLION, named_curves, panel, plain_ticks
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _SHORTEST = 3.0  # largest over smallest strain of a linear range
 _OUTLIERS = 0.2  # part of the points of a linear range that may lie outside it, each alone
@@ -402,7 +406,7 @@ class Rheometry(Document):
 
     @property
     def unit(self) -> tuple[float, str]:
-        """(factor from Pa, its name) of moduli in all tables of this document."""
+        """(factor from Pa, its name) of moduli in all tables and pictures of this document."""
         return digits.modulus_unit([sweep.plateau_storage_Pa for sweep in self.sweeps])
 
     @property
@@ -544,3 +548,25 @@ def _span(values: Iterable[float | None], count: int = 3, to: str = " to ") -> s
 
 def _with_unit(value: Spread, factor: float, unit: str) -> str:
     return digits.spread(value, factor) + ("" if value.mean is None else f" {unit}")
+
+
+def figure(document: Rheometry, kind: str) -> Figure:
+    """Moduli with the range of the plateau that all have. What was not found is not drawn."""
+    sweeps, scale = document.of(kind), 100.0 if kind == "strain" else 1.0
+    x_label = "strain (%)" if kind == "strain" else "angular frequency ω (rad/s)"
+    factor, unit = document.unit
+    drawing, axes = panel(document.material, digits.counted(len(sweeps), f"{kind} sweep"), x_label, f"G′, G″ ({unit})")
+    for k, sweep in enumerate(sweeps):
+        labels = ("", "") if k else ("G′", "G″")
+        axes.loglog(scale * sweep.x, factor * sweep.storage, "o-", color=BLUE, label=labels[0], ms=3.5, lw=0.7)
+        look: Any = {"color": VERMILLION, "mfc": "white", "ms": 3.5, "lw": 0.7}
+        axes.loglog(scale * sweep.x, factor * sweep.loss, "o-", label=labels[1], **look)
+    ends = [(sweep.plateau_from, sweep.plateau_to) for sweep in sweeps if sweep.plateau_from and sweep.plateau_to]
+    if ends and (first := max(low for low, _ in ends)) < (last := min(high for _, high in ends)):
+        label = "linear range" if kind == "strain" else "plateau"
+        axes.axvspan(scale * first, scale * last, color="#00694d", alpha=0.09, lw=0, zorder=0, label=label)
+    named_curves(axes, 3)
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        plain_ticks(axis, (1, 2, 5) if 0 < high < 100 * low else (1,), 9)
+    return drawing

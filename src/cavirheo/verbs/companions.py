@@ -55,7 +55,7 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
 
 
 @dataclass(kw_only=True)
-class Rheometer(options.Printing, options.Documents):
+class Rheometer(options.Printing, options.Documents, options.Pictures):
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
@@ -69,11 +69,13 @@ class Rheometer(options.Printing, options.Documents):
         from cavirheo.companions import rheometer
         from cavirheo.companions.published_values import add_to_groups
         from cavirheo.reporting import comparison, read_json
+        from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
 
         require(self.at > 0, f"--at must be an angular frequency in rad/s, got {self.at!r}")
         require(0 < self.tolerance < 50, f"--tolerance must be between 0 and 50 %, got {self.tolerance!r}")
-        files, names = run.files(self.files), ("rheometer.json", "rheometer.csv", "table.csv")
+        files, drawing = run.files(self.files), self.drawing(run)
+        names = ("rheometer.json", "rheometer.csv", "table.csv", "strain-sweep.png", "frequency-sweep.png")
         outputs = Outputs(self.out, *names, inputs=[*files, *([self.beside] if self.beside else [])])
         result = read_json(self.beside) if self.beside else None
         sweeps = []
@@ -89,6 +91,9 @@ class Rheometer(options.Printing, options.Documents):
         if result:
             add_to_groups(result.groups, {material: rheometry.published})
             outputs.write("table.csv", comparison.write_csv, result)
+        for kind in ("strain", "frequency") if drawing else ():
+            if rheometry.of(kind):
+                rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, rheometer.figure, rheometry, kind)
         outputs.write("rheometer.json", write_json, rheometry)
         outputs.finish()
         run.show(rheometry, rheometer.print_rheometry)
@@ -98,7 +103,7 @@ class Rheometer(options.Printing, options.Documents):
 
 
 @dataclass(kw_only=True)
-class CollapseTime(options.Printing, options.Documents, options.Liquid):
+class CollapseTime(options.Printing, options.Documents, options.Pictures, options.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
@@ -118,6 +123,8 @@ class CollapseTime(options.Printing, options.Documents, options.Liquid):
 
         from cavirheo.companions import collapse_times
         from cavirheo.io.shots import shot_numbers
+        from cavirheo.reporting import file_names
+        from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
 
         shot_numbers(self.shots)
@@ -139,10 +146,13 @@ class CollapseTime(options.Printing, options.Documents, options.Liquid):
                 shear_modulus=self.shear_modulus,
                 viscosity=self.viscosity,
             )
+        answered_groups = [group for group in groups if group.estimate] if self.drawing(run) else []
         document = collapse_times.CollapseTimes(
             material=self.material, medium=asdict(liquid), groups=groups, **run.head
         )
         outputs.write("shots.csv", collapse_times.write_csv, document)
+        for group, stem in zip(answered_groups, file_names([group.name for group in answered_groups]), strict=True):
+            document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
         outputs.write("collapse-time.json", write_json, document)
         outputs.finish()
         run.show(document, collapse_times.print_table)

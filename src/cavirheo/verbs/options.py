@@ -261,6 +261,14 @@ class Pictures:
         True
     )
 
+    def drawing(self, run: "Run") -> bool:
+        """Whether pictures are drawn; where they are asked for and cannot be, a note of the run says so."""
+        from cavirheo.writing import style
+
+        able = style.available()
+        run.notes += [style.NO_PICTURES] if self.pictures and not able else []
+        return self.pictures and able
+
 
 @dataclass(kw_only=True)
 class Figures(Pictures):

@@ -17,7 +17,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.writing.digits import printable
+from cavirheo.writing.digits import elide, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,6 +64,29 @@ def write(where: Any, x: float, y: float, text: str, *, size: float, color: str 
     """Text in fractions of a figure or of axes; never read as mathematics, whatever a file calls its curves."""
     place = {"transform": where.transAxes} if hasattr(where, "transAxes") else {}
     return where.text(x, y, printable(text), fontsize=size, color=color, parse_math=False, **place, **how)
+
+
+def panel(name: str, right: str, x_label: str, y_label: str) -> tuple[Figure, Axes]:
+    """A figure of one panel, with its title. Raises InputError without matplotlib."""
+    figure = new_figure(3.8)
+    write(figure, 0.1, 0.93, elide(name, 50), size=11, weight="bold")
+    write(figure, 0.975, 0.93, right, size=10, ha="right", color=INK)
+    return figure, new_axes(figure, (0.1, 0.13, 0.875, 0.72), x_label, y_label)
+
+
+def named_curves(axes: Axes, count: int, **how: Any) -> None:
+    """The names of so many curves in one line at the upper right of a panel, above the curves."""
+    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.985), "ncols": count}
+    axes.legend(**place, fontsize=8.5, frameon=False, handlelength=1.6, **how)
+
+
+def plain_ticks(axis: Any, steps: tuple[int, ...], most: int | None = None) -> None:
+    """0.01, 1, 100 instead of powers, and such multiples of these."""
+    from matplotlib.ticker import LogLocator
+
+    axis.set_major_locator(LogLocator(subs=steps, numticks=most))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter("")
 
 
 def save(path: str | Path, figure: Figure, kind: str = "png", dpi: int = DPI) -> None:
