@@ -1,8 +1,8 @@
 """Any table that a file holds -> rows of cells: text of every dialect, and the sheets of a workbook.
 
 Text: tab, semicolon, comma or spaces separate the cells; a quoted cell may hold the separator; where commas do not
-separate, they may be decimal. UTF-8, UTF-16 with its mark, else Latin-1. Lines that begin with # are comments, except
-the titles over columns of numbers (numpy.savetxt writes them so).
+separate, they may be decimal. UTF-8, UTF-16 with its mark, else Latin-1. Lines that begin with # or % are comments,
+except the titles over columns of numbers (numpy.savetxt writes them so).
 Workbooks: .xlsx, .xls, .xlsb, .ods; the visible sheets in the order of their tabs.
 
 What a comma means is decided once for all rows of numbers in a sheet: `1,5` and `0,123` have decimal commas. Where all
@@ -124,11 +124,11 @@ def text_sheet(text: str, is_header: IsHeader) -> Sheet:
     limits.few(len(lines), limits.ROWS, "lines")
     limits.few(max(map(len, lines), default=0), limits.LINE, "characters in one line")
     notes = (f"{invisible} control characters left out",) if invisible else ()
-    comments = {k for k, line in enumerate(lines) if line.lstrip().startswith("#")}
+    comments = {k for k, line in enumerate(lines) if line.lstrip().startswith(("#", "%"))}
     data = ["" if k in comments else line for k, line in enumerate(lines)]
     rows = _rows_with_header(data, is_header)
     if rows is None and comments:
-        rows = _rows_with_header([line.lstrip("# ") for line in lines], is_header)
+        rows = _rows_with_header([line.lstrip("#% ") for line in lines], is_header)
     if rows is not None:
         return _sheet("", rows, notes)
     sample = [line for line in data if line.strip()][:20]
