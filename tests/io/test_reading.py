@@ -416,7 +416,7 @@ ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "Chinese": ("时间(微秒),气泡半径(微米)\n" + PLAIN, ""),
     "lines above": (META + "time_us,radius_um\n" + PLAIN, "2 lines above the titles"),
     "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
-    "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, ""),
+    "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
     "pairs above": ("Sample\tgel 5 %\nDate\t2024-01-05\nTime (us)\tRadius (um)\n" + TABS, "2 lines above"),
     "unit row": ("Time,Radius\nus,um\n" + PLAIN, "units from the row below the titles: us, um"),
     "unit row in brackets": ("Zeit;Radius\n(µs);(µm)\n" + GERMAN, "units from the row below"),
