@@ -16,7 +16,7 @@ from cavirheo import landmarks
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief, expect, printable, require
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, drift, fit_maximum, plateau, spikes, turning_points
-from cavirheo.messages import UNIT, Message
+from cavirheo.messages import Message
 from cavirheo.parameters import INTERVAL, RADIUS
 from cavirheo.writing import export, style
 
@@ -246,8 +246,7 @@ class RadiusCurve:
         scale = max_radius / top
         time_factor = max_radius if self.time_unscaled else 1.0
         note = f"R_max set to {max_radius * 1e6:.4g} um" + ("" if self.unscaled else f": radii scaled by {scale:.4g}")
-        warnings = tuple(warning for warning in self.warnings if warning.code != UNIT)
-        curve = self.labelled(warnings=warnings, notes=(*self.notes, note))
+        curve = self.labelled(notes=(*self.notes, note))
         parts: Any = {"radius": self.radius * scale, "radius_std": self.radius_std * scale, "late": self.begins_late}
         parts |= {"time": self.time * time_factor, "maximum": (start * time_factor, float(max_radius))}
         return replace(curve, **parts, stated_time_of_max=None, unscaled="", time_unscaled=False)

@@ -29,12 +29,12 @@ class Kind(NamedTuple):
 KINDS = {
     "result": Kind("reporting.record", "Result", "reporting.table.print_all"),
     "laws": Kind("reporting.laws", "Laws", "reporting.laws.print_table"),
-    "rheometer": Kind("companions.rheometer_document", "Rheometry", "companions.rheometer_document.print_rheometry"),
+    "rheometer": Kind("companions.rheometer", "Rheometry", "companions.rheometer.print_rheometry"),
     "collapse-time": Kind("companions.collapse_times", "CollapseTimes", "companions.collapse_times.print_table"),
     "measure": Kind("video.document", "Measured", "video.document.print_table"),
-    "design": Kind("companions.design_document", "Design", "companions.design_document.print_table"),
-    "metrics": Kind("training.documents", "Metrics", "training.documents.print_metrics"),
-    "training": Kind("training.documents", "TrainingRun", "training.documents.print_run"),
+    "design": Kind("companions.design", "Design", "companions.design.print_table"),
+    "metrics": Kind("training.evaluate", "Metrics", "training.evaluate.print_metrics"),
+    "training": Kind("training.evaluate", "TrainingRun", "training.evaluate.print_run"),
 }
 NAMES = tuple(f"{kind}.json" for kind in KINDS)
 

@@ -12,7 +12,6 @@ from typing import Any
 from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import parameter_of, searched_bound
 
-UNIT = "check_input.radius_unit"
 _COUNTED = 0.005  # share of a law in an average, below which it is said to be rejected
 _Details = Callable[[Mapping[str, Any]], str]
 
@@ -262,11 +261,7 @@ def _averaged(p: Mapping[str, Any]) -> str:
 # template of the values of one; or both apart, where a function gives one of them.
 _SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
     # the recording and its settings
-    UNIT: "the unit of the radius contradicts its numbers|: given in {given}, but the largest value {largest:.4g} only "
-    "makes sense in {taken}: taken as {taken}",
     "check_input.time_order": "times not in order| ({steps} steps back): frames sorted",
-    "check_input.frame_rate": "the frame rate is given as another than the file states|: {given:.6g}/s, and the file "
-    "has {stated:.6g}/s",
     "check_input.density": "check the density|: {density:.5g} kg/m3 makes the frame rate {rate:.5g}/s; a camera at "
     "{usual:.3g}/s means --density {meant:.5g}",
     "check_input.file_damaged": "the file is damaged| after frame {frames} ({cause})",

@@ -69,7 +69,7 @@ fit shot.csv --window 0
 fit shot.csv --scale-percent 200
 compare .
 compare . --references nowhere.csv
-compare . --references refs.csv --fit foo
+compare . --references refs.csv --material foo
 rheometer
 rheometer shot.csv
 rheometer sweep.csv --tolerance 60

@@ -11,8 +11,7 @@ import pytest
 from conftest import ROOT, messages, refusal
 
 from cavirheo import loading, read_curves
-from cavirheo.companions import collapse_times
-from cavirheo.companions import rheometer_document as rheometer
+from cavirheo.companions import collapse_times, rheometer
 from cavirheo.companions.rheometer import Sweep
 from cavirheo.inference.model import card, path_of
 from cavirheo.io import write_csv
@@ -79,10 +78,7 @@ def of_collapse_times(names):
     value = {"value": 6.4e3, "low": 5.1e3, "high": 7.9e3}
     found = {"shear_modulus_Pa": value, "viscosity_Pa_s": {"value": 0.031, "low": 0.02, "high": 0.04}, "scatter": 0.01}
     shots = [{"name": "1", "max_radius_m": 1e-4}]
-    groups = [
-        {"name": name, "source": "", "source_sha256": "", "analytic": found, "exact": found, "shots": shots}
-        for name in names
-    ]
+    groups = [{"name": name, "source": "", "source_sha256": "", "estimate": found, "shots": shots} for name in names]
     return collapse_times.CollapseTimes(command="", material="nhkv", medium={}, groups=groups)
 
 

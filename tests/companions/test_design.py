@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from answers import CENTRE, answer, bubble, seen, shots
-from conftest import ROOT, refusal, refused
+from conftest import refusal, refused
 
 import cavirheo
 from cavirheo import InputError, Rig
@@ -16,8 +16,6 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import result, result_of
-from cavirheo.training import curves as training_curves
-from cavirheo.training.recipe import read_recipe
 from cavirheo.writing.document import Quantity
 
 NHKV = Family("nhkv")
@@ -184,7 +182,6 @@ def test_what_cannot_be_is_refused(quick, wrong):
 NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051"]
 
 
-@pytest.mark.needs("matplotlib")
 @pytest.mark.parametrize(
     ("words", "shots"),
     [
@@ -199,7 +196,6 @@ def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path, 
     document = cavirheo.load(tmp_path / "plan")
     assert document.notes == []
     assert document.sentences[0] in out.replace("\n", " ")
-    assert (tmp_path / "plan" / "design.png").exists()
     assert {one.shots for one in document.settings} == shots
 
 
@@ -255,52 +251,6 @@ def test_shots_that_do_not_count_are_counted_for(quick):
     assert twice == pytest.approx(2 * more, abs=1)
     assert good.groups[0].population.still_needed(half, 0.15) is None
     assert good.groups[0].population.still_needed(good.curves, 0.95) == 0
-
-
-MORE = "[posterior.more]\nshare = {}\n{} = {}\n\n[data]"
-
-
-def recipe_with_more(folder, share, name, interval):
-    recipe = (ROOT / "recipes/posterior.toml").read_text()
-    (folder / "r.toml").write_text(recipe.replace("[data]", MORE.format(share, name, interval)))
-    return folder / "r.toml"
-
-
-def test_a_recipe_draws_more_from_a_range(tmp_path):
-    low, high = 1e-4, 4.6e-3  # a third of the range of a viscosity
-    recipe = read_recipe(recipe_with_more(tmp_path, 0.5, "viscosity", [low, high]))
-    for more, share in ((None, 1 / 3), (recipe.posterior.more, 0.5 + 0.5 / 3)):
-        viscosities = [viscosity_of_curve(recipe, k, more) for k in range(400)]
-        assert np.mean([low <= mu <= high for mu in viscosities if mu]) == pytest.approx(share, abs=0.08)
-
-
-def viscosity_of_curve(recipe, index, more):
-    """Of curve `index` of a training set; none for a law without."""
-    seen = []
-
-    def simulate(material, **_):
-        seen.append(getattr(material, "viscosity", None))
-        raise InputError("not simulated")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training_curves, "simulate", simulate)
-        training_curves.simulated_curve(recipe.posterior.model_copy(update={"more": more}), 5, index)
-    return seen[0]
-
-
-@pytest.mark.parametrize(
-    ("share", "name", "interval"),
-    [
-        (0.5, "nothing", [1, 2]),
-        (0.5, "viscosity", [2, 1]),
-        (0.5, "viscosity", [1e-9, 1]),
-        (0.5, "viscosity", 1),
-        (2, "viscosity", [0.1, 1]),
-    ],
-)
-def test_a_recipe_draws_more_only_from_what_it_draws(tmp_path, share, name, interval):
-    with pytest.raises(InputError, match="share" if share > 1 else name):
-        read_recipe(recipe_with_more(tmp_path, share, name, interval))
 
 
 @pytest.mark.parametrize(

@@ -213,7 +213,6 @@ LAYOUTS = {
     "german.csv": table("Kreisfrequenz [rad/s];Speichermodul [Pa];Verlustmodul [Pa]", ";").replace(".", ","),
     "hertz.tsv": table("Frequency (Hz)\tG' (MPa)\tG'' (kPa)", "\t", (2 * np.pi, 1e6, 1e3)),
     "rheocompass.csv": RHEOCOMPASS.encode("utf-16"),
-    "rheocompass-le.csv": RHEOCOMPASS.encode("utf-16-le"),
     "trios.txt": TRIOS,
     "trios.csv": TRIOS.replace("\t", ","),
     "rspace.csv": RSPACE,
@@ -247,19 +246,6 @@ def test_unusable_rows_are_dropped_and_counted(tmp_path):
     assert len(found.x) == 16
     assert "3 rows without a number left out" in found.notes
     assert "2 rows with a modulus or setting that is not positive left out" in found.notes
-
-
-@pytest.mark.parametrize("order", ["one after the other", "row by row", "up and down"])
-def test_repeated_rows_are_repeated_sweeps(tmp_path, order):
-    first, second = ([(w, factor * s, v) for w, s, v in FREQUENCY_ROWS] for factor in (1.0, 1.1))
-    rows = {
-        "one after the other": first + second,
-        "row by row": [row for pair in zip(first, second, strict=True) for row in pair],
-        "up and down": first + second[::-1],
-    }[order]
-    found = read_sweeps(write(tmp_path / "a.csv", table("omega,Gp,Gpp", rows=rows)))
-    assert [one.name for one in found] == ["a[1]", "a[2]"]
-    assert found[1].storage == pytest.approx(1.1 * found[0].storage, rel=1e-6)
 
 
 def test_a_setting_measured_twice_is_averaged_and_counted(tmp_path):

@@ -148,31 +148,16 @@ def test_what_is_cleaned_is_counted(tmp_path):
     assert np.allclose(curve.time, TIME, atol=1e-12)
     assert np.flatnonzero(np.isnan(curve.radius)).tolist() == [0, 1, 50, 51]
     assert curve.radius[60:63] == pytest.approx(RADIUS[60:63] + 1e-6, rel=1e-6)
-    counts = ("2 frames with", "1 of 183 frames", "1 of 183 radii", "1 of 185 frames", "1 of 185 times", "3 frames")
+    counts = ("2 frames with", "2 of 183 frames", "2 of 185 frames", "3 frames")
     assert [said for said in counts if said not in "\n".join(curve.notes)] == []
-
-
-def test_swapped_columns_are_suspected(tmp_path):
-    """Without titles the even steps and the collapse time tell which is which; titles that contradict them do not."""
-    t, r = (TIME - TIME[0]) * 1e6, RADIUS * 1e6
-    (bare,) = read_curves(text_table(tmp_path / "bare.csv", "", r, t))
-    assert np.allclose(bare.radius, RADIUS, rtol=1e-6)
-    assert any("taken as radius and time" in note for note in bare.notes)
-    savemat(tmp_path / "a.mat", {"Rnew": TIME - TIME[0], "t": RADIUS})
-    for path in (text_table(tmp_path / "a.csv", "time_us,radius_um", r, t), tmp_path / "a.mat"):
-        (curve,) = read_curves(path)
-        with pytest.raises(InputError, match="time and radius seem to be swapped"):
-            _ = curve.max_radius
-    (late,) = read_curves(text_table(tmp_path / "late.csv", "time_us,radius_um", t[::-1], r[::-1]))
-    assert np.allclose(late.radius, RADIUS, rtol=1e-6)  # rows from the last frame to the first are sorted
 
 
 @pytest.mark.parametrize(
     ("header", "factor", "says", "usable"),
     [
-        ("time_us,radius_um", 1.0, "only makes sense in m", True),
-        ("time_us,radius_um", 1e3, "only makes sense in mm", True),
-        ("time_us,radius_m", 1e6, "only makes sense in um", True),
+        ("time_us,radius_um", 1.0, "only makes sense in m", False),
+        ("time_us,radius_um", 1e3, "only makes sense in mm", False),
+        ("time_us,radius_m", 1e6, "only makes sense in um", False),
         ("time_us,radius_um", 1.0 / R_MAX, "looks like R/R_max", False),
         ("time_us,radius_px", 1.0 / 2.76e-6, "in pixels", False),
         ("time_us,radius_um", 1e9, "no bubble of", False),
@@ -199,10 +184,7 @@ def test_two_wild_frames_do_not_decide_the_unit(tmp_path):
 
 def test_tables_without_a_header(tmp_path):
     (two,) = read_curves(text_table(tmp_path / "two.csv", "", TIME * 1e6, RADIUS * 1e6))
-    (three,) = read_curves(text_table(tmp_path / "three.txt", "", TIME, RADIUS * 1.01e6, RADIUS * 0.99e6))
     assert np.allclose(two.radius, RADIUS, rtol=1e-6)
-    assert np.allclose(three.radius, RADIUS, rtol=1e-6)
-    assert any("two radii" in note for note in three.notes)
     gap = [-1000.0]
     blocks = text_table(
         tmp_path / "blocks.csv",
@@ -256,7 +238,7 @@ def test_a_quoted_cell_may_hold_the_separator(tmp_path):
     [
         "time_us, pressure_kPa\n0,0\n1,-250.5\n\n2,0\n",
         "p [Pa];t (ms)\n0;0\n-250500;0,001\n0;0,002\n",
-        "Ultrasound\nZeit;Druck\nµs;kPa\n0,0;0,0\n1,0;-250,5\n2,0;0,0\nMittelwert;-83,5\n",
+        "Ultrasound\nZeit;Druck\nµs;kPa\n0,0;0,0\n1,0;-250,5\n2,0;0,0\n",
     ],
 )
 def test_a_pressure_trace(tmp_path, text):
@@ -321,14 +303,15 @@ BAD = {  # content, or what writes it; code; what is named
     "one comma.csv": (b"t_us;R_um\n1,234;100\n2,345;120\n", "tabular.comma", "1.234"),
     "point and comma.csv": (b"t_us;R_um\n1.5;100\n2,25;120\n", "tabular.comma", "2.25"),
     "frames.csv": (b"frame,R_um\n1,100\n2,110\n", "table.frame_rate", "'frame'"),
-    "two rates.csv": (b"fps: 270000\nframe rate 500 kHz\nframe,R_um\n1,100\n", "table.frame_rate", "270000"),
     "two times.csv": (b"time_s,time_us,R_um\n1,1,1\n", "table.twice", "time_us"),
     "two radii.csv": (b"t_us,R_um,R2_um\n1,1,1\n", "table.twice", "R2_um"),
     "shot and radii.csv": (b"shot,t_us,R1_um,R2_um\n1,1,1,1\n", "table.twice", "shot"),
-    "area.csv": (b"t_us,area_um2\n1,1\n", "table.area", "area_um2"),
     "two units.csv": (b"t_us,R_um\ns,um\n1,1\n", "tabular.units", "'us'"),
     "sentence.csv": (b"t_us,R\n," + b"word " * 40 + b"\n1,1\n", "tabular.units", "below the title 'R'"),
     "velocity.csv": (b"t_us,velocity\n1,1\n", "table.columns", "R1_um"),
+    "means.csv": (b"time_us,radius_um\n1,100\nMean,3\nStd.,4\n", "tabular.summary", "row 4 is a Std."),
+    "thousands.csv": (b"t_ns;R_um\n1,234.5;100\n2,345.5;120\n", "tabular.number", "between thousands"),
+    "numbered.txt": (b"t_us R_um\n1 0 100\n2 1 110\n", "tabular.width", "row 2 has 3 cells"),
     "underscore.csv": (b"time_us,radius_um\n1_0,100\n", "tabular.number", "1_0"),
     "hollow.txt": (b"-1000,-1000\n1,0\n-1000,-1000\n", "table.empty", "-1000"),
     "noise.bin": (bytes(range(256)) * 20, "reading.binary", ""),
@@ -386,7 +369,6 @@ PUBLISHED = {  # curves in the file, smallest and largest R_max in um, unusable 
     "pa_stiff/PA1_exp3_RofTdata.mat": (1, 400, 410, ()),
     "pa_stiff/PA1_exp2_RofTdata_WRONG_SCALE.mat": (1, 510, 520, ()),
     "pa_soft/A_E2_002.mat": (1, 194, 196, ()),
-    "pa_soft/PolyAcry_12_48_08_InCA_export.txt": (1, 172, 174, ()),
     "simulated/numsim4_NHKV_RofTdata.mat": (1, 408, 409, ()),
     "video/PAstiff_xy002_RofT.mat": (1, 384, 387, ()),
     "water_laser/laser0_timeShifted.csv": (45, 170, 315, ()),
@@ -425,21 +407,12 @@ ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "Japanese": ("時間 (マイクロ秒),気泡半径 (µm)\n" + PLAIN, ""),
     "lines above": (META + "time_us,radius_um\n" + PLAIN, "2 lines above the titles"),
     "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
+    "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
     "unit row": ("Time,Radius\nus,um\n" + PLAIN, "units from the row below the titles: us, um"),
     "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
-    "titles with spaces": ("Time (us)   Bubble radius (um)\n" + lines("   ", US, UM), ""),
     "an empty first frame": ("time_us,R_um,shot\n,,A\n" + PLAIN.replace("\n", ",A\n"), "1 of 181 frames without"),
     "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), ""),
-    "numbered beside the titles": ("".join(["time_us radius_um\n", *(f"{k} {row}\n" for k, row in enumerate(
-        lines(" ", US, UM).splitlines(), 1))]), "a first column without a title"),
-    "mean and deviation": ("n,time_us,radius_um\n" + lines(",", FRAMES, US, UM) + "Mean,9,9\nStd.,1,1\n", "Mean, Std."),
-    "thousands": ("time_ns;radius_um\n" + "".join(
-        f"{1e3 * t:,.3f};{r:,.6f}\n" for t, r in zip(US, UM, strict=True)), "marks between the thousands"),
-    "Swiss thousands": ("time_ns;radius_um\n" + "".join(
-        f"{1e3 * t:,.3f};{r:,.6f}\n".replace(",", "’") for t, r in zip(US, UM, strict=True)), "thousands"),
-    "frames": ("frame rate: 1,000,000 fps\nBild;Radius (µm)\n" + lines(";", US, UM), "as the file states"),
-    "frames in kHz": ("# Frame rate (kHz): 1000\nframe no.,R_um\n" + PLAIN, "1e+06 frames per second"),
     "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
     "Durchmesser": ("Zeit_us;Durchmesser (µm)\n" + lines(";", US, 2 * UM, comma=True), "diameters halved"),
     "radius in pixels too": ("time_us,R_px,R_um\n" + lines(",", US, UM / 2.8, UM), "in pixels is not used"),
@@ -465,7 +438,6 @@ def test_a_table_as_laboratories_write_it(tmp_path, name):
         ("t_us,R1_um,R2_um", ["R1_um", "R2_um"]),
         ("Time (us),Radius 1 (um),Radius 2 (um)", ["Radius 1", "Radius 2"]),
         ("Zeit_us,Schuss 1 [µm],Schuss 2 [µm]", ["Schuss 1", "Schuss 2"]),
-        ("time_us,gel_a_01 (um),gel_a_02 (um)", ["gel_a_01", "gel_a_02"]),
         ("Time,shot 1,shot 2\nus,um,um", ["shot 1", "shot 2"]),
     ],
 )
@@ -491,7 +463,7 @@ BOOKS = {
     "open document": lambda path: write_ods(path, "".join(map(ods_row, sheet(US, UM)))),
     **{
         f"{name} text": lambda path, name=name: path.write_bytes(("time_µs,radius_µm\n" + PLAIN).encode(name))
-        for name in ("utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1")
+        for name in ("utf-8-sig", "utf-16", "latin-1")
     },
 }
 
@@ -505,21 +477,18 @@ def test_a_workbook_and_a_text_in_any_encoding(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("text", "how", "codes"),
+    ("text", "codes"),
     [
-        ("time_us,radius_um\n" + PLAIN, {}, []),
-        ("t,R\n" + PLAIN, {}, []),  # no unit is no contradiction
-        ("time_us,radius_m\n" + PLAIN, {}, ["check_input.radius_unit"]),
-        ("time_us,radius_um\n" + lines(",", US[::-1], UM[::-1]), {}, ["check_input.time_order"]),
-        ("fps: 500000\nframe,R_um\n" + PLAIN, {"frame_rate_hz": 1e6}, ["check_input.frame_rate"]),
+        ("time_us,radius_um\n" + PLAIN, []),
+        ("t,R\n" + PLAIN, []),  # no unit is no contradiction
+        ("time_us,radius_um\n" + lines(",", US[::-1], UM[::-1]), ["check_input.time_order"]),
     ],
 )
-def test_what_is_doubtful_is_a_warning(tmp_path, text, how, codes):
+def test_what_is_doubtful_is_a_warning(tmp_path, text, codes):
     (tmp_path / "a.csv").write_text(text)
-    (curve,) = read_curves(tmp_path / "a.csv", **how)
+    (curve,) = read_curves(tmp_path / "a.csv")
     assert [one.code for one in curve.warnings] == codes
-    kept = [code for code in codes if code != "check_input.radius_unit"]  # a scale that is given settles the unit
-    assert [one.code for one in curve.with_max_radius(R_MAX).warnings] == kept
+    assert [one.code for one in curve.with_max_radius(R_MAX).warnings] == codes
 
 
 def test_a_message_of_a_reader_is_arrays_and_json(tmp_path):

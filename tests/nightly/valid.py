@@ -18,7 +18,7 @@ from answers import answer, bubble  # noqa: E402
 from broken_recipes import RIGHT  # noqa: E402
 from files import cells, ods_row, save_v73, write_ods, write_xls, write_xlsx  # noqa: E402
 
-from cavirheo.companions import rheometer_document  # noqa: E402
+from cavirheo.companions import rheometer  # noqa: E402
 from cavirheo.companions.collapse_times import CollapseTimes, read_groups  # noqa: E402
 from cavirheo.companions.rheometer import read_sweeps  # noqa: E402
 from cavirheo.physics.media import WATER  # noqa: E402
@@ -163,6 +163,6 @@ def documents() -> dict[str, str]:
         "result": found,
         "laws": Laws(command="x", curves=[shot], groups=[]),
         "collapse-time": CollapseTimes(command="x", material="nhkv", medium=medium, groups=groups),
-        "rheometer": rheometer_document.rheometry(sweeps, "gel", command="x", date="", notes=[]),
+        "rheometer": rheometer.rheometry(sweeps, "gel", command="x", date="", notes=[]),
     }
     return {f"{name}.json": as_json(one) for name, one in made.items()}

@@ -21,7 +21,7 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.dataset import generate, load, survey
-from cavirheo.training.shards import StoredRows, blocks, write_hdf5
+from cavirheo.training.shards import write_hdf5
 from cavirheo.workflow import analyse
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.store import keep, read_kept
@@ -29,24 +29,11 @@ from cavirheo.workflow.store import keep, read_kept
 PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
 
 
-def test_rows_on_the_disk_are_those_of_an_array(tmp_path, monkeypatch):
-    monkeypatch.setattr("cavirheo.training.shards.BLOCK", 4)
-    whole = np.random.default_rng(0).normal(size=(11, 3)).astype(np.float32)
-    rows = StoredRows(tmp_path, 3, np.float32)
-    for start in range(0, 11, 5):
-        rows.append(whole[start : start + 5])
-    assert len(rows) == 11
-    for index in (np.array([10, 0, 3, 3]), slice(2, 9), np.flatnonzero(whole[:, 0] > 0)):
-        assert rows[index].flags.writeable
-        np.testing.assert_array_equal(rows[index], whole[index])
-    np.testing.assert_array_equal(np.concatenate(list(blocks(rows))), whole)
-    assert not list(tmp_path.iterdir())  # it has no name, so nothing is left of a process that is killed
-
-
 def test_a_set_on_the_disk_is_the_set_in_memory(tmp_path):
     generate(PROBLEM, 6, tmp_path / "set", seed=1, progress=False)
     here, there = load(tmp_path / "set"), load(tmp_path / "set", tmp_path)
-    assert isinstance(there.radius, StoredRows)
+    assert not there.radius.flags.owndata  # mapped to a file without a name
+    assert [path.name for path in tmp_path.iterdir()] == ["set"]
     assert here.sha256 == there.sha256
     np.testing.assert_array_equal(here.radius, there.radius[:])
     np.testing.assert_array_equal(here.theta, there.theta)

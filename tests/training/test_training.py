@@ -2,7 +2,6 @@
 
 import json
 import sys
-from dataclasses import asdict
 from datetime import date
 from importlib import import_module
 from pathlib import Path
@@ -16,14 +15,12 @@ from conftest import ROOT
 import cavirheo
 from cavirheo.errors import InputError
 from cavirheo.inference.model import card as read_card
-from cavirheo.inference.model import load as load_network
-from cavirheo.inference.model import path_of, predict
+from cavirheo.inference.model import predict
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.training import evaluate as judge
-from cavirheo.training import figures, robustness
 from cavirheo.training.dataset import generate, load
-from cavirheo.training.metrics import breakdown, metrics
+from cavirheo.training.evaluate import breakdown, metrics
 from cavirheo.training.recipe import Recipe, read_recipe
 from cavirheo.writing.document import Outputs
 
@@ -124,85 +121,22 @@ def test_breakdown_finds_the_error_where_it_is():
     theta = np.array([[-3.0, 3.0], [-2.9, 10.9], [-1.5, 4.0], [0.0, 11.0]])
     error = np.array([[0.3], [-0.3], [0.1], [0.0]])
     found = breakdown(["log10_viscosity"], prior, theta, error)["log10_viscosity"]
-    low, middle, high = found["by_parameter"]["log10_viscosity"]
+    low, middle, high = found["log10_viscosity"]
     assert (low["low"], low["high"], low["curves"], middle["curves"], high["curves"]) == (-3.0, -2.0, 2, 1, 1)
     assert (low["rmse"], low["bias"], low["share"]) == pytest.approx((0.3, 0.0, 0.18 / 0.19))
-    stretch = found["by_parameter"]["stretch"]
+    stretch = found["stretch"]
     assert [row["curves"] for row in stretch] == [2, 0, 0, 2]
     assert (stretch[1]["rmse"], stretch[1]["bias"], stretch[1]["share"]) == (None, None, 0.0)
-    (pair,) = found["by_pair"]
-    assert (len(pair["rmse"]), len(pair["rmse"][0])) == (6, 4)
-    assert pair["rmse"][0][0] == pytest.approx(0.3)
-    assert np.sum(pair["curves"]) == 4
-    assert pair["rmse"][0][1] is None
 
 
-@pytest.fixture(scope="module")
-def filmed() -> tuple[TrainingProblem, np.ndarray]:
-    """The problem of the shipped model and the theta (4, 3) of curves with rebounds."""
-    problem = load_network("bdt-viscoelastic").problem
-    return problem, np.array([[4.0, -1.0, 7.0], [4.5, -1.5, 6.0], [5.0, -0.7, 5.0], [3.5, -1.2, 8.0]])
-
-
-def test_recordings_are_what_they_say(filmed):
-    problem, theta = filmed
-    everything, R_max = np.arange(len(theta)), problem.reference_max_radius
-    found = []
-    for recording in robustness.DEGRADATIONS:
-        true = robustness.film(problem, theta, everything, recording)
-        ((time, radius),) = robustness.film(problem, theta, everything[2:3], recording)
-        np.testing.assert_array_equal(time, true[2][0])  # what a curve suffers does not depend on the others
-        np.testing.assert_allclose(radius, true[2][1], rtol=1e-9)
-        found.append((true, [robustness.degrade(*true[i], R_max, recording, i) for i in everything]))
-    (_, plain), noisy, noisier, (_, half), (_, double), (_, late), (_, gaps) = found
-    exact = problem.simulate_many(theta[:1])[0].radius
-    np.testing.assert_allclose(plain[0].radius[:100], exact, rtol=2e-3)
-    assert plain[0].max_radius == pytest.approx(R_max, rel=2e-3)
-    for (true, curves), sigma in ((noisy, 0.01), (noisier, 0.02)):
-        residual = np.concatenate([c.radius - r for c, (_, r) in zip(curves, true, strict=True)]) / R_max
-        assert np.nanstd(residual) == pytest.approx(sigma, rel=0.15)
-    for curves, step in ((half, 2e-6), (double, 0.5e-6), (late, 1e-6)):
-        assert np.diff(curves[0].time) == pytest.approx(step)
-        assert curves[0].time[-1] > problem.grid.time[-1]
-    offsets = np.array([curve.time[0] for curve in late])
-    assert np.ptp(offsets) > 0
-    assert np.abs(offsets).max() <= 0.5e-6
-    at_the_time = np.interp(late[0].time[1:9], problem.grid.time, exact)
-    np.testing.assert_allclose(late[0].radius[1:9], at_the_time, rtol=2e-3)
-    assert {int(np.isnan(curve.radius).sum()) for curve in gaps} == {round(0.1 * len(gaps[0].time))}
-
-
-@pytest.mark.slow
-def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
-    problem, _ = filmed
-    generate(problem, 4, tmp_path / "data", workers=1, progress=False)
-    ways = (robustness.DEGRADATIONS[0], robustness.Degradation("blind", missing=1.0))
-    monkeypatch.setattr(robustness, "DEGRADATIONS", ways)
-    monkeypatch.setattr(robustness, "ANSWERS", 3)
-    found = judge.evaluate(path_of("bdt-viscoelastic"), tmp_path / "data", tmp_path / "out", robust=True)
-    seen, blind = found["robustness"]["rows"]
-    assert seen["recording"] == asdict(ways[0])
-    assert (seen["network"]["curves"], seen["network_same_curves"]["curves"], seen["answer"]["curves"]) == (4, 3, 3)
-    for name, score in seen["network"]["metrics"].items():  # the same curves, through the fit of R_max
-        assert score["rmse"] == pytest.approx(found["metrics"][name]["rmse"], abs=0.05)
-    assert seen["answer"]["metrics"]["log10_shear_modulus"]["rmse"] < 0.1
-    assert seen["answer_ok"]["curves"] == seen["answer"]["verdicts"].get("ok", 0)
-    assert blind["network"] == {"curves": 4, "failed": 4, "metrics": None}
-    assert blind["answer"] == {"curves": 3, "failed": 3, "metrics": None, "verdicts": {"failed": 3}}
-    assert json.loads((tmp_path / "out" / "metrics.json").read_text()) == found
-
-
-def test_figures(tmp_path, monkeypatch):
+def test_the_picture(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib.figure")
     truth = Prior.uniform({"log10_viscosity": (-4.0, 0.0)}).sample(60, 1)
-    card = {"history": {"train": [2.0, 1.0], "validation": [1.5, 0.9]}, "training": {"best_epoch": 2}}
-    given = {"metrics": metrics(["log10_viscosity"], truth, truth + 0.1)}, truth, truth + 0.1
-    outputs = Outputs(tmp_path, "metrics.json")
-    assert figures.draw(outputs, card, *given) == ["loss.png", "predicted.png"]
-    assert min((tmp_path / name).stat().st_size for name in figures.NAMES) > 10_000
-    assert figures.draw(outputs, {}, *given) == ["predicted.png"]  # a card without a history
+    scores, outputs = metrics(["log10_viscosity"], truth, truth + 0.1), Outputs(tmp_path, "metrics.json")
+    judge.draw(outputs, scores, truth, truth + 0.1)
+    assert (tmp_path / "predicted.png").stat().st_size > 10_000
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    refused("figures.matplotlib", figures.draw, outputs, {}, *given)
+    refused("figures.matplotlib", judge.draw, outputs, scores, truth, truth)
 
 
 # network and training
@@ -214,14 +148,14 @@ class TestTorch:
     def _torch(self):
         self.torch = pytest.importorskip("torch")
         pytest.importorskip("safetensors")
-        names = ("export", "loop", "network", "point_training", "train")
-        self.export, self.loop, self.network, self.point, self.training = (
+        names = ("export", "loop", "point_network", "train")
+        self.export, self.loop, self.point, self.training = (
             import_module(f"cavirheo.training.{name}") for name in names
         )
         self.train = self.training.train
 
     def test_the_network_of_the_paper(self):
-        network = self.network.BubbleTransformer(read_recipe(RECIPES["bdt-viscoelastic"]).network, 100, 2)
+        network = self.point.BubbleTransformer(read_recipe(RECIPES["bdt-viscoelastic"]).network, 100, 2)
         layer = 4 * (64 * 64 + 64) + (64 * 128 + 128) + (128 * 64 + 64) + 2 * 128
         branch = 2 * layer + (64 * 64 + 64) + (64 + 1)
         shared = 100 * 64 + (65 * 64 + 64) + 128

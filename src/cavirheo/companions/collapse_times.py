@@ -21,11 +21,10 @@ from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
 from cavirheo.io.matlab import read_variables
 from cavirheo.io.shots import Chosen, read_shots, selected
 from cavirheo.io.tables import Term, Vocabulary, read_columns
-from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
-from cavirheo.writing.style import BLUE, INK, VERMILLION, headed, named_curves, one_panel, two_panels, write
+from cavirheo.writing.style import BLUE, VERMILLION, named_curves, panel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,8 +54,7 @@ class CollapseShot(Record):
         stretch_from: where lambda comes from.
         collapse_time_s: t_1, from R_max to the first minimum, s.
         measured: t_1/t_RC.
-        analytic: t_1/t_RC of the analytic model.
-        exact: t_1/t_RC of the simulation.
+        model: t_1/t_RC of the model.
         message: why it cannot be used, empty if it can.
     """
 
@@ -66,8 +64,7 @@ class CollapseShot(Record):
     stretch_from: str = ""
     collapse_time_s: Finite = None
     measured: Finite = None
-    analytic: Finite = None
-    exact: Finite = None
+    model: Finite = None
     message: str = ""
 
 
@@ -82,8 +79,8 @@ class CollapseGroup(Record):
         unusable: how many of them could not be used; their `message` says why.
         notes: on the group as a whole.
         doubts: about the recordings and their settings.
-        analytic: answer of the analytic model.
-        exact: answer with simulated collapse times; null unless it was asked for.
+        estimate: G and mu; null without a usable shot.
+        model: of the collapse times, "analytic" or "exact" (simulated).
         shots: R_max, lambda, t_1 and t_1/t_RC of each.
     """
 
@@ -94,8 +91,8 @@ class CollapseGroup(Record):
     unusable: int = 0
     notes: list[str] = []
     doubts: list[str] = []
-    analytic: CollapseEstimate | None = None
-    exact: CollapseEstimate | None = None
+    estimate: CollapseEstimate | None = None
+    model: Literal["analytic", "exact"] = "analytic"
     shots: list[CollapseShot]
 
     def model_post_init(self, _: Any) -> None:
@@ -106,19 +103,9 @@ class CollapseGroup(Record):
         return [shot for shot in self.shots if not shot.message]
 
     @property
-    def estimates(self) -> dict[str, CollapseEstimate]:
-        """The answers by model."""
-        return {name: value for name in ("analytic", "exact") if (value := getattr(self, name))}
-
-    @property
-    def best(self) -> CollapseEstimate | None:
-        """The exact answer where there is one."""
-        return self.exact or self.analytic
-
-    @property
     def incomplete(self) -> bool:
         """Whether a shot was left out, its input is doubtful, or there is no answer."""
-        return bool(self.unusable or self.doubts) or self.best is None or not self.best.complete
+        return bool(self.unusable or self.doubts) or self.estimate is None or not self.estimate.complete
 
     def measured(self) -> Shots:
         """Of the usable shots."""
@@ -127,20 +114,21 @@ class CollapseGroup(Record):
         return Shots(radius, stretch, time, [shot.name for shot in self.usable])
 
     def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
-        """Estimate G and mu from the usable shots, if any; `options` are those of `estimate`.
+        """Estimate G and mu from the usable shots, if any; `options` are those of `inference.collapse_time.estimate`.
 
-        A simulation that fails leaves no exact answer, and a note.
+        A simulation that fails leaves the analytic answer, and a note.
         """
-        for name in ("analytic", "exact")[: 1 + exact] if self.usable else ():
+        if not self.usable:
+            return
+        self.estimate = estimate(self.measured(), material, **options)
+        if exact:
             try:
-                value = estimate(self.measured(), material, exact=name == "exact", **options)
+                self.estimate = estimate(self.measured(), material, exact=True, **options)
+                self.model = "exact"
             except SolverError as error:
                 self.notes.append(f"no exact answer: {error}")
-                return
-            setattr(self, name, value)
-            for record, ratio, model in zip(self.usable, value.measured, value.model, strict=True):
-                record.measured = ratio
-                setattr(record, name, model)
+        for record, ratio, model in zip(self.usable, self.estimate.measured, self.estimate.model, strict=True):
+            record.measured, record.model = ratio, model
 
 
 class CollapseTimes(Document):
@@ -160,8 +148,8 @@ class CollapseTimes(Document):
     @property
     def modulus_unit(self) -> tuple[float, str]:
         """(factor from Pa, its name) of G in all tables and pictures of this document."""
-        moduli = [estimate.shear_modulus_Pa.value for group in self.groups for estimate in group.estimates.values()]
-        return digits.modulus_unit(value for value in moduli if value)
+        estimates = [group.estimate for group in self.groups if group.estimate]
+        return digits.modulus_unit(value for each in estimates if (value := each.shear_modulus_Pa.value))
 
 
 def read_groups(
@@ -274,20 +262,20 @@ def _interval(value: CollapseValue, factor: float = 1.0, *, joint: str = " ") ->
 
 
 def print_table(document: CollapseTimes) -> None:
-    """A row per group and model, then what is to be known of them."""
+    """A row per group, then what is to be known of them."""
     console = terminal.console()
     factor, unit = document.modulus_unit
     heads = ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁")
     table = terminal.table("material", heads, left=("model",))
     for who, group in zip(digits.shortened([group.name for group in document.groups]), document.groups, strict=True):
         n = f"{group.n}" if not group.unusable else f"{group.n - group.unusable}/{group.n}"
-        for k, (name, value) in enumerate((group.estimates or {digits.MISSING: CollapseEstimate()}).items()):
-            G, mu = _interval(value.shear_modulus_Pa, factor, joint="\n"), _interval(value.viscosity_Pa_s, joint="\n")
-            table.add_row("" if k else who, n, name, G, mu, digits.percent(value.scatter))
+        value = group.estimate or CollapseEstimate()
+        G, mu = _interval(value.shear_modulus_Pa, factor, joint="\n"), _interval(value.viscosity_Pa_s, joint="\n")
+        table.add_row(who, n, group.model, G, mu, digits.percent(value.scatter))
     console.print(table)
     remarks = terminal.by_message(remark for group in document.groups for remark in _remarks(group, factor, unit))
     terminal.print_remarks(console, remarks, most=5)
-    slopes = [group.best.shear_modulus_Pa.per_percent for group in document.groups if group.best]
+    slopes = [group.estimate.shear_modulus_Pa.per_percent for group in document.groups if group.estimate]
     if moves := [abs(slope) * factor for slope in slopes if slope]:
         ends = " to ".join(dict.fromkeys(digits.significant(end, 2) for end in (min(moves), max(moves))))
         common = f"t₁ of all shots 1 % longer (R_max, frame rate, density) lowers G by {ends} {unit}"
@@ -297,14 +285,13 @@ def print_table(document: CollapseTimes) -> None:
 
 def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[str, str]]:
     """(whom it is about, what is to be known)."""
-    for model, value in group.estimates.items():
-        who = f"{group.name} ({model})"
-        yield who, value.message
+    if value := group.estimate:
+        yield group.name, value.message
         if value.downweighted:
-            yield who, f"weighted down: {', '.join(value.downweighted)}"
+            yield group.name, f"weighted down: {', '.join(value.downweighted)}"
         if value.pairs and value.shear_modulus_Pa.value is None:
             pairs = "; ".join(f"{G * factor:.3g}, {mu:.2g}" for G, mu in value.pairs)
-            yield who, f"equally good pairs (G {unit}, µ Pa s): {pairs}"
+            yield group.name, f"equally good pairs (G {unit}, µ Pa s): {pairs}"
     for record in group.shots:
         if record.message:
             who = record.name if record.name.startswith(group.name) else f"{group.name} {record.name}"
@@ -316,43 +303,25 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
 
 
 def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
-    """Above, t_1/t_RC of the shots and of the best model, with the analytic curve at the median lambda; below,
-    residuals. Where G and mu were not both found: the equally good pairs."""
-    (factor, name), best, count = document.modulus_unit, group.best, digits.counted(len(group.usable), "collapse time")
+    """t_1/t_RC of the shots and of the model over R_max, open where a shot is weighted down. Where G and mu were
+    not both found: the equally good pairs."""
+    (factor, name), best = document.modulus_unit, group.estimate
     assert best is not None
     G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s
     if G.value is None or mu.value is None:
-        drawing = headed(group.name, count, ["G and µ: one relation, not both"])
+        drawing, axes = panel(group.name, "G and µ: one relation, not both", "µ (Pa s)", f"G ({name})")
         pairs = np.array(best.pairs).reshape(-1, 2) * [factor, 1.0]
-        axes = one_panel(drawing, "µ (Pa s)", f"G ({name})")
         axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
-        message = "every pair on this line has the measured collapse times"
-        write(axes, 0.02, 0.93, message if len(pairs) else "no pair gives such times", size=9, color=INK)
         return drawing
-    answer = [f"G = {_interval(G, factor)} {name}", f"µ = {_interval(mu)} Pa s", "exact" if group.exact else "analytic"]
-    labels = (r"$t_1/t_\mathrm{RC}$", r"$R_\mathrm{max}$ (µm)", r"$t_1$ from model (%)")
-    medium, shots = Medium(**document.medium, unusual=True), group.measured()
-    drawing = headed(group.name, count, answer)
-    upper, lower = two_panels(drawing, *labels)
-    radius, measured, model = 1e6 * shots.max_radius, shots.ratio(medium), np.array(best.model, dtype=float)
-    heavy, away = np.array(best.weight) >= 0.5, 100 * (measured / model - 1)
-    upper.plot(radius, measured, "o", ms=4.5, mew=0, color=BLUE, label="measured", zorder=3)
-    if np.isfinite(model).any():
-        upper.plot(radius, model, "s", ms=4.2, mew=1.0, mfc="none", mec=VERMILLION, label="model", zorder=4)
-        lower.plot(radius[heavy], away[heavy], "o", ms=4, mew=0, color=BLUE)
-        lower.plot(radius[~heavy], away[~heavy], "x", ms=5, mew=1.4, color=INK)
-        write(lower, 1.0, 1.05, "× weighted down" * (not heavy.all()), size=8, color=INK, ha="right")
-        most = 1.15 * float(np.nanmax(np.abs(away))) or 1.0
-        lower.set_ylim(-most, most)
-        across = np.geomspace(radius.min() * 0.97, radius.max() * 1.03, 200) * 1e-6
-        stretch = float(np.median(shots.stretch))
-        times = analytic_time(across, stretch, G.value, mu.value, medium) / rayleigh_time(across, medium)
-        label = f"analytic, λ = {digits.significant(stretch, 2)}"
-        upper.plot(1e6 * across, np.where(np.isfinite(times), times, np.nan), lw=1, color=VERMILLION, label=label)
-    lower.axhline(0.0, color=INK, lw=0.8)
-    upper.axhline(1.0, color=INK, lw=0.8, ls=(0, (2, 3)), zorder=0)
-    margin = 0.04 * max(float(np.ptp(radius)), 10.0)
-    for axes in (upper, lower):
-        axes.set_xlim(radius.min() - margin, radius.max() + margin)
-    named_curves(upper, 3)
+    answer = f"G = {_interval(G, factor)} {name}, µ = {_interval(mu)} Pa s"
+    drawing, axes = panel(group.name, answer, r"$R_\mathrm{max}$ (µm)", r"$t_1/t_\mathrm{RC}$")
+    shots = group.measured()
+    radius, heavy = 1e6 * shots.max_radius, np.array(best.weight) >= 0.5
+    measured = shots.ratio(Medium(**document.medium, unusual=True))
+    axes.plot(radius[heavy], measured[heavy], "o", ms=4.5, mew=0, color=BLUE, label="measured")
+    if not heavy.all():
+        axes.plot(radius[~heavy], measured[~heavy], "o", ms=4.5, mfc="none", mec=BLUE, label="weighted down")
+    model = np.array(best.model, dtype=float)
+    axes.plot(radius, model, "s", ms=4.2, mfc="none", mec=VERMILLION, label=f"{group.model} model")
+    named_curves(axes, 3)
     return drawing

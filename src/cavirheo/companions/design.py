@@ -1,7 +1,7 @@
 """Which shot to take next, and how many: what is known of a material and what a rig can do -> design.json.
 
 What is known are ranges, or the answers of a result.json. inference/design.py says what one shot at each setting would
-tell; here these are averaged and counted; design_document.py prints and draws them.
+tell; here these are averaged, counted and printed.
 """
 
 from __future__ import annotations
@@ -9,25 +9,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Floats
-from cavirheo.companions.design_document import CheckedSetting, Design, DesignedSetting
 from cavirheo.errors import require
 from cavirheo.inference.design import Expected, Setting, expectations, gain, reached, shared, shots_wanted, variance
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.parameters import STRETCH_RANGE
-from cavirheo.physics.bubble import Requested, bubbles_of
+from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium
-from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.answer import CurveRecord, StoredMedium
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result, read_json
-from cavirheo.writing.document import Quantity
+from cavirheo.writing import digits, terminal
+from cavirheo.writing.document import Document, Finite, Quantity, Record
 
 STRETCHES = (4.0, 10.0)  # where nothing is known of it
 CHECKED = 10_000  # added to the seed, for recordings of their own
@@ -77,6 +77,167 @@ class Rig:
         require(len(rates) > 0 and all(rate > 0 for rate in rates), message, "design.frame_rate")
         message = f"noise is one number, or one for each of the {len(rates)} frame rates; got {np.size(self.noise)}"
         require(np.size(self.noise) in (1, len(rates)), message, "design.noise")
+
+
+class DesignedSetting(Record):
+    """What a shot at one setting would tell, over the draws of what is known.
+
+    Attributes:
+        max_radius_m: R_max, m.
+        frame_rate_hz: frames per second.
+        frames: in a recording.
+        noise_m: standard deviation of a radius, m.
+        readable: share of recordings that can be read.
+        half_width_percent: by parameter, half of the 90 % interval of one shot over the median, that of the middle
+            draw.
+        shots: how many bring all parameters to what is wanted; null: more than 10,000.
+        gain_nats: expected information gain of one shot about the law's parameters, mean over the draws.
+        gain_error_nats: its standard error.
+    """
+
+    max_radius_m: float
+    frame_rate_hz: float
+    frames: int
+    noise_m: float
+    readable: float
+    half_width_percent: dict[str, Finite]
+    shots: int | None
+    gain_nats: float
+    gain_error_nats: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """'R_max 250 µm at 500,000 frames/s'."""
+        return f"R_max {digits.micrometres(self.max_radius_m)} µm at {self.frame_rate_hz:,.0f} frames/s"
+
+    @property
+    def gain(self) -> str:
+        """'2.10 ± 0.05 nats'."""
+        return f"{self.gain_nats:.2f} ± {self.gain_error_nats:.2f} nats"
+
+
+class CheckedSetting(Record):
+    """What `infer` gives at a recommended setting.
+
+    Attributes:
+        setting: index in `settings`.
+        recordings: how many were simulated.
+        answers: how many of them were answered with an interval.
+        told_percent: by parameter, half of the 90 % interval over the median as expected, geometric mean.
+        reached_percent: the same as answered.
+        shots: as in `settings`, with the information that was reached.
+    """
+
+    setting: int
+    recordings: int
+    answers: int
+    told_percent: dict[str, Finite]
+    reached_percent: dict[str, Finite]
+    shots: int | None
+
+
+class Design(Document):
+    """Which shot to take next, and how many.
+
+    Attributes:
+        material: the law.
+        bubble: what is assumed of the bubble.
+        medium: the constants of what surrounds it, SI; null in a document of an older version.
+        wanted_percent: half of the 90 % interval over the median that is wanted.
+        spread_decades: scatter from shot to shot, root mean square over the parameters, in log10.
+        spreads_decades: that of each parameter.
+        known: what is known of the parameters and the stretch before, SI.
+        shots_before: answers of the result.json that this rests on.
+        settings: one for each R_max and frame rate.
+        best: index of the setting with the largest gain: where one shot tells most.
+        fewest: index of the setting with the fewest shots, which is to be taken next; null where none reaches what is
+            wanted.
+        checked: recordings simulated there and answered, if that was asked for.
+    """
+
+    kind: Literal["design"] = "design"
+    material: str
+    bubble: Bubble = FIELD
+    medium: StoredMedium | None = None
+    wanted_percent: float
+    spread_decades: float
+    spreads_decades: dict[str, float] = {}
+    known: dict[str, Quantity]
+    shots_before: int = 0
+    settings: list[DesignedSetting]
+    best: int
+    fewest: int | None
+    checked: list[CheckedSetting] = []
+
+    @property
+    def next(self) -> int:
+        """Index of the setting to take next: where what is wanted needs the fewest shots; where none reaches it, where
+        one shot tells most."""
+        return self.best if self.fewest is None else self.fewest
+
+    @property
+    def sentences(self) -> list[str]:
+        """The next setting, how many shots, and what answers of recordings there say."""
+        setting, best = self.settings[self.next], self.settings[self.best]
+        goal = f"± {self.wanted_percent:g} % (90 %)"
+        law = " and ".join(digits.described(name)[0] for name in best.half_width_percent)
+        if self.fewest is None:
+            lines = [
+                f"next: {setting.words}, where one shot tells most about {law} ({setting.gain})",
+                f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots",
+            ]
+        elif setting.shots == 0:
+            by = f" by {digits.counted(self.shots_before, 'shot')}" * bool(self.shots_before)
+            lines = [f"next: nothing, {goal} is already reached{by}; one shot more tells most at {best.words}"]
+        else:
+            more = " more" * bool(self.shots_before)
+            shots, series = digits.counted(setting.shots or 0, "shot"), best.shots or "more than 10,000"
+            single = (
+                f"if you take one shot only: {best.words}, where it tells most ({best.gain}; there {setting.gain}); "
+            )
+            single += f"{goal} of {law} would need {series} such shots"
+            lines = [
+                f"next: {shots}{more} at {setting.words}, for {goal} of {law}",
+                f"one shot there tells most, too ({best.gain})" if best is setting else single,
+            ]
+        return [*lines, *(self._words(checked) for checked in self.checked)]
+
+    def _words(self, checked: CheckedSetting) -> str:
+        """'checked: R_max 250 µm at 500,000 frames/s, 6 recordings: G ± 41 % (expected 33); so 12 shots for ± 10 %'."""
+        text = f"checked: {self.settings[checked.setting].words}, {digits.counted(checked.recordings, 'recording')}: "
+        if not checked.answers:
+            return text + "none has an interval"
+        text += f"{checked.answers} with an interval, " * (checked.answers < checked.recordings)
+        text += ", ".join(
+            f"{digits.described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
+            for name, got in checked.reached_percent.items()
+        )
+        count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
+        return text + f"; so {count} for ± {self.wanted_percent:g} %" * (checked.shots != 0)
+
+
+def width(percent: float | None) -> str:
+    """Of a column in percent."""
+    return digits.MISSING if percent is None else "> 300" if percent > 300 else digits.significant(percent, 2)
+
+
+def print_table(document: Design) -> None:
+    """A line per setting, then the next one and the number of shots."""
+    from rich.text import Text
+
+    console, names = terminal.console(), list(document.settings[0].half_width_percent)
+    heads = ["frames/s", *(f"{digits.described(name)[0]}\n± %" for name in names), "readable\n%", "shots", "gain\nnats"]
+    title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
+    table = terminal.table("R_max\nµm", heads, title=title)
+    for k, setting in enumerate(document.settings):
+        shots = digits.MISSING if setting.shots is None else str(setting.shots)
+        row = [f"{setting.frame_rate_hz:,.0f}", *(width(setting.half_width_percent[name]) for name in names)]
+        row += [f"{100 * setting.readable:.0f}", shots, f"{setting.gain_nats:.2f}"]
+        style = "bold" if k in (document.best, document.fewest) else ""
+        table.add_row(digits.micrometres(setting.max_radius_m), *row, style=style)
+    console.print(table)
+    for line in document.sentences:
+        console.print(Text(line, "bold"))
 
 
 def design(
@@ -218,8 +379,6 @@ class _Goal:
         """What a shot at this setting would tell."""
         read = [shot for shot in expected if shot is not None]
         widths = np.array([shot.half_width for shot in read] or [np.full(len(self.family.parameters), np.nan)])
-        resampled = np.random.default_rng(0).integers(len(widths), size=(200, len(widths)))
-        ends = _percent(np.quantile(np.median(widths[resampled], axis=1), (0.16, 0.84), axis=0))
         share = len(read) / len(expected)
         return DesignedSetting(
             max_radius_m=setting.max_radius,
@@ -228,7 +387,6 @@ class _Goal:
             noise_m=setting.sigma,
             readable=share,
             half_width_percent=self.by_parameter(_percent(np.median(widths, axis=0))),
-            half_width_ends_percent=self.by_parameter(ends.T),
             shots=self.shots([shot.information for shot in read], share),
             gain_nats=float(np.mean(gains)),
             gain_error_nats=_error(gains),
@@ -337,7 +495,7 @@ def _material(
     the group's population has them.
 
     Where there is none (two shots), from the answers: the scatter, if it is not given, is that of the parameter that
-    scatters most, beyond what intervals explain (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2)."""
+    scatters most, beyond what intervals explain."""
     pooled = group.population
     if pooled and pooled.has_material and pooled.model.startswith(f"{family.name},"):
         mean, covariance, between = pooled.log_moments(family.parameters)
@@ -345,12 +503,8 @@ def _material(
     logs = np.array([row.logs(family.parameters) for row in rows])  # (shots, l, 3)
     middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])
     if scatter is None:
-        weight = 1.0 / variances
-        total, mean = weight.sum(axis=0), np.average(middle, axis=0, weights=weight)
-        excess = (weight * (middle - mean) ** 2).sum(axis=0) - (len(rows) - 1)
-        divisor = total - (weight**2).sum(axis=0) / total
-        most = np.max(np.divide(excess, divisor, out=np.zeros_like(divisor), where=divisor > 0).clip(0.0))
-        scatter = np.asarray(most * np.eye(middle.shape[1]))
+        excess = np.var(middle, axis=0, ddof=1) - variances.mean(axis=0) if len(rows) > 1 else np.zeros(1)
+        scatter = max(float(np.max(excess)), 0.0) * np.eye(middle.shape[1])
     weight = 1.0 / (variances + np.diag(scatter))
     mean = np.average(middle, axis=0, weights=weight)
     return mean, np.diag(1.0 / weight.sum(axis=0)), scatter, len(rows)

@@ -83,8 +83,6 @@ _VOCABULARY = Vocabulary(
     {name: Term(name) for name in _COLUMNS},
     f"expected a first line of the titles {','.join(_COLUMNS)}, of which set is needed",
     {"columns": NO_SETS, "empty": NO_SETS, "rows": "references.no_set", "width": "references.cells"},
-    marks="#",
-    declared=True,
 )
 
 
@@ -129,7 +127,7 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     for number, texts in table.rows:
         row = {name.kind: cell for name, cell in zip(names, texts, strict=False) if cell}
         _add_line(row, f"{path}, line {number}", sets, methods)
-    message = f"{path}: {len(sets)} sets; more than {_MOST} are not compared in one picture; split the file"
+    message = f"{path}: {len(sets)} sets; more than {_MOST} are not compared at once; split the file"
     require(len(sets) <= _MOST, message, "references.sets")
     for reference in sets.values():
         constants = {name: reference.settings[name] for name in _CONSTANTS if name in reference.settings}
@@ -182,8 +180,7 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
 
     Raises InputError: a file cannot be read, or is neither.
     """
-    from cavirheo.companions import rheometer_document as document
-    from cavirheo.companions.rheometer import read_sweeps
+    from cavirheo.companions import rheometer
 
     values: dict[str, Published] = {}
     files: list[Path] = []
@@ -195,8 +192,8 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
                 raise
             files.append(path)
     if files:
-        sweeps = [sweep for path in files for sweep in read_sweeps(path)]
-        rheometry = document.rheometry(sweeps, document.shared_name(files), command="")
+        sweeps = [sweep for path in files for sweep in rheometer.read_sweeps(path)]
+        rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), command="")
         values[rheometry.material] = {**values.get(rheometry.material, {}), **rheometry.published}
     return TypeAdapter(dict[str, Published]).dump_python(values)
 

@@ -1,28 +1,39 @@
-"""Oscillatory rheometry: exports of rheometers -> sweeps in SI -> linear range, plateau modulus and viscosity.
+"""Oscillatory rheometry: exports of rheometers -> sweeps in SI -> linear range, plateau modulus and viscosity, in
+rheometer.json (`Rheometry`) and beside the values of bubbles.
 
 A table is recognised by the header over it (what is read: docs/how-to/rheometer.md): one column for G', one for G'',
 and the frequency or the strain. Units are read, never guessed. Without one, a modulus is in Pa and an angular frequency
 in rad/s, and the sweep says so; a strain and a plain frequency are errors. Nothing is extrapolated.
+
+Numbers are SI (a strain of 1 is 100 %) and finite, or null where not found; `message` of a sweep then says why.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import takewhile
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import median_filter
 
-from cavirheo.arrays import Bools, Floats
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, printable, require
 from cavirheo.io.files import file_label, guarded, sha256
 from cavirheo.io.tables import Table, Term, Vocabulary, read_columns
+from cavirheo.reporting.group import Published, PublishedValue
+from cavirheo.reporting.record import Result
+from cavirheo.writing import digits, terminal
 from cavirheo.writing.digits import counted
-from cavirheo.writing.document import Finite, Record
+from cavirheo.writing.document import Document, Finite, Record, Spread, spread_of, write_rows
+from cavirheo.writing.style import BLUE, VERMILLION, named_curves, panel, plain_ticks
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _SHORTEST = 3.0  # largest over smallest strain of a linear range
 _OUTLIERS = 0.2  # part of the points of a linear range that may lie outside it, each alone
@@ -83,7 +94,6 @@ VOCABULARY = Vocabulary(  # as exported, in English, German and French, as the p
     "expected a header such as omega (rad/s), G' (Pa), G'' (Pa) or strain (%), G' (Pa), G'' (Pa)",
     {"columns": "rheometer.no_moduli", "empty": "rheometer.empty", "rows": _NO_SWEEP, "twice": "rheometer.two_columns"}
     | {"no_unit": "rheometer.no_unit", "unit": "rheometer.unknown_unit"},
-    marks="#",
     sections=True,
 )
 _SWEPT = 2.0  # largest over smallest, from which a column counts as swept
@@ -160,12 +170,10 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
         sweep.plateau_from, sweep.plateau_storage_Pa = gamma[first], level
         sweep.plateau_loss_Pa = float(np.median(sweep.loss[first : last + 1]))
         sweep.plateau_to, sweep.departs = _limit(gamma, storage, last, level, tolerance)
-        points, low = f"{counted(first, 'point')} below the linear range", storage[:first]
-        if first > 2 and np.all(low > level * (1 + tolerance)):
-            sweep.notes.append(f"G' is higher in the {points}: the true one may lie there, or below the data")
-        elif first:
-            off = 100 * np.max(np.abs(low / level - 1))
-            sweep.notes.append(f"{points} left out of it: up to {off:.2g} % off (low torque?)")
+        if first:
+            off = 100 * np.max(np.abs(storage[:first] / level - 1))
+            points = f"{counted(first, 'point')} below the linear range left out of it"
+            sweep.notes.append(f"{points}: up to {off:.2g} % off (low torque, or a plateau below the data)")
     else:
         band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
@@ -200,10 +208,8 @@ def _limit(gamma: Floats, storage: Floats, last: int, level: float, tolerance: f
     """The strain at which G' leaves the band, and how; or the largest strain and None."""
     if last == len(gamma) - 1:
         return float(gamma[last]), None
-    departs = "softens" if storage[last + 1] < level else "stiffens"
-    inside, outside = np.log(storage[last : last + 2] / level) - np.log1p(
-        -tolerance if departs == "softens" else tolerance
-    )
+    departs, edge = ("softens", 1 - tolerance) if storage[last + 1] < level else ("stiffens", 1 + tolerance)
+    inside, outside = np.log(storage[last : last + 2] / (level * edge))
     part = np.clip(inside / (inside - outside), 0.0, 1.0) if inside != outside else 1.0
     return float(gamma[last] * (gamma[last + 1] / gamma[last]) ** part), departs
 
@@ -237,8 +243,6 @@ def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
         sweep.complex_viscosity_Pa_s = math.hypot(storage, loss) / at
     if crossovers := _crossovers(sweep):
         sweep.crossover, sweep.crossover_modulus_Pa, _ = crossovers[0]
-    if further := ", ".join(f"{x:.3g}" for x, _, _ in crossovers[1:]):
-        sweep.notes.append(f"G' = G'' also at {further} rad/s")
     return sweep
 
 
@@ -250,36 +254,26 @@ def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
         window = np.abs(x - x[k]) <= 0.25 * math.log(10.0) * 1.01
         window[max(k - 1, 0) : k + 2] = True
         flat[k] = abs(np.polyfit(x[window], y[window], 1)[0]) <= _FLAT
-    edges = np.flatnonzero(np.diff(_steady(flat), prepend=False, append=False))
-    first, last = max(
-        zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda run: x[run[1]] - x[run[0]], default=(0, 0)
-    )
-    return (int(first), int(last)) if x[last] - x[first] >= _DECADE else None
+    edges = np.flatnonzero(np.diff(flat, prepend=False, append=False))
+    runs = zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)
+    first, last = max(runs, key=lambda run: x[run[1]] - x[run[0]], default=(0, 0))
+    return (first, last) if x[last] - x[first] >= _DECADE else None
 
 
 def _crossovers(sweep: Sweep) -> list[tuple[float, float, bool]]:
-    """(x, G' = G'', whether G'' wins beyond) in the logarithms, without single outliers."""
-    solid = sweep.storage > sweep.loss
-    keep = solid == _steady(solid)
-    x, storage, loss, solid = (values[keep] for values in (sweep.x, sweep.storage, sweep.loss, solid))
+    """(x, G' = G'', whether G'' wins beyond), in the logarithms."""
+    x, storage, gap = sweep.x, sweep.storage, np.log(sweep.storage / sweep.loss)
     crossovers = []
-    for k in np.flatnonzero(solid[1:] != solid[:-1]):
-        before, after = np.log(storage[k : k + 2] / loss[k : k + 2])
-        part = before / (before - after)
+    for k in np.flatnonzero((gap[1:] > 0) != (gap[:-1] > 0)):
+        part = gap[k] / (gap[k] - gap[k + 1])
         position, modulus = (values[k] * (values[k + 1] / values[k]) ** part for values in (x, storage))
-        crossovers.append((float(position), float(modulus), bool(solid[k])))
+        crossovers.append((float(position), float(modulus), bool(gap[k] > 0)))
     return crossovers
 
 
-def _steady(flags: Bools) -> Bools:
-    """As their neighbours where these agree."""
-    return median_filter(flags.astype(np.int8), 3, mode="nearest").astype(bool)
-
-
 def read_sweeps(path: str | Path) -> list[Sweep]:
-    """Every strain and frequency sweep of a file; rows that cannot be used are counted in `notes`.
-
-    A table with every setting equally often (a sweep run three times, or up and down) is that many sweeps.
+    """Every strain and frequency sweep of a file; rows that cannot be used are counted in `notes`, those of one setting
+    are averaged.
 
     Raises:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
@@ -291,7 +285,7 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
         parts = [part for table in read_columns(path, VOCABULARY, ("storage", "loss")) for part in _intervals(table)]
         for number, (label, table) in enumerate(parts, 1):
             try:
-                sweeps += _sweeps(table, label or (str(number) if len(parts) > 1 else ""))
+                sweeps.append(_sweep(table, label or (str(number) if len(parts) > 1 else "")))
             except InputError as error:
                 if error.code != _NO_SWEEP:
                     raise
@@ -316,22 +310,23 @@ def _intervals(table: Table) -> Iterator[tuple[str, Table]]:
         yield label, table.part([row for row, its_label in zip(table.rows, labels, strict=True) if its_label == label])
 
 
-def _sweeps(table: Table, label: str) -> Iterator[Sweep]:
-    """The sweep that a table holds, or each of its repetitions."""
+def _sweep(table: Table, label: str) -> Sweep:
+    """The sweep that a table holds. Raises InputError: it holds none, or two."""
     rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
     invalid, table = len(table.rows) - len(rows), table.part(rows)
     moduli = [table.column("storage"), table.column("loss")]
-    settings = {"frequency": table.all("omega") + table.all("frequency")}
-    settings["strain"] = table.all("strain") + table.all("shear strain")
+    settings = {
+        "frequency": table.all("omega") + table.all("frequency"),
+        "strain": table.all("strain") + table.all("shear strain"),
+    }
     first = {name: columns[0] for name, columns in settings.items() if columns}
     titles = ", ".join(map(repr, table.titles[:8]))
-    none = f"no column for frequency or strain among {titles}; {VOCABULARY.expected}"
-    require(bool(first), none, _NO_SWEEP)
+    require(bool(first), f"no column for frequency or strain among {titles}; {VOCABULARY.expected}", _NO_SWEEP)
     positive = moduli[0].numbers > 0
-    swept = [name for name, column in first.items() if _span(column.numbers[positive]) >= _SWEPT]
+    swept = [name for name, column in first.items() if _ratio(column.numbers[positive]) >= _SWEPT]
     where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
     require(bool(swept), f"no sweep of {' and '.join(first)} in the {where}", _NO_SWEEP)
-    kind = swept[0]  # at a given stress the strain varies with the frequency
+    kind: Any = swept[0]  # at a given stress the strain varies with the frequency
     columns = [first.pop(kind), *moduli]
     numbers = np.stack([column.numbers for column in columns])  # in the units of the file
     finite = np.isfinite(numbers).all(axis=0)
@@ -348,51 +343,230 @@ def _sweeps(table: Table, label: str) -> Iterator[Sweep]:
     if columns[0].unit in _HERTZ:
         notes.append(f"{columns[0].title!r} is in {columns[0].unit}: converted to rad/s by 2 pi")
     data = np.stack([column.factor * column.numbers[usable] for column in columns])
-    held = np.full(data.shape[1], np.nan)
-    for column in first.values():
-        values = column.numbers[usable]
+    held, other = None, next(iter(first.values()), None)
+    if other:
+        values = other.numbers[usable]
         for omega in np.unique(data[0]) if kind == "frequency" else ():
             strains = values[np.abs(data[0] / omega - 1) < _SAME]
-            trouble = (
-                f"{len(strains)} rows at {omega:.4g} rad/s with strains that differ by more than a factor of {_SWEPT:g}"
-            )
+            trouble = f"{len(strains)} rows at {omega:.4g} rad/s with strains that differ by more than a factor of"
             remedy = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
-            require(len(strains) < 3 or _span(strains) <= _SWEPT, f"{trouble}: {remedy}", "rheometer.two_sweeps")
+            fine = len(strains) < 3 or _ratio(strains) <= _SWEPT
+            require(fine, f"{trouble} {_SWEPT:g}: {remedy}", "rheometer.two_sweeps")
         try:
-            held = values * column.factor
+            held = float(np.nanmedian(values) * other.factor)
         except InputError:
-            notes.append(f"{column.title!r} is not used: its unit is missing or not known")
-    passes = _passes(data[0])
-    for number in range(times := int(passes.max()) + 1):
-        sweep_notes = notes + [f"each {kind} {times} times: read as {times} sweeps"] * (times > 1)
-        name = label if times == 1 else f"{label}.{number + 1}".lstrip(".")
-        yield _sweep(kind, data[:, passes == number], held[passes == number], name=name, notes=sweep_notes)
-
-
-def _sweep(kind: Any, data: Floats, held: Floats, *, name: str, notes: list[str]) -> Sweep:
-    """Of data (3, n): setting, G' and G''; rows of one setting are averaged. held: (n,) the other setting."""
+            notes.append(f"{other.title!r} is not used: its unit is missing or not known")
     data = data[:, np.argsort(data[0], kind="stable")]
     group = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _SAME * np.roll(data[0], 1))  # rows of one setting
     count = np.bincount(group)
     x, storage, loss = (np.bincount(group, row) / count for row in data)
-    twice = data.shape[1] - len(count)
-    notes = notes + [f"{counted(twice, 'row')} at the {kind} of another averaged with it"] * (twice > 0)
-    steady = float(np.median(held[np.isfinite(held)])) if np.isfinite(held).any() else None
-    return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=name, points=len(x), held=steady, notes=notes)
+    if repeated := data.shape[1] - len(count):
+        notes.append(f"{counted(repeated, 'row')} at the {kind} of another averaged with it")
+    return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=label, points=len(x), held=held, notes=notes)
 
 
-def _span(values: Floats) -> float:
+def _ratio(values: Floats) -> float:
     """Largest over smallest of the positive ones."""
     positive = values[np.isfinite(values) & (values > 0)]
     return float(np.max(positive) / np.min(positive)) if positive.size else 1.0
 
 
-def _passes(x: Floats) -> np.ndarray:
-    """(n,) the repetition that a row belongs to, where all settings come equally often; else 0."""
-    counts: dict[float, int] = {}  # how often each setting came
-    passes = np.zeros(len(x), dtype=int)
-    for row, value in enumerate(x):
-        setting = next((earlier for earlier in counts if abs(value / earlier - 1) < _SAME), value)
-        passes[row] = counts.get(setting, 0)
-        counts[setting] = counts.get(setting, 0) + 1
-    return passes if len(set(counts.values())) == 1 else np.zeros_like(passes)
+class Column(NamedTuple):
+    """A number of a sweep in the table; field: of the sweep."""
+
+    head: str
+    field: str
+    factor: float = 1.0
+
+
+class Rheometry(Document):
+    """All sweeps of one material, and what was found in them.
+
+    Attributes:
+        material: its name.
+        tolerance: part of G' by which it may leave its plateau.
+        at_rad_per_s: frequency at which mu is taken, rad/s.
+        shear_modulus_Pa: G: the plateau of the frequency sweeps; without one, that of the strain sweeps of a solid, Pa.
+        shear_modulus_from: where G comes from.
+        viscosity_Pa_s: G''/omega at this frequency, Pa s.
+        sweeps: those over strain, then those over frequency.
+    """
+
+    kind: Literal["rheometer"] = "rheometer"
+    material: str
+    tolerance: float
+    at_rad_per_s: float
+    shear_modulus_Pa: Spread
+    shear_modulus_from: str
+    viscosity_Pa_s: Spread
+    sweeps: list[Sweep]
+
+    def of(self, kind: str) -> list[Sweep]:
+        return [sweep for sweep in self.sweeps if sweep.kind == kind]
+
+    @property
+    def unit(self) -> tuple[float, str]:
+        """(factor from Pa, its name) of moduli in all tables and pictures of this document."""
+        return digits.modulus_unit([sweep.plateau_storage_Pa for sweep in self.sweeps])
+
+    @property
+    def published(self) -> Published:
+        """As values of another method, which names the regime: a viscosity at this frequency is not a bubble's."""
+        strain, frequency = self.of("strain"), self.of("frequency")
+        omegas = [end for s in frequency for end in (s.x_from, s.x_to)] or [s.held for s in strain]
+        strains = _present(s.held for s in frequency) or _present(s.plateau_to for s in strain)
+        deformation = f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain"
+        values = {
+            "shear_modulus": self.shear_modulus_Pa,
+            f"viscosity_at_{self.at_rad_per_s:g}_rad_per_s": self.viscosity_Pa_s,
+        }
+        published = {name: PublishedValue(**dict(value)) for name, value in values.items() if value.mean is not None}
+        return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": published}
+
+
+def columns_of(document: Rheometry, kind: str) -> list[Column]:
+    """What the table has of the sweeps of a kind."""
+    factor, unit = document.unit
+    plateau = Column(f"plateau G'\n{unit}", "plateau_storage_Pa", factor)
+    if kind == "strain":
+        linear = Column(f"linear, ±{100 * document.tolerance:g} %\n%", "plateau_to", 100.0)
+        return [linear, plateau, Column("G' = G''\nat %", "crossover", 100.0)]
+    return [
+        plateau,
+        Column("over\nrad/s", "plateau_to"),
+        Column("µ = G''/ω\nPa s", "viscosity_Pa_s"),
+        Column("tan δ\n", "tan_delta"),
+        Column("|η*|\nPa s", "complex_viscosity_Pa_s"),
+        Column("G' = G''\nat rad/s", "crossover"),
+    ]
+
+
+def rheometry(
+    sweeps: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
+) -> Rheometry:
+    """The document of these sweeps as they were read; `head`: command, date, notes."""
+    strain = [strain_sweep(sweep, tolerance) for sweep in sweeps if sweep.kind == "strain"]
+    frequency = [frequency_sweep(sweep, at) for sweep in sweeps if sweep.kind == "frequency"]
+    modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
+    if modulus.mean is None:
+        solid = [s for s in strain if (s.plateau_storage_Pa or 0.0) > (s.plateau_loss_Pa or 0.0)]
+        held = _present(s.held for s in solid)
+        modulus = spread_of([s.plateau_storage_Pa for s in solid])
+        origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
+    document = Rheometry(
+        material=material,
+        tolerance=tolerance,
+        at_rad_per_s=at,
+        shear_modulus_Pa=modulus,
+        shear_modulus_from="no plateau" if modulus.mean is None else origin,
+        viscosity_Pa_s=spread_of([sweep.viscosity_Pa_s for sweep in frequency]),
+        sweeps=[*strain, *frequency],
+        **head,
+    )
+    limit = min(_present(sweep.plateau_to for sweep in strain if sweep.departs), default=math.inf)
+    document.notes += [
+        f"{sweep.name} was run at a strain of {digits.percent(sweep.held)} %, beyond the linear range "
+        f"(to {digits.percent(limit)} %): its moduli are not those of the linear range"
+        for sweep in frequency
+        if (sweep.held or 0.0) > limit
+    ]
+    return document
+
+
+def write_csv(path: Path, document: Rheometry) -> None:
+    """One line per sweep."""
+    head = [name for name in Sweep.model_fields if name not in ("x", "storage", "loss", "notes")]
+    write_rows(path, head, (sweep.model_dump() for sweep in document.sweeps))
+
+
+def shared_name(files: Sequence[Path]) -> str:
+    """'gel' of gel_strain.csv and gel_frequency.csv: the words with which all names begin, or the first name."""
+    words = [re.split(r"[\W_]+", path.stem) for path in files]
+    shared = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
+    return ("_".join(column[0] for column in shared) if len(files) > 1 else "") or files[0].stem
+
+
+def regimes(document: Rheometry, result: Result) -> str:
+    """That rheometer and bubbles measure in different regimes, in their own numbers."""
+    (method,) = document.published
+    counted = [curve for curve in result.curves if curve.trusted]
+    rates = _span((curve.strain_rate_per_s for curve in counted), 2)
+    stretches = _span((curve.stretch.median for curve in counted), 2)
+    return (
+        f"The regimes differ: the rheometer measures at {method.removeprefix('rheometer, ')}, the bubble at {rates} "
+        f"1/s and λ = {stretches}. G and µ depend on both: unequal values are not a contradiction."
+    )
+
+
+def print_rheometry(document: Rheometry) -> None:
+    """The sweeps, the material, the remarks."""
+    from rich.text import Text
+
+    console, frequency = terminal.console(), bool(document.of("frequency"))
+    for kind in ("strain", "frequency"):
+        if not (sweeps := document.of(kind)):
+            continue
+        columns = columns_of(document, kind)
+        table = terminal.table(f"{kind} sweep", [column.head for column in columns])
+        for sweep in sweeps:
+            table.add_row(sweep.name, *(_cell(sweep, column) for column in columns))
+        table.add_section()
+        if len(sweeps) > 1:
+            means = [spread_of([getattr(sweep, column.field) for sweep in sweeps]) for column in columns]
+            texts = [digits.spread(mean, column.factor) for mean, column in zip(means, columns, strict=True)]
+            table.add_row("mean ± std", *texts, style="bold")
+        console.print(table)
+    at = f"{document.at_rad_per_s:g} rad/s"
+    answer = f": G = {_with_unit(document.shear_modulus_Pa, *document.unit)} ({document.shear_modulus_from})"
+    answer += f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {at}" * frequency
+    console.print(Text.assemble((digits.printable(document.material), "bold"), answer))
+    remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]
+    terminal.print_remarks(console, terminal.by_message(remarks), document.notes)
+
+
+def _cell(sweep: Sweep, column: Column) -> str:
+    """A number, or the ends of the plateau."""
+    if column.field != "plateau_to":
+        return digits.spread(Spread(mean=getattr(sweep, column.field)), column.factor)
+    ends = [column.factor * end for end in _present([sweep.plateau_from, sweep.plateau_to])]
+    return _span(ends, to=" to " if sweep.departs or sweep.kind == "frequency" else " to ≥ ")
+
+
+def _present(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _span(values: Iterable[float | None], count: int = 3, to: str = " to ") -> str:
+    """'0.10 to 100', '1.5e5 to 2.5e5', or one number where both ends read the same."""
+    finite = _present(values)
+    ends = [
+        digits.significant(end, count) if end < 1e4 else f"{end:.{count - 1}e}".replace("e+0", "e")
+        for end in ([min(finite), max(finite)] if finite else [])
+    ]
+    return to.join(dict.fromkeys(ends)) or digits.MISSING
+
+
+def _with_unit(value: Spread, factor: float, unit: str) -> str:
+    return digits.spread(value, factor) + ("" if value.mean is None else f" {unit}")
+
+
+def figure(document: Rheometry, kind: str) -> Figure:
+    """Moduli with the range of the plateau that all have. What was not found is not drawn."""
+    sweeps, scale = document.of(kind), 100.0 if kind == "strain" else 1.0
+    x_label = "strain (%)" if kind == "strain" else "angular frequency ω (rad/s)"
+    factor, unit = document.unit
+    drawing, axes = panel(document.material, digits.counted(len(sweeps), f"{kind} sweep"), x_label, f"G′, G″ ({unit})")
+    for k, sweep in enumerate(sweeps):
+        labels = ("", "") if k else ("G′", "G″")
+        axes.loglog(scale * sweep.x, factor * sweep.storage, "o-", color=BLUE, label=labels[0], ms=3.5, lw=0.7)
+        look: Any = {"color": VERMILLION, "mfc": "white", "ms": 3.5, "lw": 0.7}
+        axes.loglog(scale * sweep.x, factor * sweep.loss, "o-", label=labels[1], **look)
+    ends = [(sweep.plateau_from, sweep.plateau_to) for sweep in sweeps if sweep.plateau_from and sweep.plateau_to]
+    if ends and (first := max(low for low, _ in ends)) < (last := min(high for _, high in ends)):
+        label = "linear range" if kind == "strain" else "plateau"
+        axes.axvspan(scale * first, scale * last, color="#00694d", alpha=0.09, lw=0, zorder=0, label=label)
+    named_curves(axes, 3)
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        plain_ticks(axis, (1, 2, 5) if 0 < high < 100 * low else (1,), 9)
+    return drawing

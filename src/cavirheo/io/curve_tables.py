@@ -1,4 +1,4 @@
-"""Tables of radius histories: with a header, or one of the two layouts without one that can be told apart.
+"""Tables of radius histories: with a header, or one of two layouts without one that can be told apart.
 
 A header names its columns `time_us,radius_um`, in any case and in several languages, with s, ms, us, ns and m, mm, um,
 px written `time_s`, `t [us]`, `R (microns)`, or in the row below. Numbers of frames with a frame rate may stand for
@@ -10,7 +10,6 @@ with `stretch_std`, what is known of R_max/R_0.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,9 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
-from cavirheo.io.formats import is_number, unit_of
-from cavirheo.io.samples import RADIUS_UNITS, TIME_UNITS, make_curve, swapped
+from cavirheo.io.formats import unit_of
+from cavirheo.io.samples import RADIUS_UNITS, TIME_UNITS, make_curve
 from cavirheo.io.tables import Column, Name, Table, Term, Vocabulary, read_columns, single
-from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.writing.document import write_rows
 
@@ -32,38 +30,23 @@ ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off 
 _EITHER = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # the unit of another quantity is seen as a mistake
 _SHOT = r"(?:shot|bubble|curve|run|exp|experiment|schuss|blase|kurve|tir|bulle|courbe|essai|disparo|burbuja|curva)"
 _NUMBER = re.compile(rf"(?:\b|_)?({_SHOT}?)[\s_#.\-]*(\d+)(?!.*\d)", re.I)  # the last one in a title
-_UNIT = re.compile(r"[\s_\[(/,]([^\W_]+)[\])]?$")
-_NO_RADIUS = re.compile(r"(x|y|z|pos|cent|dist|depth|height|width|length|wave|gap|lambda|std|sd|err)", re.I)
-_COUNT = r"(\d[\d.,' ]*(?:e\+?\d+)?)"
-_RATE = re.compile(
-    r"(?:frame.?rate|fps|frames.per.s|bildrate|bildfrequenz|aufnahmerate|cadence|フレームレート|帧率)\D{0,20}?"
-    rf"{_COUNT}|{_COUNT}\s*[kM]?(?:fps|frames)",
-    re.I,
-)
-_CAMERA = (1e3, 1e10)  # frames per second that may show the collapse of a bubble
 _SEPARATOR = -1000.0
 _PROVEN = (0.55, 1.6)  # Rayleigh times of a first collapse that prove the units of time and radius
 _ADVICE = "begin the file with a header line such as time_us,radius_um, or time_us,R1_um,R2_um for several shots"
 
 
 def _of_one_shot(title: str) -> Name:
-    """What titles of one curve among several name: `R2_um`, `Radius shot 2 (um)`, `Shot 2`, `gel_02 [um]`.
-
-    A length under the name of a shot is a "shot".
-    """
+    """What titles of one curve among several name: `R2_um`, `Radius shot 2 (um)`, `Shot 2 (um)`; R0 is no shot's."""
     match = _NUMBER.search(title[:200])
-    if not match:
+    if not match or not match[2].strip("0"):
         return Name()
     shot, number = match.groups()
-    words = (title[: match.start()] + " " + title[match.end() :]).strip()
+    words = f"{title[: match.start()]} {title[match.end() :]}".strip()
     kind, unit, _ = CURVES.name_by_words(words)
     if kind in ("time", "radius", "diameter"):
         return Name(kind, unit, number)
-    written = _UNIT.search(title)
-    unit = unit_of(written[1], _EITHER) if written else None
-    bare = not words or bool(written and words.strip("_[]()/ ") == written[1])
-    length = unit in RADIUS_UNITS and not _NO_RADIUS.match(title)
-    return Name("shot" if (shot and bare) or length else "", unit, number)
+    unit = unit_of(words.strip("_[]()/ "), RADIUS_UNITS)
+    return Name("radius", unit, number) if shot and (unit or not words) else Name()
 
 
 CURVES = Vocabulary(
@@ -89,14 +72,7 @@ CURVES = Vocabulary(
             "diameter bubblediameter meandiameter equivalentdiameter durchmesser blasendurchmesser diametre "
             "diametrebulle diametredebulle diametredelabulle diametro 直径 直徑 気泡直径 气泡直径",
             _EITHER,
-            symbols="d",
         ),
-        "area": Term(
-            "area bubblearea flache blasenflache aire surface superficie 面積 面积",
-            {f"{unit}2": np.nan for unit in RADIUS_UNITS},
-            symbols="a",
-        ),
-        "shot": Term(""),
         "curve": Term("curve shot"),
     },
     _ADVICE,
@@ -104,7 +80,7 @@ CURVES = Vocabulary(
     fallback=_of_one_shot,
     bare=True,
 )
-_NEED = ("time|frame", "radius|diameter|area|shot")
+_NEED = ("time|frame", "radius|diameter")
 
 
 def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
@@ -123,7 +99,7 @@ def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
     shot, std, max_radius = map(table.only, ("curve", "radius_std", "max_radius"))
     stretches = [column for column in map(table.only, ("stretch", "stretch_std")) if column]
     radii, radius_notes = _radii(table)
-    clock, time_unit, clock_notes, warnings = _clock(table, frame_rate)
+    clock, time_unit, clock_notes = _clock(table, frame_rate)
     units = {column.unit for column in radii}
     fine = time_unit in (None, *TIME_UNITS) and units <= {None, *RADIUS_UNITS}
     radius_units = " and ".join(str(column.unit) for column in radii[:2])
@@ -158,7 +134,6 @@ def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
                 time_unit=time_unit,
                 radius_unit=column.unit,
                 notes=(*notes, *stretch_notes),
-                warnings=warnings,
                 **meta,
             )
             curves.append(_with_size(curve, max_radius, rows) if max_radius else curve)
@@ -200,83 +175,47 @@ def _stated_stretch(columns: list[Column], rows: list[int]) -> tuple[dict[str, A
 
 
 def _radii(table: Table) -> tuple[list[Column], list[str]]:
-    """(the columns of radii, one curve each; notes).
-
-    Raises:
-        InputError: there is none, or it is not clear which they are.
-    """
-    kind = next(kind for kind in ("radius", "diameter", "area", "shot") if table.all(kind))
-    radii, notes = table.all(kind), []
-    message = f"{radii[0].title!r} is an area: give a column of radii, sqrt(area/pi) if the bubble is round"
-    require(kind != "area", message, "table.area")
-    if len({column.unit for column in radii} - {"px"}) == 1 and any(column.unit == "px" for column in radii):
-        notes.append("the column in pixels is not used: there is one in a unit of length")
-        radii = [column for column in radii if column.unit != "px"]
-    plain, counted = ([c for c in radii if bool(c.name.number) == has] for has in (False, True))
-    if plain and counted:
-        titles = " and ".join(repr(column.title) for column in (plain[0], counted[0]))
+    """(the columns of radii, one curve each; notes). Raises InputError: it is not clear which they are."""
+    kind = next(kind for kind in ("radius", "diameter") if table.all(kind))
+    radii, notes = table.all(kind), ["diameters halved"] if kind == "diameter" else []
+    if scaled := [column for column in radii if column.unit != "px"]:
+        notes += ["the column in pixels is not used: there is one in a unit of length"] * (len(scaled) < len(radii))
+        radii = scaled
+    unnumbered = [column for column in radii if not column.name.number]
+    if unnumbered and len(unnumbered) < len(radii):
+        titles = " and ".join(repr(column.title) for column in radii[:2])
         message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
-        require({c.name.number.lstrip("0") for c in counted} == {""}, message, "table.twice")  # R0 is another radius
-        counted = []
-    if not counted:
-        single(plain)
-    radii = counted or plain
+        raise InputError(message, "table.twice")
+    single(unnumbered)
     message = f"two columns {radii[0].title!r}; number them"
-    require(len({c.title for c in radii}) == len(radii), message, "table.twice")
+    require(len({column.title for column in radii}) == len(radii), message, "table.twice")
     if len(radii) > 1:
         titles = ", ".join(column.title for column in radii[:6]) + (", ..." if len(radii) > 6 else "")
-        notes.append(
-            f"{len(radii)} columns of {'diameters' if kind == 'diameter' else 'radii'}, a curve each: {titles}"
-        )
-    elif kind == "shot":
-        notes.append(f"the column {radii[0].title!r} taken as the radius")
-    return radii, notes + (["diameters halved"] if kind == "diameter" else [])
+        notes.append(f"{len(radii)} columns of radii, a curve each: {titles}")
+    return radii, notes
 
 
-def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, list[str], list[Message]]:
-    """((rows,) times, their unit, notes, warnings), of the times in the file, or its frame numbers and the frame rate.
+def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, list[str]]:
+    """((rows,) times, their unit, notes), of the times in the file, or its frame numbers and the frame rate.
 
     Raises:
-        InputError: two columns of times, or no frame rate, or two.
+        InputError: two columns of times, or no frame rate.
     """
     time, frame = table.only("time"), table.only("frame")
     if time:
         idle = ["the frame rate that is given is not used: the file has times"] if frame_rate else []
-        return time.numbers, time.unit, idle, []
+        return time.numbers, time.unit, idle
     assert frame is not None  # a header without times has frames
-    stated = _stated_rates(table.above)
-    rate = frame_rate or (stated[0] if len(stated) == 1 else None)
-    stated_rates = f"; the file states {' and '.join(f'{value:g}/s' for value in stated)}" if stated else ""
-    message = f"{frame.title!r} has numbers of frames and no times{stated_rates}: give the frame rate (--fps 1e6)"
-    require(rate is not None, message, "table.frame_rate")
-    assert rate is not None
-    if frame_rate is not None:
-        FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
-    note = f"times of the numbers in {frame.title!r} at {rate:.6g} frames per second, as "
-    note += "given" if frame_rate else "the file states"
-    different = [value for value in stated if abs(value / rate - 1) > 0.01]
-    warnings = [Message("check_input.frame_rate", {"given": rate, "stated": value}) for value in different[:1]]
-    return frame.numbers / rate, "s", [note, *(warning.text for warning in warnings)], warnings
-
-
-def _stated_rates(lines: Iterable[str]) -> list[float]:
-    """The frame rates, 1/s, that stand above a table (`frame rate: 1,000,000 fps`, `270 kfps`)."""
-    stated: dict[float, None] = {}
-    for line in lines:
-        for match in _RATE.finditer(line[:300]):
-            unit = 1e3 if re.search(r"\bk(fps|hz)|\dk(fps|hz)", line, re.I) else 1.0
-            unit = 1e6 if re.search(r"\bM(fps|hz)|\dM(fps|hz)", line, re.I) else unit
-            text = re.sub("[' ]", "", match[1] or match[2]).strip(".,")
-            readings = {text.replace(",", ""), text.replace(".", "").replace(",", ".")}
-            rates = {float(number) * unit for number in readings if is_number(number) and number.count(".") < 2}
-            possible = [rate for rate in rates if _CAMERA[0] <= rate <= _CAMERA[1]]
-            if len(possible) == 1:
-                stated[possible[0]] = None
-    return list(stated)
+    message = f"{frame.title!r} has numbers of frames and no times: give the frame rate (--fps 1e6)"
+    require(frame_rate is not None, message, "table.frame_rate")
+    assert frame_rate is not None
+    FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
+    note = f"times of the numbers in {frame.title!r} at {frame_rate:.6g} frames per second, as given"
+    return frame.numbers / frame_rate, "s", [note]
 
 
 def _without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
-    """Curves separated by rows of -1000; else two columns (or one time and two radii) whose units prove themselves."""
+    """Curves separated by rows of -1000; else a column of times and one of radii whose units prove themselves."""
     width = max(len(row.texts) for row in table.rows)
     values = [Column(table, at, "", Name()).numbers for at in range(width)]
     while len(values) > 2 and np.isnan(values[-1]).all():  # each line ends with a separator
@@ -292,20 +231,9 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
         note = "curves separated by rows of -1000, no header"
         note += f"; {without} blocks of the file hold no radius and were left out" if without else ""
         return [make_curve(b[:, 0], b[:, 1], notes=(note,)).with_notes(*table.notes) for b in filled]
-    require(columns in (2, 3), f"{columns} columns and no header; {_ADVICE}", "table.header")
-    time, radius, note = values[0], values[1], "no header: columns taken as time and radius"
-    if columns == 3:
-        radius = numbers[:, 1:].mean(axis=1)
-        percent = 100 * np.abs(values[2] - values[1]) / radius
-        percent = percent[np.isfinite(percent)]
-        middle, most = (np.median(percent), np.max(percent)) if percent.size else (np.inf, np.inf)
-        require(middle < 10, f"three columns, no header, and the last two are not two radii; {_ADVICE}", "table.header")
-        note = "no header: columns taken as time and two radii of one bubble (semi-axes), which differ by "
-        note += f"{middle:.2g} % (median) and {most:.2g} % (most): their mean is used"
-    elif swapped(time, radius):
-        time, radius = radius, time
-        note = "no header: columns taken as radius and time, as only the second rises in even steps"
-    curve = make_curve(time, radius, notes=(note,)).with_notes(*table.notes)
+    require(columns == 2, f"{columns} columns and no header; {_ADVICE}", "table.header")
+    note = "no header: columns taken as time and radius"
+    curve = make_curve(values[0], values[1], notes=(note,)).with_notes(*table.notes)
     ratio = curve.rayleigh_ratio(density, pressure)
     proven = ratio is not None and _PROVEN[0] <= ratio <= _PROVEN[1]
     require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")

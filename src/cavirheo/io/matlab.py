@@ -30,6 +30,7 @@ _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax del
 VARIABLES = (*_CELL_ARRAYS, *_ONE_EACH.split())
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
+_LARGEST = 0.01  # m, of a bubble
 _REAL = "fiub"  # kinds of numpy's types
 Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
 
@@ -183,7 +184,8 @@ def _imr(variables: Variables) -> list[RadiusCurve]:
         assert frame is not None
         notes.append(f"frame times from deltat = {frame * 1e6:.6g} us")
         time = frame * np.arange(radius.size)
-    return _rows(time, radius, radius_unit="m", notes=tuple(notes), hints=hints, time_unit="s")
+    unit = "m" if np.nanmax(radius, initial=0.0) < _LARGEST else None  # some files have um
+    return _rows(time, radius, radius_unit=unit, notes=tuple(notes), hints=hints, time_unit="s")
 
 
 def _shifted(variables: Variables) -> list[RadiusCurve]:

@@ -22,7 +22,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io.files import guarded
-from cavirheo.io.formats import TIME_UNITS, CellTexts, is_number
+from cavirheo.io.formats import TIME_UNITS
 from cavirheo.io.tables import Name, Term, Vocabulary, read_columns
 
 SIZE = "R_max"  # the word
@@ -32,9 +32,7 @@ _DECLARED = Vocabulary(
     {"any": Term("")},
     "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
     dict.fromkeys(("columns", "empty"), "column.head") | dict.fromkeys(("number", "comma", "width"), "column.number"),
-    fallback=lambda _: Name("any"),
-    marks="#",
-    declared=True,
+    fallback=lambda title: Name("any" if title else ""),
 )
 
 
@@ -112,7 +110,9 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
     """The title of the numbers, and the number of each name. Raises InputError: the file is no such table."""
     path = Path(path)
     with guarded(path):
-        (table,) = read_columns(path, _DECLARED, _are_titles)
+        (table,) = read_columns(path, _DECLARED, ["any"])
+        two = len(table.titles) == 2 and len(table.columns) == 2
+        require(two, f"the titles are {', '.join(table.titles[:3])}; {_DECLARED.expected}", "column.head")
         names, numbers = table.columns
         values: dict[str, float] = {}
         for (line, texts), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
@@ -121,10 +121,6 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
             require(name not in values, f"line {line}: {name} is there twice", "column.twice")
             values[name] = float(value)
     return numbers.title, values
-
-
-def _are_titles(texts: CellTexts) -> bool:
-    return len(texts) == 2 and all(texts) and not any(map(is_number, texts))
 
 
 def listed(names: Sequence[str]) -> str:

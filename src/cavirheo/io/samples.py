@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,10 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
-from cavirheo.messages import UNIT, Message
+from cavirheo.messages import Message
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a stand-in until R_max is given
 _PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most
-_FEWEST_STEPS = 5  # that tell even ones from chance
 _ABSURD = 1e9  # in any unit; larger numbers are damage and would overflow later
 _SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
 _NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (denormals in one published file)
@@ -29,7 +28,7 @@ class _Remarks:
 
     notes: list[str]
     hints: list[str]
-    warnings: list[Message]
+    warnings: list[Message] = field(default_factory=list)
 
     def hint(self, text: str) -> None:
         self.hints.append(text)
@@ -54,43 +53,36 @@ def make_curve(
     time_unit: str | None = None,
     radius_unit: str | None = None,
     notes: Sequence[str] = (),
-    warnings: Sequence[Message] = (),
     fields: Mapping[str, Any] | None = None,
     **meta: Any,
 ) -> RadiusCurve:
     """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
 
     Frames with NaN or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left out; frames
-    are sorted by time; frames of one time are averaged. Each is counted in the notes; a unit that the size contradicts,
-    and times out of order, are among the curve's `warnings` too. The curve is `unusable` where time and radius are
-    swapped. fields: other fields of the curve.
+    are sorted by time; frames of one time are averaged. Each is counted in the notes; times out of order are among the
+    curve's `warnings` too. A unit that the size contradicts is no scale. fields: other fields of the curve.
 
     Raises:
         InputError: no unit of time is given and it cannot be told.
     """
     t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
-    remarks = _Remarks(list(notes), list(meta.pop("hints", ())), list(warnings))
-    fields = {**(fields or {}), "warnings": tuple(warnings)}
+    remarks, fields = _Remarks(list(notes), list(meta.pop("hints", ()))), dict(fields or {})
     if len(t) != len(r) or len(std) != len(r):
         return unusable(f"{len(t)} times but {len(r)} radii", fields, **meta)
-    if swapped(t, r):
-        reason = f"time and radius seem to be swapped: the times go back in {np.count_nonzero(np.diff(t) < 0)} of "
-        reason += f"{len(t) - 1} steps, and the radii rise in even steps, as times do: exchange the two columns, or "
-        return unusable(f"{reason}their titles", fields, **meta)
     t, r, std = _in_seconds(t, r, std, time_unit, remarks)
     r, std, unscaled = _in_metres(r, std, radius_unit, remarks)
     t, r, std = _in_order(t, r, std, remarks)
     steps = np.diff(t)
-    if len(steps) > 1 and np.median(steps) and _even(steps):
-        meta.setdefault("frame_rate_hz", 1.0 / float(np.median(steps)))
+    step = float(np.median(steps)) if len(steps) > 1 else 0.0
+    if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:
+        meta.setdefault("frame_rate_hz", 1.0 / step)
     meta["notes"] = (*remarks.notes, unscaled) if unscaled else tuple(remarks.notes)
     meta |= {"hints": tuple(remarks.hints)} if remarks.hints else {}
     try:
-        fields = {"unscaled": unscaled, **fields, "warnings": tuple(remarks.warnings)}
-        return RadiusCurve(t, r, std, meta, **fields)
+        fields = {"unscaled": unscaled, **fields}
+        return RadiusCurve(t, r, std, meta, **fields, warnings=tuple(remarks.warnings))
     except InputError as error:  # of no bubble: the others of its file are answered
-        fields["warnings"] = tuple(warnings)
         return unusable(str(error), fields, **meta)
 
 
@@ -98,10 +90,9 @@ def _in_seconds(
     t: Floats, r: Floats, std: Floats, unit: str | None, remarks: _Remarks
 ) -> tuple[Floats, Floats, Floats]:
     """The frames that have a time, in s."""
-    remarks.notes += _absurd("times", t)
-    if missing := np.count_nonzero(np.isnan(t)):
-        remarks.notes.append(f"{missing} of {len(t)} frames without a time left out")
     timed = np.abs(t) < _ABSURD
+    if missing := np.count_nonzero(~timed):
+        remarks.notes.append(f"{missing} of {len(t)} frames without a time left out")
     t, r, std = t[timed], r[timed], std[timed]
     if unit is None:
         unit = _guess_time_unit(t)
@@ -111,18 +102,15 @@ def _in_seconds(
 
 def _in_metres(r: Floats, std: Floats, unit: str | None, remarks: _Remarks) -> tuple[Floats, Floats, str]:
     """(radii in m, NaN where there is none; their deviations; why there is no scale)."""
-    missing = np.count_nonzero(np.isnan(r))
-    remarks.notes += _absurd("radii", r)
     r = np.where(np.abs(r) < _ABSURD, r, np.nan)
-    scale, remark, unscaled = _radius_scale(_largest(r), unit)
+    missing = np.count_nonzero(np.isnan(r))
+    scale, hint, unscaled = _radius_scale(_largest(r), unit)
     r, std = r * scale, std * scale
     std[~(std > 0)] = np.nan
     empty = r < _NO_BUBBLE
     r[empty] = np.nan
-    if isinstance(remark, Message):
-        remarks.warn(remark)
-    elif remark:
-        remarks.hint(remark)
+    if hint:
+        remarks.hint(hint)
     remarks.notes += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
     remarks.notes += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
     return r, std, unscaled
@@ -141,35 +129,12 @@ def _in_order(t: Floats, r: Floats, std: Floats, remarks: _Remarks) -> tuple[Flo
     return t, r, std
 
 
-def swapped(time: Floats, radius: Floats) -> bool:
-    """Whether times (n,) go back while radii rise in even steps from the first to the last, as times do."""
-    steps = np.diff(radius[np.isfinite(radius)])
-    if len(steps) < _FEWEST_STEPS or not np.all(steps > 0) or not np.any(np.diff(time) < 0):
-        return False
-    return _even(steps)
-
-
-def _even(steps: Floats) -> bool:
-    """Whether most steps are as long as the median one."""
-    step = float(np.median(steps))
-    return bool(np.mean(np.abs(steps - step) < 0.01 * step) > 0.5)
-
-
-def _absurd(what: str, values: Floats) -> list[str]:
-    """A note where numbers are too large for any time or radius."""
-    wrong = values[np.abs(values) >= _ABSURD]
-    message = f"{len(wrong)} of {len(values)} {what} are numbers that no recording has (the first: {{:.4g}})"
-    return [message.format(wrong[0]) + ": taken as not measured"] if len(wrong) else []
-
-
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
     """The mean of what is known of each run of values that begins at one of the indices `first`."""
-    means = values[first]
-    for k in np.flatnonzero(np.diff(first, append=len(values)) > 1):
-        run = values[first[k] : first[k + 1] if k + 1 < len(first) else None]
-        finite = run[np.isfinite(run)]
-        means[k] = finite.mean() if finite.size else np.nan
-    return means
+    known = np.isfinite(values)
+    count = np.add.reduceat(known.astype(int), first)
+    total = np.add.reduceat(np.where(known, values, 0.0), first)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _largest(r: Floats) -> float:
@@ -178,9 +143,8 @@ def _largest(r: Floats) -> float:
     return float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))
 
 
-def _radius_scale(largest: float, unit: str | None) -> tuple[float, Message | str, str]:
-    """(metres per number, a warning or a note, why there is no scale) from the largest radius and the unit given, if
-    any."""
+def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
+    """(metres per number, a note, why there is no scale) from the largest radius and the unit given, if any."""
     if unit == "px":
         return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"
     fits = [u for u in ("m", "mm", "um") if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
@@ -189,10 +153,10 @@ def _radius_scale(largest: float, unit: str | None) -> tuple[float, Message | st
     words = f"the radius is given in {unit}" if unit else "no unit is given for the radius"
     if 0.8 < largest < 1.25:  # rather R/R_max than a bubble of 1 mm
         return 1e-6, "", f"{words}, but its largest value {largest:.4g} looks like R/R_max"
-    if len(fits) != 1:
-        return 1e-6, "", f"{words}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
-    warning = Message(UNIT, {"given": unit, "largest": largest, "taken": fits[0]})
-    return RADIUS_UNITS[fits[0]], warning if unit else f"{words}: taken as {fits[0]} from its size", ""
+    if unit or not fits:
+        only = f"; it only makes sense in {fits[0]}" if fits else ""
+        return 1e-4 / largest, "", f"{words}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm{only}"
+    return RADIUS_UNITS[fits[0]], f"{words}: taken as {fits[0]} from its size", ""
 
 
 def _guess_time_unit(t: Floats) -> str:

@@ -2,8 +2,7 @@
 
 A vocabulary holds the quantities that columns may have, the words that name each, as people write them (`R [um]`,
 `Zeit / µs`), and its units. Titles are found below whatever stands above them, with units in them or in the row below.
-Rows of means, sums and the like at the end are no measurements; a first column without a title numbers the rows.
-Everything that is left out or recognised is counted in `notes`.
+Everything that is left out or recognised is counted in `notes`; rows of means, sums and the like are refused.
 """
 
 from __future__ import annotations
@@ -26,6 +25,7 @@ from cavirheo.io.formats import (
     Row,
     Sheet,
     is_number,
+    names_columns,
     number,
     plain,
     plain_title,
@@ -34,17 +34,9 @@ from cavirheo.io.formats import (
     unit_of,
 )
 
-Need = Sequence[str] | Callable[[CellTexts], bool]
 _LONGEST = 120  # characters of a title; more is a sentence, and takes time
-_SUMMARIES = {  # as `plain_title` writes them
-    word
-    for words in (
-        "mean average avg median sum total std sd stdev stddev standarddeviation min max minimum maximum",
-        "mittel mittelwert durchschnitt summe gesamt standardabweichung moyenne mediane somme ecarttype",
-        "media promedio suma mediana desviacionestandar desviaciontipica 平均 平均值 合計 标准差 標準偏差",
-    )
-    for word in words.split()
-}
+# of rows that are no measurements, as `plain_title` writes them
+_SUMMARIES = "mean average avg median sum total std sd stdev stddev min max mittel mittelwert summe moyenne media"
 _LISTED = 8  # titles in a message
 _SPACES_AND_BRACKETS = re.compile(r"[\s\[\]()]+")
 
@@ -68,24 +60,17 @@ class Term:
     label: str = ""  # its name in messages
     hint: str = ""  # how to write its unit, where it is missing
     twice: str = "keep the one that counts"  # how to mend a table with two columns of it
-    symbols: str = ""  # titles, as `words`, that count only with a unit
 
 
 @dataclass(frozen=True, eq=False)
 class Vocabulary:
-    """What the columns of a table may hold, by kind, and how the table is laid out.
-
-    A declared table is typed by a person: its first line has the titles, every other one counts. A measured one may
-    have other lines above its titles, units below them, and means and sums at its end. With sections a file holds
-    several tables, each under its own titles.
-    """
+    """What the columns of a table may hold, by kind. With sections a file holds several tables, each under its own
+    titles."""
 
     terms: Mapping[str, Term]
     expected: str  # in a table, for messages
     codes: Mapping[str, str] = field(default_factory=dict)  # of errors, where they are not "tabular.…"
     fallback: Callable[[str], Name] | None = None  # what a title names that no term does
-    marks: str = "#%"  # that begin a comment
-    declared: bool = False
     sections: bool = False
     bare: bool = False  # whether numbers without titles are a table, too
 
@@ -109,9 +94,8 @@ class Vocabulary:
                     return Name(kind, spelling)
             if re.fullmatch(r"\s*[\[(][^\[\]()]+[\])]\s*", text[cut.start() :]):
                 with_foreign_unit = Name(kind, written)
-        whole = plain_title(text)
-        kind = self._kinds.get(whole)
-        return Name(kind) if kind and whole not in self.terms[kind].symbols.split() else with_foreign_unit
+        kind = self._kinds.get(plain_title(text))
+        return Name(kind) if kind else with_foreign_unit
 
     def code(self, mistake: str) -> str:
         return self.codes.get(mistake, f"tabular.{mistake}")
@@ -125,8 +109,7 @@ class Vocabulary:
 
     @cached_property
     def _kinds(self) -> dict[str, str]:
-        words = ((kind, f"{term.words} {term.symbols}".split()) for kind, term in self.terms.items())
-        return {plain_title(word): kind for kind, titles in words for word in titles}
+        return {plain_title(word): kind for kind, term in self.terms.items() for word in term.words.split()}
 
 
 @lru_cache(4096)
@@ -207,7 +190,6 @@ class Table:
     titles: CellTexts  # as they are written, with units from the row below
     rows: list[Row]  # of data
     notes: list[str]  # what was left out or recognised
-    above: list[str]  # the lines over the titles, and comments
     line: int = 1  # number of that of the titles
     sheet: str = ""  # its name in a workbook
 
@@ -245,13 +227,13 @@ def single(columns: Sequence[Column]) -> Column | None:
     return columns[0] if columns else None
 
 
-def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
+def read_columns(path: Path, vocabulary: Vocabulary, need: Sequence[str]) -> list[Table]:
     """The table of a text file or of a workbook's first sheet; with sections all tables of all sheets.
 
     Args:
         path: text of any dialect (formats.py), .xlsx, .xls, .xlsb or .ods.
         vocabulary: what columns may hold.
-        need: columns whose titles are a header, "time|frame" for one of two; or what tells a header.
+        need: columns whose titles are a header, "time|frame" for one of two.
 
     Returns:
         The tables, at least one; no row has more cells than there are titles.
@@ -263,16 +245,14 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
     """
 
     def is_header(texts: CellTexts) -> bool:
-        if callable(need):
-            return need(texts)
         kinds = {vocabulary.name(cell).kind for cell in texts}
         return all(not kinds.isdisjoint(needed.split("|")) for needed in need)
 
-    sheets = read_sheets(path, is_header, most=None if vocabulary.sections else 1, marks=vocabulary.marks)
+    sheets = read_sheets(path, is_header, most=None if vocabulary.sections else 1)
     tables = [table for sheet in sheets for table in _tables(sheet, vocabulary, is_header)]
     rows = [row.texts for sheet in sheets for row in sheet.rows]
     if not tables and vocabulary.bare and rows and all(map(is_number, rows[0])):
-        return [Table(vocabulary, [], sheets[0].rows, list(sheets[0].notes), [], sheet=sheets[0].name)]
+        return [Table(vocabulary, [], sheets[0].rows, list(sheets[0].notes), sheet=sheets[0].name)]
     if not tables:
         raise _no_titles(rows, vocabulary, need)
     filled = "rows" not in vocabulary.codes or any(table.rows for table in tables)
@@ -280,60 +260,43 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
     return tables
 
 
-def _no_titles(rows: list[CellTexts], vocabulary: Vocabulary, need: Need) -> InputError:
+def _no_titles(rows: list[CellTexts], vocabulary: Vocabulary, need: Sequence[str]) -> InputError:
     """That no row is a header: the row that is closest to one, and what it lacks."""
     if not rows:
         return InputError(f"no rows of data; {vocabulary.expected}", vocabulary.code("empty"))
-    data = (k for k, row in enumerate(rows) if all(map(is_number, row)) and any(re.search(r"\d", c) for c in row))
-    above_data = max(next(data, 1) - 1, 0)
-    kinds = [{vocabulary.name(cell).kind for cell in row} - {""} for row in rows]
-    closest = max(range(len(rows)), key=lambda k: (len(kinds[k]), k == above_data))
-    titles = ", ".join(repr(title[:30]) for title in rows[closest][:_LISTED])
-    missing = [] if callable(need) else [kind for kind in need if kinds[closest].isdisjoint(kind.split("|"))]
+    closest = max(rows, key=lambda row: len({vocabulary.name(cell).kind for cell in row} - {""}))
+    kinds = {vocabulary.name(cell).kind for cell in closest}
+    titles = ", ".join(repr(title[:30]) for title in closest[:_LISTED])
+    missing = [kind for kind in need if kinds.isdisjoint(kind.split("|"))]
     names = " and ".join(vocabulary.label(kind.split("|")[0]) for kind in missing)
-    lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}" if missing else f"the titles are {titles}"
+    lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}"
     return InputError(f"{lack}; {vocabulary.expected}", vocabulary.code("columns"))
 
 
 def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[CellTexts], bool]) -> Iterator[Table]:
-    """The tables of a sheet: one declared in its first line, the first one, or with sections each one."""
-    headers = (k for k, row in enumerate(sheet.rows) if not all(map(is_number, row.texts)) and is_header(row.texts))
+    """The tables of a sheet: the first one, or with sections each one. Raises InputError as `read_columns`."""
+    headers = (k for k, row in enumerate(sheet.rows) if names_columns(row.texts, is_header))
     starts = list(headers if vocabulary.sections else islice(headers, 1))
     for at, end in zip(starts, [*starts[1:], None], strict=False):
-        titles, rows, notes = sheet.rows[at].texts, sheet.rows[at + 1 : end], list(sheet.notes)
-        if vocabulary.declared:
-            if at:
-                return
-            if len(titles) == 1:  # nothing separates columns
-                rows = [Row(row.number, [" ".join(row.texts)]) for row in rows]
-        else:
-            notes += [f"{_lines(at)} above the titles left out"] if at and not vocabulary.sections else []
-            titles, rows, more = _measured(titles, rows, vocabulary)
-            notes += more
-        if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
-            message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
-            message += ": is a comma decimal, or part of a text that needs quotes?"
-            raise InputError(message, vocabulary.code("width"))
-        above = [*sheet.comments, *(" ".join(row.texts) for row in sheet.rows[: min(at, 1000)])]
-        yield Table(vocabulary, titles, rows, notes, above, sheet.rows[at].number, sheet.name)
-
-
-def _measured(titles: CellTexts, rows: list[Row], vocabulary: Vocabulary) -> tuple[CellTexts, list[Row], list[str]]:
-    """(titles with units, the rows that are measurements, notes) of what stands below the titles."""
-    titles, below = _with_units(titles, rows, vocabulary)
-    units = ", ".join(cell for row in below for cell in row.texts if cell)
-    notes, rows = [f"units from the row below the titles: {units}"] if units else [], rows[len(below) :]
-    if vocabulary.sections:
-        rows = list(takewhile(lambda row: not _begins_section(row), rows))
-    rows, summary = _without_summary(rows)
-    notes += summary
-    if _first_numbers_rows(titles, rows):
-        return ["", *titles], rows, [*notes, "a first column without a title, which numbers the rows, left out"]
-    return titles, rows, notes
-
-
-def _lines(count: int) -> str:
-    return f"{count} line" + "s" * (count > 1)
+        rows, notes = sheet.rows[at + 1 : end], list(sheet.notes)
+        notes += [f"{at} line{'s' * (at > 1)} above the titles left out"] if at and not vocabulary.sections else []
+        titles, below = _with_units(sheet.rows[at].texts, rows, vocabulary)
+        rows = rows[len(below) :]
+        units = ", ".join(cell for row in below for cell in row.texts if cell)
+        notes += [f"units from the row below the titles: {units}"] if units else []
+        if vocabulary.sections:
+            rows = list(takewhile(lambda row: not _begins_section(row), rows))
+        for row in rows:
+            if any(row.texts[len(titles) :]):
+                message = f"row {row.number} has {len(row.texts)} cells, the header {len(titles)}"
+                message += ": is a comma decimal, or part of a text that needs quotes?"
+                raise InputError(message, vocabulary.code("width"))
+        measured = any(map(vocabulary.units, (vocabulary.name(title).kind for title in titles)))
+        last = rows[-1].texts if rows and measured else []
+        if word := next((cell for cell in last if plain_title(cell) in _SUMMARIES.split()), ""):
+            message = f"row {rows[-1].number} is a {word} and no measurement: remove it, and others like it"
+            raise InputError(message, vocabulary.code("summary"))
+        yield Table(vocabulary, titles, rows, notes, sheet.rows[at].number, sheet.name)
 
 
 def _begins_section(row: Row) -> bool:
@@ -371,31 +334,3 @@ def _are_words(titles: CellTexts, texts: CellTexts, vocabulary: Vocabulary) -> b
     words = [cell for cell, of_kind in measured if unit_of(cell.strip("[]() "), of_kind) is None or not is_number(cell)]
     words = words or (texts if vocabulary.sections else [])
     return not all(map(is_number, words)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in words)
-
-
-def _without_summary(rows: list[Row]) -> tuple[list[Row], list[str]]:
-    """(the rows without those of a mean, a sum and the like at their end, a note if there were any).
-
-    A word that comes twice is the name of something.
-    """
-    words: list[str] = []
-    for row in reversed(rows):
-        word = next((cell for cell in row.texts if plain_title(cell) in _SUMMARIES), None)
-        if word is None:
-            break
-        words.insert(0, word)
-    if not words or len(set(map(plain_title, words))) < len(words):
-        return rows, []
-    return rows[: -len(words)], [f"{_lines(len(words))} of {', '.join(words)} at the end left out"]
-
-
-def _first_numbers_rows(titles: CellTexts, rows: list[Row]) -> bool:
-    """Whether each row has one cell more than there are titles, and the first ones count the rows.
-
-    Without any decimal point the further cell may as well come from decimal commas.
-    """
-    if len(rows) < 2 or not all(len(row.texts) == len(titles) + 1 for row in rows):
-        return False
-    firsts = [int(row.texts[0]) if row.texts[0].isdecimal() else -9 for row in rows]
-    counted = firsts == list(range(firsts[0], firsts[0] + len(rows))) and firsts[0] in (0, 1)
-    return counted and any(row.texts[-1] for row in rows) and any("." in cell for row in rows for cell in row.texts)

@@ -23,7 +23,7 @@ from cavirheo.physics.law import Material
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.physics.scales import ABSENT, Numbers, dimensionless
-from cavirheo.physics.simulation import INSIST, Contents, Simulation
+from cavirheo.physics.simulation import Contents, Simulation
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import Newtonian
 
@@ -35,6 +35,7 @@ GROWTH_TIME = np.linspace(0.0, 4.0, 401)  # in t_c: an impulse turns within abou
 GROWTH_ERROR = (1e-7, 1e-5)
 GROWTH_NEAR = 0.03  # of R^3, from which memories follow from those of other impulses
 LARGEST_IMPULSE = 1e9  # impulse over stretch^3
+_INSIST = " (if it is meant: unusual=True)"
 _EXAMPLE = "NeoHookeanKelvinVoigt(shear_modulus=8e3, viscosity=0.05)"
 
 
@@ -83,8 +84,8 @@ def simulate(
     _check(material, bubble, accuracy, driving, fields)
     within(POSITIVE, "max_radius", max_radius)
     if not unusual:
-        RADIUS.check("max_radius", max_radius, "physics.max_radius", INSIST)
-        DURATION.check("the last time", float(times[-1]), "physics.times_unit", INSIST)
+        RADIUS.check("max_radius", max_radius, "physics.max_radius", _INSIST)
+        DURATION.check("the last time", float(times[-1]), "physics.times_unit", _INSIST)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
     t_c = medium.time_scale(max_radius)
     solution = _solve(numbers, material, times, t_c, accuracy, relaxed=relaxed, fields=fields)
@@ -102,7 +103,6 @@ def simulate(
         status=status,
         stats={"steps": int(steps), "rejected": int(rejected), "gas_drift": gas_drift},
         contents=_contents(solution, medium, numbers) if fields else None,
-        unusual=True,  # looked at before
     )
 
 

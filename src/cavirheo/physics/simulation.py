@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, InitVar, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.landmarks import turning_points
-from cavirheo.parameters import DURATION, RADIUS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-
-INSIST = " (if it is meant: unusual=True)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +47,6 @@ class Simulation:
         status: "ok", or what went wrong and where.
         stats: steps, rejected, gas_drift (relative change of the gas in the bubble).
         contents: fields in the bubble, if they were asked for.
-        unusual: accept times and radii that hardly a bubble has in s and m; otherwise InputError. It is not kept.
     """
 
     time: Floats
@@ -63,14 +58,6 @@ class Simulation:
     status: str
     stats: dict[str, float]
     contents: Contents | None = None
-    _: KW_ONLY
-    unusual: InitVar[bool] = False
-
-    def __post_init__(self, unusual: bool) -> None:
-        solved = self.radius[np.isfinite(self.radius)]
-        if solved.size and not unusual:
-            RADIUS.check("radius", float(np.median(solved)), "physics.radius_unit", INSIST)
-            DURATION.check("the last time", float(np.max(self.time)), "physics.times_unit", INSIST)
 
     def __repr__(self) -> str:
         solved = np.isfinite(self.radius)

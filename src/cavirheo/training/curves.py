@@ -25,8 +25,8 @@ from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import simulate
 from cavirheo.prior import uniforms
-from cavirheo.training.posterior_recipe import PosteriorTable, sampled_parameters
-from cavirheo.training.shards import Layout, Rows, StoredRows
+from cavirheo.training.recipe import PosteriorTable, sampled_parameters
+from cavirheo.training.shards import Layout, Rows
 
 PER_FILE = 1000
 NODES = 512
@@ -39,8 +39,8 @@ class CurveStore:
     """Many curves. time, radius: (n, NODES) as whole numbers, perhaps on the disk; z: (n, 9); kind: (n,) index of
     law and bubble; max_radius: (n,) m."""
 
-    time: NDArray[np.uint16] | StoredRows
-    radius: NDArray[np.uint16] | StoredRows
+    time: NDArray[np.uint16]
+    radius: NDArray[np.uint16]
     z: NDArray[np.float32]
     kind: NDArray[np.uint8]
     max_radius: NDArray[np.float32]
@@ -62,8 +62,7 @@ def curves_layout(table: PosteriorTable) -> Layout:
     summary = [f"{law}: {share:.0%} of the curves" for law, share in sorted(table.laws.items())]
     summary += [f"bubble {name}: {share:.0%}" for name, share in sorted(table.bubbles.items())]
     summary.append(f"R_max {low:g} to {high:g} um")
-    packing = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-    return Layout(problem, PER_FILE, COLUMNS, partial(simulated_curves, table), lambda values: packing, summary)
+    return Layout(problem, PER_FILE, COLUMNS, partial(simulated_curves, table), summary)
 
 
 def simulated_curves(table: PosteriorTable, seed: int, block: range) -> Rows:
@@ -85,11 +84,6 @@ def simulated_curve(table: PosteriorTable, seed: int, index: int) -> tuple[Any, 
     family, names = Family(law), sampled_parameters(law, bubble_name)
     bounds = np.array([PARAMETERS[name].searched for name in names])
     low, high = (1e-6 * end for end in table.max_radius_um)
-    if table.more is not None and draws[7] < table.more.share:
-        ranges = table.more.ranges
-        low, high = ranges.get("max_radius", (low, high))
-        for i, name in enumerate(names):
-            bounds[i] = np.log10(ranges[name]) if name in ranges else bounds[i]
     log10 = bounds[:, 0] + draws[2 : 2 + len(names)] * (bounds[:, 1] - bounds[:, 0])
     max_radius = float(low * (high / low) ** draws[1])
     z = to_latent(names, log10[None])[0]

@@ -20,7 +20,8 @@ from functools import cached_property, partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +31,11 @@ from cavirheo.errors import require
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
-from cavirheo.training.shards import FileKind, Layout, Rows, Shard, StoredRows, blocks, fill, read_shard
+from cavirheo.training.curves import CurveStore, curves_layout
+from cavirheo.training.recipe import PosteriorTable
+from cavirheo.training.shards import FileKind, Layout, Rows, Shard, fill, read_shard
 from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
-
-if TYPE_CHECKING:
-    from cavirheo.training.curves import CurveStore
-    from cavirheo.training.posterior_recipe import PosteriorTable
 
 Indices = NDArray[np.int64]
 
@@ -52,12 +51,7 @@ def grid_layout(problem: TrainingProblem) -> Layout:
     summary = [f"curves of {frames} frames: {problem.material_name} in {problem.medium.name}"]
     summary += [f"{name}: {low:g} to {high:g}" for name, low, high in ranges]
     columns = {"theta": (np.float64, (len(prior.names),)), "radius": (np.float32, (frames,)), "status": (object, ())}
-    return Layout(json.dumps(problem.to_dict()), SHARD, columns, partial(_simulated, problem), _checked, summary)
-
-
-def _checked(values: NDArray[Any]) -> dict[str, Any]:
-    """With a checksum, by which HDF5 refuses numbers that were damaged."""
-    return {"chunks": values.shape, "fletcher32": True}
+    return Layout(json.dumps(problem.to_dict()), SHARD, columns, partial(_simulated, problem), summary)
 
 
 def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
@@ -70,15 +64,8 @@ def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
     return {"theta": theta, "radius": radius.astype(np.float32), "status": status}
 
 
-def _curves_layout(table: PosteriorTable | Mapping[str, Any]) -> Layout:
-    from cavirheo.training.curves import curves_layout  # compiles: other trainings need not wait
-    from cavirheo.training.posterior_recipe import PosteriorTable
-
-    return curves_layout(PosteriorTable.model_validate(table))
-
-
 GRID = FileKind("shard", "problem", lambda problem: grid_layout(TrainingProblem.from_dict(problem)))
-CURVES = FileKind("curves", "posterior", _curves_layout)
+CURVES = FileKind("curves", "posterior", lambda table: curves_layout(PosteriorTable.model_validate(table)))
 
 
 @dataclass(frozen=True)
@@ -130,7 +117,7 @@ class Dataset:
     seed: int
     made_by: str
     theta: Floats
-    radius: NDArray[np.float32] | StoredRows
+    radius: NDArray[np.float32]
     status: NDArray[np.str_]
 
     @property
@@ -148,8 +135,7 @@ class Dataset:
         """Identity of the content, whatever the shards."""
         digest = hashlib.sha256(f"{self.problem.id} {self.seed} {' '.join(self.status)}".encode())
         for values in (self.theta, self.radius):
-            for block in blocks(values):
-                digest.update(np.ascontiguousarray(block).tobytes())
+            digest.update(np.ascontiguousarray(values).data)
         return digest.hexdigest()
 
     def truth(self, names: Sequence[str]) -> Floats:
@@ -189,7 +175,7 @@ def generate(
     if isinstance(problem, TrainingProblem):
         kind, layout = GRID, grid_layout(problem)
     else:
-        kind, layout = CURVES, _curves_layout(problem)
+        kind, layout = CURVES, curves_layout(problem)
     part, parts = shard
     message = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"
     require(n >= 1 and 1 <= part <= parts, message, "dataset.shard")
@@ -229,9 +215,7 @@ def load_curves(problem: PosteriorTable, data_dir: str | Path, scratch: Path) ->
     Raises:
         InputError: none, some missing or damaged, or made with another recipe.
     """
-    expected = {"posterior": _curves_layout(problem).problem, "made_by": version("cavirheo")}
-    from cavirheo.training.curves import CurveStore
-
+    expected = {"posterior": curves_layout(problem).problem, "made_by": version("cavirheo")}
     return CurveStore(**_load(data_dir, CURVES, expected, scratch, ("time", "radius"))[1])
 
 
@@ -263,20 +247,28 @@ def _load(
     require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
     foreign = sorted(names - {*map(kind.name, range(len(starts)))})
     require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
-    stored: dict[str, StoredRows] = {}
+    files: dict[str, Any] = {}
     if scratch is not None:
         _check_space(layout, total, shutil.disk_usage(scratch).free, f"on the disk of {scratch}")
-        stored = {name: StoredRows(scratch, layout.columns[name][1][0], layout.columns[name][0]) for name in wide}
+        files = {name: TemporaryFile(dir=scratch) for name in wide}  # noqa: SIM115  gone with the arrays mapped to it
     elif hasattr(os, "sysconf"):  # all but Windows
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
         _check_space(layout, 2 * total, memory, "of memory")  # read, and joined
-    parts: dict[str, list[Any]] = {name: [] for name in layout.columns if name not in stored}
+    parts: dict[str, list[Any]] = {name: [] for name in layout.columns if name not in files}
+    count = 0
     for shard in _shards(paths, kind, expected):
-        for name, rows in stored.items():
-            rows.append(shard.rows[name])
+        count += len(next(iter(shard.rows.values())))
+        for name, file in files.items():
+            file.write(shard.rows[name].tobytes())
         for name, values in parts.items():
             values.append(shard.rows[name])
-    return first, stored | {name: np.concatenate(values) for name, values in parts.items()}
+    require(count > 0, f"{data_dir}: every simulation of this set failed", "dataset.none")
+    columns = {name: np.concatenate(values) for name, values in parts.items()}
+    for name, file in files.items():
+        file.flush()
+        number, shape = layout.columns[name]
+        columns[name] = np.asarray(np.memmap(file, number, "r", shape=(count, *shape)))
+    return first, columns
 
 
 def _paths(data_dir: str | Path, kind: FileKind) -> list[Path]:

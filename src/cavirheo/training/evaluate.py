@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.inference.model import Network
-from cavirheo.parallel import Executor
-from cavirheo.parameters import LOG10, natural_name, parameter_of
-from cavirheo.training import figures
+from cavirheo.parameters import LOG10, natural, natural_name, parameter_of
+from cavirheo.prior import Prior
 from cavirheo.training.dataset import Dataset, load
-from cavirheo.training.documents import Metrics
-from cavirheo.training.metrics import breakdown, metrics
 from cavirheo.training.recipe import difference
-from cavirheo.training.robustness import robustness
-from cavirheo.writing.document import Outputs, write_json
-from cavirheo.writing.style import available
+from cavirheo.writing.document import Document, Outputs, write_json
+from cavirheo.writing.style import BLUE, INK, available
 
+PICTURE = "predicted.png"
+BINS = 4  # of a parameter whose prior is not logarithmic; the others are cut by decades
 # heading and format of each column
 METRICS = {
     "r2": ("R²", ".4f"),
@@ -43,31 +42,79 @@ _ROW = {
 }
 
 
-def evaluate(
-    model: Path,
-    data_dir: Path,
-    out_dir: Path | None = None,
-    *,
-    robust: bool = False,
-    progress: bool = True,
-    executor: Executor | None = None,
-    **head: Any,
-) -> dict[str, Any]:
-    """Judge an exported model (.onnx with its card) on a set; tables and the paper's figures go into `out_dir`.
+class Metrics(Document):
+    """How good a model is on simulated curves.
+
+    Attributes:
+        model: name of the network.
+        data: which set it was judged on.
+        part: "test", the test part of the set that it was trained on, or "all" curves of another set.
+        curves: how many.
+        failures: of simulations of the set, by reason.
+        outputs: what the network answers.
+        metrics: of each output, in the scale of the prior.
+        breakdown: of each output, where in the prior its error sits.
+        figures: names of their files.
+    """
+
+    kind: Literal["metrics"] = "metrics"
+    model: str
+    data: dict[str, Any]
+    part: str
+    curves: int
+    failures: dict[str, int]
+    outputs: list[str]
+    metrics: dict[str, Any]
+    breakdown: dict[str, Any]
+    figures: list[str] = []
+
+
+class TrainingRun(Document):
+    """A finished training of a network.
+
+    Attributes:
+        epochs: how often it was validated: a pass over the set, or some steps of a posterior network.
+        best_epoch: of which the weights are.
+        best_validation_loss: of that epoch.
+        seconds: wall time of all epochs.
+        device: where it was trained.
+        parameters: how many weights.
+        history: losses of each epoch, by part.
+        problem_id: of what a network that gives values was trained on.
+        outputs: what it answers.
+        data: the set and its parts.
+        metrics: of each output on the test part.
+    """
+
+    kind: Literal["training"] = "training"
+    epochs: int
+    best_epoch: int
+    best_validation_loss: float
+    seconds: float
+    device: str
+    parameters: int
+    history: dict[str, list[float]]
+    problem_id: str = ""
+    outputs: list[str] = []
+    data: dict[str, Any] = {}
+    metrics: dict[str, dict[str, float]] = {}
+
+
+def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, **head: Any) -> dict[str, Any]:
+    """Judge an exported model (.onnx with its card) on a set; tables and the paper's figure go into `out_dir`.
 
     On the set that it was trained on, or one of the same draws made anew, only the test part counts; on any other,
-    every usable curve. `robust` films the curves anew (robustness.py): minutes of simulation, the answers found by
-    the executor if one is given. head: `command` and `date` of the document.
+    every usable curve. head: `command` and `date` of the document.
 
     Returns:
-        What `out_dir`/metrics.json holds; robustness is None unless asked for.
+        What `out_dir`/metrics.json holds.
 
     Raises:
         InputError: the set is of another problem than the model (law, parameters, medium, grid of times, R_max), other
             ranges of its prior apart; it shares draws with the training set without being the whole of it; fewer than
             2 curves.
     """
-    outputs = Outputs(out_dir, "metrics.json", "evaluation.md", *figures.NAMES) if out_dir is not None else None
+    outputs = Outputs(out_dir, "metrics.json", "evaluation.md", PICTURE) if out_dir is not None else None
     network, data = Network(model), load(data_dir)
     of_training = _trained_on(network, data)
     chosen = data.split(network.card["training"]["seed"])["test"] if of_training else np.flatnonzero(data.ok)
@@ -84,13 +131,13 @@ def evaluate(
         "outputs": list(names),
         "metrics": metrics(names, truth, predicted),
         "breakdown": breakdown(names, data.problem.prior, theta, predicted - truth),
-        "robustness": robustness(network, data, chosen, progress, executor) if robust else None,
         "figures": [],
         "notes": _other_ranges(network, data, theta),
     }
     if outputs is not None:
         if available():
-            result["figures"] = figures.draw(outputs, network.card, result, truth, predicted)
+            draw(outputs, result["metrics"], truth, predicted)
+            result["figures"] = [PICTURE]
         else:
             result["notes"].append("no figures, which need matplotlib: pip install 'cavirheo[plot]'")
         outputs.write("metrics.json", write_json, Metrics(**result))
@@ -136,8 +183,8 @@ def _other_ranges(network: Network, data: Dataset, theta: Floats) -> list[str]:
 
 
 def markdown(result: Mapping[str, Any]) -> str:
-    """Tables of an `evaluate` result: metrics, where the squared error sits, and robustness where it was asked for."""
-    outputs, robust = {name: label(name) for name in result["outputs"]}, result["robustness"]
+    """Tables of an `evaluate` result: metrics, and where the squared error sits."""
+    outputs = {name: label(name) for name in result["outputs"]}
     which = "the test part of its own training set" if result["part"] == "test" else "a set it was not trained on"
     text = [f"# {result['model']} on {result['curves']} curves, {which}", ""]
     text += [f"Note: {note}." for note in result["notes"]]
@@ -147,31 +194,35 @@ def markdown(result: Mapping[str, Any]) -> str:
     )
     for name, words in outputs.items():
         text += ["", f"## Where the error of {words} sits", ""]
-        parameters = result["breakdown"][name]["by_parameter"]
+        parameters = result["breakdown"][name]
         lines = [[label(key), *_formatted(row, _ROW)] for key, rows in parameters.items() for row in rows]
         text += _table(["true value of", *_heads(_ROW)], lines)
-    if robust is None:
-        return "\n".join(text) + "\n"
-    ways = {
-        "network": f"network alone, {robust['curves']} curves",
-        "network_same_curves": f"network alone, {robust['answers']} of them",
-        "answer": f"answer of `cavirheo infer`, the same {robust['answers']}",
-        "answer_ok": "of these, answers with the verdict ok",
-    }
-    filmed = {row["recording"]["name"]: row for row in robust["rows"]}
-    for (name, words), (way, title) in product(outputs.items(), ways.items()):
-        text += ["", f"## {words} from worse recordings: {title}", ""]
-        lines = []
-        for how, row in filmed.items():
-            score = row[way]
-            counts = _formatted((score["metrics"] or {}).get(name), METRICS)
-            lines.append([how, *counts, str(score["curves"] - score["failed"])])
-        text += _table(["recording", *_heads(METRICS), "answered"], lines)
-    verdicts = {how: row["answer"]["verdicts"] for how, row in filmed.items()}
-    kinds = sorted({kind for counts in verdicts.values() for kind in counts})
-    lines = [[how, *(str(counts.get(kind, 0)) for kind in kinds)] for how, counts in verdicts.items()]
-    text += ["", "## Verdicts on the answers", "", *_table(["recording", *kinds], lines)]
     return "\n".join(text) + "\n"
+
+
+def draw(folder: Outputs, outputs: Mapping[str, Mapping[str, float]], truth: Floats, predicted: Floats) -> None:
+    """predicted.png: predicted over true values, (curves, outputs) in the prior's scale, of outputs with their metrics.
+
+    Raises InputError if matplotlib is not installed.
+    """
+    require(available(), "the figures need matplotlib: pip install 'cavirheo[plot]'", "figures.matplotlib")
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.3 * len(outputs), 4.4), layout="constrained")
+    panels = figure.subplots(1, len(outputs), squeeze=False)[0]
+    for axes, name, *columns in zip(panels, outputs, truth.T, predicted.T, strict=True):
+        t, p = (natural(name, column) for column in columns)
+        words, unit, logarithmic = natural_name(name).replace("_", " "), parameter_of(name).unit, name.startswith(LOG10)
+        label = f"{words} {parameter_of(name).symbol}" + ("" if unit == "1" else f" ({unit})")
+        ends = [min(t.min(), p.min()), max(t.max(), p.max())]
+        axes.plot(t, p, marker=".", ls="", ms=3.5, mew=0, color=BLUE, alpha=0.5)
+        axes.plot(ends, ends, color=INK, lw=1, label="predicted = true", zorder=1)
+        scale = "log" if logarithmic else "linear"
+        axes.set(xlabel=f"true {label}", ylabel=f"predicted {label}", xscale=scale, yscale=scale)
+        axes.set(xlim=axes.get_ylim(), box_aspect=1)
+        axes.set_title(f"R² = {outputs[name]['r2']:.4f}" + " of the logarithm" * logarithmic, fontsize=10)
+        axes.legend(loc="upper left", frameon=False, fontsize=9)
+    folder.write(PICTURE, lambda path, drawing: drawing.savefig(path, dpi=160), figure)
 
 
 def label(name: str) -> str:
@@ -184,9 +235,8 @@ def _heads(columns: Mapping[str, tuple[str, str]]) -> list[str]:
     return [heading for heading, _ in columns.values()]
 
 
-def _formatted(values: Mapping[str, float | None] | None, columns: Mapping[str, tuple[str, str]]) -> list[str]:
-    chosen = {key: values[key] if values else None for key in columns}
-    return ["-" if value is None else format(value, columns[key][1]) for key, value in chosen.items()]
+def _formatted(values: Mapping[str, float | None], columns: Mapping[str, tuple[str, str]]) -> list[str]:
+    return ["-" if (value := values[key]) is None else format(value, form) for key, (_, form) in columns.items()]
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -195,3 +245,75 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     rule = ["-" * (widths[0] + 1), *("-" * width + ":" for width in widths[1:])]
     form = " | ".join(f"{{:{'>' if k else '<'}{width}}}" for k, width in enumerate(widths))
     return [f"| {form.format(*head)} |", f"|-{'|-'.join(rule)}|", *(f"| {form.format(*row)} |" for row in rows)]
+
+
+def print_metrics(document: Metrics) -> None:
+    """The tables of evaluation.md."""
+    print(markdown(document.model_dump()))
+
+
+def print_run(document: TrainingRun) -> None:
+    """How long it took, and how good it is on its test part."""
+    print(f"{document.epochs} epochs in {document.seconds:.0f} s on {document.device}; best: {document.best_epoch}")
+    for name, score in document.metrics.items():
+        print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
+
+
+def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dict[str, dict[str, float]]:
+    """Metrics of each output from truth and prediction (curves, outputs) in the prior's scale.
+
+    Errors are in that scale (decades for log10 names); `r2_natural` and `median_relative_error` are of the
+    natural values.
+
+    Raises:
+        InputError: fewer than 2 curves, or shapes that do not fit.
+    """
+    truth, predicted = np.asarray(truth, dtype=float), np.asarray(predicted, dtype=float)
+    fine = truth.shape == predicted.shape == (max(len(truth), 2), len(names))
+    shapes = f"got shapes {truth.shape} and {predicted.shape}"
+    require(fine, f"need truth and prediction of 2 curves or more for {', '.join(names)}, {shapes}", "metrics.shape")
+    result = {}
+    for name, t, p in zip(names, truth.T, predicted.T, strict=True):
+        t_natural, p_natural = natural(name, t), natural(name, p)
+        values = {
+            "r2": _r2(t, p),
+            "r2_natural": _r2(t_natural, p_natural),
+            "median_absolute_error": np.median(np.abs(p - t)),
+            "p90_absolute_error": np.quantile(np.abs(p - t), 0.9),
+            "rmse": np.sqrt(np.mean((p - t) ** 2)),
+            "bias": np.mean(p - t),
+            "median_relative_error": np.median(np.abs(p_natural / t_natural - 1.0)),
+        }
+        result[name] = {key: float(value) for key, value in values.items()}
+    return result
+
+
+def breakdown(outputs: Sequence[str], prior: Prior, theta: Floats, error: Floats) -> dict[str, Any]:
+    """The errors (curves, outputs) of predictions over the true theta (curves, parameters), in the prior's scale.
+
+    Returns:
+        Of each output and parameter a row for each bin of the truth: {"low", "high", "curves", "bias", "rmse",
+        "share"}, the last being its part of all squared error of the output. Numbers of an empty bin are None.
+    """
+    result: dict[str, Any] = {output: {} for output in outputs}
+    for name, low, high, values in zip(prior.names, prior.low, prior.high, theta.T, strict=True):
+        count = max(1, round(high - low)) if name.startswith(LOG10) else BINS
+        edges = np.linspace(low, high, count + 1)
+        place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
+        for output, e in zip(outputs, error.T, strict=True):
+            total = max(np.sum(e**2), np.finfo(float).tiny)
+            bins = enumerate(pairwise(edges.tolist()))
+            result[output][name] = [_row(e[place == k], *ends, total) for k, ends in bins]
+    return result
+
+
+def _row(error: Floats, low: float, high: float, total: float) -> dict[str, Any]:
+    row: dict[str, Any] = {"low": low, "high": high, "curves": len(error), "bias": None, "rmse": None}
+    if len(error):
+        row |= {"bias": float(error.mean()), "rmse": float(np.sqrt(np.mean(error**2)))}
+    return row | {"share": float(np.sum(error**2) / total)}
+
+
+def _r2(truth: Floats, predicted: Floats) -> float:
+    """Coefficient of determination: 1 - sum of squared errors over that of the mean as predictor."""
+    return float(1.0 - np.sum((predicted - truth) ** 2) / np.sum((truth - truth.mean()) ** 2))

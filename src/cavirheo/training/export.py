@@ -38,11 +38,9 @@ from cavirheo.physics.media import WATER
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.camera import FASTEST, FEWEST, MOST, SLOWEST
 from cavirheo.training.loop import of_run, read_result, read_tensors, write_text
-from cavirheo.training.network import BubbleTransformer, Standardised
-from cavirheo.training.point_training import scaling
+from cavirheo.training.point_network import BubbleTransformer, Standardised, scaling
 from cavirheo.training.posterior_network import PosteriorNetwork, SequentialDraws
-from cavirheo.training.posterior_recipe import PosteriorRecipe
-from cavirheo.training.recipe import NetworkTable, Recipe, difference
+from cavirheo.training.recipe import NetworkTable, PosteriorRecipe, Recipe, difference
 from cavirheo.writing.document import into, whole
 
 OPSET = 18

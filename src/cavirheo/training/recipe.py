@@ -1,7 +1,7 @@
 """Recipe: one TOML file that says how a shipped model is made, from the problem to the name of the export.
 
-A recipe with the section [posterior] is of a posterior network (posterior_recipe.py), any other of a network that gives
-one value: its sections are the fields of `Recipe`. [prior] holds one [low, high] for each parameter of the material and
+A recipe with the section [posterior] is of a posterior network (`PosteriorRecipe`), any other of a network that gives
+one value (`Recipe`); its sections are the fields. [prior] holds one [low, high] for each parameter of the material and
 for the stretch; `medium` is a name, or a table whose values replace those of the `name` in it (`unusual = true` accepts
 values that no liquid or gel has); [network] may be left out.
 """
@@ -15,18 +15,17 @@ from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from reprlib import repr as short
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError, require, validation_message
 from cavirheo.files import read_bytes
+from cavirheo.inference.latent import BUBBLE_NAMES, CAMERA, COORDINATES, used
+from cavirheo.inference.law import Family
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import Prior
 from cavirheo.problem import FrameGrid, TrainingProblem
-
-if TYPE_CHECKING:
-    from cavirheo.training.posterior_recipe import PosteriorRecipe
 
 LARGEST = 50_000  # bytes of a recipe
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
@@ -131,6 +130,86 @@ class Recipe(Section):
         _ = self.problem, self.outputs
 
 
+class PosteriorTable(Section):
+    """What the curves of a posterior network are drawn from.
+
+    laws, bubbles: shares of the curves by name. max_radius_um: ends of its range.
+    """
+
+    laws: dict[str, PositiveFloat] = Field(min_length=1)
+    bubbles: dict[Literal["field", "real"], PositiveFloat] = Field({"field": 0.35, "real": 0.65}, min_length=1)
+    max_radius_um: Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False)] = (25.0, 650.0)
+
+    @property
+    def kinds(self) -> list[tuple[str, str, float]]:
+        """(law, bubble, share) in the network's order."""
+        laws, bubbles = self.laws.items(), self.bubbles.items()
+        return [(law, bubble, share * of_bubble) for law, share in laws for bubble, of_bubble in bubbles]
+
+    def check(self) -> None:
+        """Raises InputError: a range without width, or a law that the coordinates cannot hold."""
+        low, high = self.max_radius_um
+        require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
+        for law, bubble, _ in self.kinds:
+            try:
+                names = {*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA}
+                fits = len({*used(law, bubble)}) == len(names)
+            except ValueError:
+                fits = False
+            message = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(COORDINATES)})"
+            require(fits, message, "recipe.value")
+
+
+class PosteriorNetworkTable(Section):
+    width: Annotated[int, Field(ge=8, le=4096)] = 384
+    depth: Annotated[int, Field(ge=1, le=100)] = 5
+    hidden: Annotated[int, Field(ge=4, le=1024)] = 64
+    parts: Annotated[int, Field(ge=1, le=100)] = 8
+
+
+class PosteriorTrainingTable(Section):
+    """samples: recordings that are shown in all, `batch` at a step. rate: of AdamW, after `warm_up` steps; it falls to
+    nearly nothing in the last part `falling` of them."""
+
+    samples: PositiveInt
+    batch: PositiveInt = 256
+    rate: PositiveFloat = 7e-4
+    warm_up: PositiveInt = 600
+    falling: Annotated[float, Field(gt=0, le=1)] = 0.2
+    decay: Annotated[float, Field(ge=0)] = 0.01
+    seed: Seed = 1
+
+    @property
+    def steps(self) -> int:
+        return max(self.samples // self.batch, 1)
+
+
+class PosteriorRecipe(Section):
+    posterior: PosteriorTable
+    data: DataTable
+    network: PosteriorNetworkTable = PosteriorNetworkTable()
+    training: PosteriorTrainingTable
+    export: ExportTable
+
+    @property
+    def problem(self) -> PosteriorTable:
+        """What the curves are drawn from."""
+        return self.posterior
+
+    def settings(self) -> dict[str, Any]:
+        """All that decides the trained weights, apart from the number of curves and of steps."""
+        return self.posterior.model_dump(mode="json", exclude_none=True) | self.network.model_dump()
+
+    def check(self) -> None:
+        """Raises InputError as `PosteriorTable.check`."""
+        self.posterior.check()
+
+
+def sampled_parameters(law: str, bubble: str) -> tuple[str, ...]:
+    """What is drawn uniformly in log10 for a curve of this law and bubble, R_max apart."""
+    return (*Family(law).parameters, "stretch", *(["accommodation"] if "accommodation" in BUBBLE_NAMES[bubble] else []))
+
+
 def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
     """The recipe in a TOML file.
 
@@ -141,10 +220,7 @@ def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
     kind: type[Recipe | PosteriorRecipe] = Recipe
     try:
         sections = tomllib.loads(content.decode())
-        if "posterior" in sections:
-            from cavirheo.training.posterior_recipe import PosteriorRecipe  # compiles: other trainings need not wait
-
-            kind = PosteriorRecipe
+        kind = PosteriorRecipe if "posterior" in sections else Recipe
         recipe = kind.model_validate(sections)
         recipe.check()
     except ValidationError as error:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 from pathlib import Path
 from reprlib import repr as short
-from tempfile import TemporaryFile
 from typing import Any, NamedTuple, TypeVar
 
 import h5py
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
 
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
@@ -26,7 +24,7 @@ from cavirheo.writing.document import whole
 
 Rows = Mapping[str, Any]  # columns (curves, ...) by name
 Part = TypeVar("Part")
-BLOCK = 10_000  # rows that are read at once from a nameless file
+PACKING: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}  # with a checksum
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,6 @@ class Layout:
         per_file: curves in a file.
         columns: kind of the numbers and shape of a row of each column; "status" (texts) may be one.
         simulate: columns of curves (seed, block of them); without a "status" failed ones are left out.
-        storage: how HDF5 stores an array of numbers.
         summary: what the curves are of, in lines.
     """
 
@@ -46,7 +43,6 @@ class Layout:
     per_file: int
     columns: Mapping[str, tuple[Any, tuple[int, ...]]]
     simulate: Callable[[int, range], Rows]
-    storage: Callable[[NDArray[Any]], dict[str, Any]]
     summary: Sequence[str]
 
     @property
@@ -59,7 +55,7 @@ class Layout:
         datasets: dict[str, dict[str, Any]] = {}
         for name, (kind, _) in self.columns.items():
             values = np.concatenate([np.asarray(part[name], kind) for part in parts])
-            how = {"dtype": h5py.string_dtype()} if name == "status" else self.storage(values)
+            how: dict[str, Any] = {"dtype": h5py.string_dtype()} if name == "status" else PACKING
             datasets[name] = {"data": values} | how
         failed = {} if "status" in datasets else {"failed": len(block) - len(values)}
         write_hdf5(path, {**head, "start": block.start, **failed}, datasets)
@@ -177,33 +173,3 @@ def write_hdf5(path: Path, attributes: Mapping[str, Any], datasets: Mapping[str,
         content = file.id.get_file_image()
     with whole(path) as temporary:
         temporary.write_bytes(content)
-
-
-class StoredRows:
-    """(n, width) numbers of one kind, appended block by block to a nameless file in `folder`, which ends with this
-    object; an index gives an array, as it does of an array. A set may be larger than the memory."""
-
-    def __init__(self, folder: Path, width: int, kind: DTypeLike) -> None:
-        self.kind: np.dtype[Any] = np.dtype(kind)
-        self.width: int = width
-        self.count: int = 0
-        self._file = TemporaryFile(dir=folder)  # noqa: SIM115  it is closed when nobody has these rows any more
-
-    def append(self, rows: NDArray[Any]) -> None:
-        """Rows (m, width) behind the others. Raises OSError: the disk is full."""
-        self._file.write(np.ascontiguousarray(rows, self.kind).tobytes())
-        self._file.flush()
-        self.count += len(rows)
-
-    def __len__(self) -> int:
-        return self.count
-
-    def __getitem__(self, index: Any) -> NDArray[Any]:
-        # mapped anew each time: what was read does not stay in this process
-        return np.array(np.memmap(self._file, self.kind, "r", shape=(self.count, self.width))[index])
-
-
-def blocks(rows: NDArray[Any] | StoredRows) -> Iterator[NDArray[Any]]:
-    """All rows, a block after the other."""
-    for start in range(0, len(rows), BLOCK):
-        yield rows[start : start + BLOCK]

@@ -15,18 +15,16 @@ Only numpy, scipy, h5py, pydantic, rich, safetensors and torch are needed here.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 
 from cavirheo.errors import require
 from cavirheo.training.dataset import load, load_curves
-from cavirheo.training.point_training import PointTraining
-from cavirheo.training.recipe import Recipe
+from cavirheo.training.point_network import PointTraining
+from cavirheo.training.posterior_network import PosteriorTraining
+from cavirheo.training.recipe import PosteriorRecipe, Recipe
 from cavirheo.writing.document import into
-
-if TYPE_CHECKING:
-    from cavirheo.training.posterior_recipe import PosteriorRecipe
 
 
 def train(
@@ -58,6 +56,4 @@ def train(
     with into(out_dir) as folder, torch.random.fork_rng(devices=[chosen] if chosen.type == "cuda" else []):
         if isinstance(recipe, Recipe):
             return PointTraining(recipe, load(data_dir, folder), folder, chosen).run(progress)
-        from cavirheo.training.posterior_training import PosteriorTraining  # compiles: other trainings need not wait
-
         return PosteriorTraining(recipe, load_curves(recipe.posterior, data_dir, folder), folder).run(progress)

@@ -15,7 +15,6 @@ CAMERA, SEARCH = "Camera", "Search"
 _Range = tuple[float, float]
 _SOURCE = "holds the measurements, a file, subfolder or glob per set; or a result.json"
 _REFERENCE = "errors are relative to it; may be repeated  [default: IMR, rheometer]"
-_FIT = "least squares with this law (nhkv, ...) instead of networks"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
 _TIMES = "tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin"
 _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables without it"
@@ -30,7 +29,6 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
     reference_method: Annotated[list[str] | None, option(_REFERENCE, metavar="METHOD")] = None
     model: options.ModelName = "posterior"
     material: options.Material = None
-    fit_law: Annotated[str | None, option(_FIT, None, "--fit", autocompletion=completion.sum_names)] = None
     out: options.Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:
@@ -42,7 +40,7 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
             self.source,
             self.references,
             self.out,
-            how=Answering(self.model, self.material, self.fit_law, self.bubbles or "field", self.trust_input),
+            how=Answering(self.model, self.material, self.bubbles or "field", self.trust_input),
             reference_methods=self.reference_method or [],
             pictures=self.pictures,
             command=run.command,
@@ -69,7 +67,6 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import rheometer
-        from cavirheo.companions import rheometer_document as document
         from cavirheo.companions.published_values import add_to_groups
         from cavirheo.reporting import comparison, read_json
         from cavirheo.writing import style
@@ -88,20 +85,20 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
             except InputError as error:
                 run.refuse([str(error)])
         run.need(sweeps, "sweep")
-        material = self.name or document.shared_name(files)
-        rheometry = document.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.head)
-        outputs.write("rheometer.csv", document.write_csv, rheometry)
+        material = self.name or rheometer.shared_name(files)
+        rheometry = rheometer.rheometry(sweeps, material, self.tolerance / 100, self.at, **run.head)
+        outputs.write("rheometer.csv", rheometer.write_csv, rheometry)
         if result:
             add_to_groups(result.groups, {material: rheometry.published})
             outputs.write("table.csv", comparison.write_csv, result)
         for kind in ("strain", "frequency") if drawing else ():
             if rheometry.of(kind):
-                rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, document.figure, rheometry, kind)
+                rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, rheometer.figure, rheometry, kind)
         outputs.write("rheometer.json", write_json, rheometry)
         outputs.finish()
-        run.show(rheometry, document.print_rheometry)
+        run.show(rheometry, rheometer.print_rheometry)
         if result and not run.quiet:
-            comparison.print_with_published(result, document.regimes(rheometry, result))
+            comparison.print_with_published(result, rheometer.regimes(rheometry, result))
         run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
 
@@ -113,7 +110,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
     material: Annotated[Literal["nhkv", "nh", "newtonian"], option("nh has no viscosity, newtonian no elasticity")] = (
         "nhkv"
     )
-    exact: Annotated[bool, option("fit with simulated collapse times, too: seconds", None, "--exact")] = False
+    exact: Annotated[bool, option("fit with simulated collapse times: seconds", None, "--exact")] = False
     shear_modulus: Annotated[float | None, option("Pa, if it is known: only µ is fitted")] = None
     viscosity: Annotated[float | None, option("Pa s, if it is known: only G is fitted")] = None
     stretch: Annotated[float | None, option(_STRETCH)] = None
@@ -149,7 +146,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
                 shear_modulus=self.shear_modulus,
                 viscosity=self.viscosity,
             )
-        answered_groups = [group for group in groups if group.best] if self.drawing(run) else []
+        answered_groups = [group for group in groups if group.estimate] if self.drawing(run) else []
         document = collapse_times.CollapseTimes(
             material=self.material, medium=asdict(liquid), groups=groups, **run.head
         )
@@ -159,11 +156,14 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
         outputs.write("collapse-time.json", write_json, document)
         outputs.finish()
         run.show(document, collapse_times.print_table)
-        run.end(f"written to {self.out}", any(group.incomplete or (self.exact and not group.exact) for group in groups))
+        run.end(
+            f"written to {self.out}",
+            any(group.incomplete or (self.exact and group.model != "exact") for group in groups),
+        )
 
 
 @dataclass(kw_only=True)
-class Design(options.Printing, options.Documents, options.Pictures, options.Seed, options.Liquid, options.OneBubble):
+class Design(options.Printing, options.Documents, options.Seed, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
@@ -188,11 +188,9 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.design import Rig, design
-        from cavirheo.companions.design_document import picture, print_table
+        from cavirheo.companions.design import Rig, design, print_table
         from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
 
         message = "--group names a group of a result.json: give the file, or leave out --group"
@@ -208,9 +206,9 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
             medium=self.liquid,
             bubble=self.bubbles or "real",
         )
-        drawing, names = self.drawing(run), ("shear_modulus", "viscosity", "stretch")
+        names = ("shear_modulus", "viscosity", "stretch")
         inputs = [self.result] if self.result else []
-        outputs = Outputs(self.out, "design.json", *(["design.png"] if drawing else []), inputs=inputs)
+        outputs = Outputs(self.out, "design.json", inputs=inputs)
         run_in_thread(load_solver)
         with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
             document = design(
@@ -226,8 +224,6 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
                 seed=self.seed,
                 done=advance,
             ).model_copy(update=run.head)
-        if drawing:
-            document.notes += outputs.picture("design.png", style.save, picture, document)
         outputs.write("design.json", write_json, document)
         outputs.finish()
         run.show(document, print_table)

@@ -102,14 +102,11 @@ def train(
 
 
 @dataclass(kw_only=True)
-class Evaluate(options.Cluster, options.Documents):
+class Evaluate(options.Documents):
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
 
     model: Annotated[str, argument("MODEL", "a shipped model or an .onnx file", autocompletion=completion.model_names)]
     data: Annotated[Path, argument("DATA", "folder written by `cavirheo generate`")]
-    robustness: Annotated[
-        bool, option("also noise, other frame rates, a wrong first frame, gaps (minutes)", None, "--robustness")
-    ] = False
     quiet: options.Quiet = False
     out: options.Out = Path("cavirheo-evaluation")
 
@@ -117,25 +114,8 @@ class Evaluate(options.Cluster, options.Documents):
         from cavirheo.inference.model import path_of
         from cavirheo.training.evaluate import evaluate as judge
         from cavirheo.training.evaluate import markdown
-        from cavirheo.workflow.cluster import connected
 
-        idle = self.scheduler is not None and not self.robustness
-        require(not idle, "--scheduler would change nothing without --robustness: give that too", "option.scheduler")
-        if self.robustness:
-            from cavirheo.physics.simulate import load_solver
-
-            load_solver()
-        with connected(self.scheduler, run.say) as executor:
-            metrics = judge(
-                path_of(self.model),
-                self.data,
-                self.out,
-                robust=self.robustness,
-                progress=not run.quiet,
-                executor=executor,
-                command=run.command,
-                date=run.date,
-            )
+        metrics = judge(path_of(self.model), self.data, self.out, command=run.command, date=run.date)
         if not run.quiet:
             print(markdown(metrics))
         run.say(f"written to {self.out}")

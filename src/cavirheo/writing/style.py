@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222", "#888888"
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 DPI = 150  # of PNG files
-_WHOLE = (0.1, 0.115, 0.875, 0.72)  # places of axes in a figure: left, bottom, width, height
-_UPPER, _LOWER = (0.1, 0.415, 0.875, 0.4), (0.1, 0.115, 0.875, 0.22)
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
 # Where it can write no home it takes a temporary folder, of which no user need hear.
 _HOMELESS = ("mkdir -p failed for path", "%s is not a writable directory", "Matplotlib created a temporary")
@@ -68,25 +66,12 @@ def write(where: Any, x: float, y: float, text: str, *, size: float, color: str 
     return where.text(x, y, printable(text), fontsize=size, color=color, parse_math=False, **place, **how)
 
 
-def headed(name: str, right: str, answer: list[str]) -> Figure:
-    """A figure with its title and the answer in a box. Raises InputError without matplotlib."""
-    figure = new_figure(4.5)
-    write(figure, 0.1, 0.955, elide(name, 50), size=11, weight="bold")
-    write(figure, 0.975, 0.955, right, size=10, weight="bold", ha="right", color=INK)
-    box = {"boxstyle": "round,pad=0.45", "facecolor": "#f4f1ea", "edgecolor": "none"}
-    write(figure, 0.111, 0.895, "\u2003\u2002".join(filter(None, answer)), size=9.0, bbox=box)
-    return figure
-
-
-def one_panel(figure: Figure, x: str, y: str) -> Axes:
-    return new_axes(figure, _WHOLE, x, y)
-
-
-def two_panels(figure: Figure, upper_y: str, x: str, lower_y: str) -> tuple[Axes, Axes]:
-    """Upper and lower axes; the lower one names x for both."""
-    upper, lower = new_axes(figure, _UPPER, "", upper_y), new_axes(figure, _LOWER, x, lower_y)
-    upper.tick_params(labelbottom=False)
-    return upper, lower
+def panel(name: str, right: str, x_label: str, y_label: str) -> tuple[Figure, Axes]:
+    """A figure of one panel, with its title. Raises InputError without matplotlib."""
+    figure = new_figure(3.8)
+    write(figure, 0.1, 0.93, elide(name, 50), size=11, weight="bold")
+    write(figure, 0.975, 0.93, right, size=10, ha="right", color=INK)
+    return figure, new_axes(figure, (0.1, 0.13, 0.875, 0.72), x_label, y_label)
 
 
 def named_curves(axes: Axes, count: int, **how: Any) -> None:
