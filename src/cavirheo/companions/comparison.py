@@ -45,7 +45,7 @@ _STYLES = (  # Okabe and Ito's colours, and a shape each for those who do not se
     ("#56b4e9", "X"),
 )
 _ROOM = 0.78  # of the height of a set, for its methods
-_TABLES = ("comparison.md", "comparison.csv", "comparison.png")
+_TABLES = ("comparison.csv", "comparison.png")
 _OF_LIQUIDS = {"bdt-viscoelastic": "bdt-viscous"}  # by the network of gels
 _NO_PICTURE = 'comparison.png is left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 
@@ -162,7 +162,7 @@ def compare(
     notes = ([] if against else [none]) + ([_NO_PICTURE] if pictures and not drawing else [])
     head: dict[str, Any] = {"command": command, "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
     inputs = [references, *([source] if source.is_file() else [])]
-    table_outputs = partial(Outputs, out, *_TABLES[: 2 + drawing], inputs=inputs)  # of the folder as it is then
+    table_outputs = partial(Outputs, out, *_TABLES[: 1 + drawing], inputs=inputs)  # of the folder as it is then
     table_outputs()
     if source.is_file():
         message = f"{source} is not answered again: leave out --model, --material, --bubble, --fit and --trust-input"
@@ -214,7 +214,6 @@ def _write_tables(outputs: Outputs, document: Result, drawing: bool) -> None:
     if drawing:
         document.notes += outputs.picture("comparison.png", style.save, figure, document)
     outputs.write("comparison.csv", tables.write_csv, document)
-    outputs.write("comparison.md", Path.write_text, tables.markdown(document), encoding="utf-8")
     outputs.finish()
 
 

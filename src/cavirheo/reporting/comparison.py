@@ -1,4 +1,4 @@
-"""The groups of a result beside published values: a table for the terminal, for papers (Markdown) and programs (CSV).
+"""The groups of a result beside published values: a table for the terminal and as CSV.
 
 A row is a parameter of a group by all methods. Our mean is over the trusted shots that determine it; where others were
 answered, too, it stands beside the mean over all of them.
@@ -138,28 +138,6 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
     return table
 
 
-def markdown(result: Result) -> str:
-    """One row for each group and parameter, then what is to be known."""
-    comparison = Comparison(result)
-    methods = [*comparison.methods, *comparison.answers]
-    pairs = [(to, method) for to in comparison.references for method in methods if method != to]
-    pairs = [pair for pair in pairs if any(row.error(*pair) is not None for row in comparison.rows)]
-    head = ["Set", "Quantity", *methods, *(f"{method} to {to}, %" for to, method in pairs)]
-    lines = [[*head, "Shots", "trusted", "RMSE, % of R_max"]]
-    lines.append(["---"] * len(lines[0]))
-    for row in comparison.rows:
-        factor, label = comparison.unit(row.name)
-        values = [_written(row, method, factor) for method in methods]
-        lines.append([row.group.name, label, *values, *(_error(row, *pair) for pair in pairs), *_counts(row)])
-    parts = ["| " + " | ".join(map(_escaped, row)) + " |" for row in lines]
-    parts += ["", _key(comparison), ""]
-    for group, of in result.members():
-        sentences = [*group.models, *remarks(group, [result.curves[k] for k in of])]
-        parts += [f"- {_escaped(group.name)}: {_escaped('; '.join(sentences))}"] if sentences else []
-    parts += [f"- {_escaped(note)}" for note in result.notes]
-    return "\n".join([*parts, "", f"cavirheo {result.version}, {result.date}: `{result.command}`", ""])
-
-
 def write_csv(path: Path, result: Result) -> None:
     """One line for each group and parameter, SI, errors as fractions; empty where there is no number."""
     comparison = Comparison(result)
@@ -230,7 +208,3 @@ def _key(comparison: Comparison) -> str:
         words += f"Error to {' or '.join(comparison.references)}: |mean − its mean| / its mean, in %. "
     words += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
     return words + (f" Our answers assume the {comparison.bubbles}." if comparison.bubbles else "")
-
-
-def _escaped(text: str) -> str:
-    return " ".join(text.replace("|", "\\|").split())

@@ -34,11 +34,6 @@ class Axis:
         """The name with the remark."""
         return ", ".join(filter(None, (self.label, self.remark)))
 
-    @property
-    def unit(self) -> str:
-        """What stands in brackets in the name."""
-        return self.label.partition("(")[2].rstrip(")")
-
     def ticks(self, most: int) -> list[float]:
         """At most so many round numbers within the ends, evenly spaced; the ends where no round number is known."""
         rough = (self.high - self.low) / max(most, 1)

@@ -129,11 +129,10 @@ def article(
     picture: SVG, why there is none, or "". shared: names of facts that are said elsewhere. brief: its message and its
     picture alone. number: of the curve in the page, which has the provenance and the name itself; None elsewhere.
     """
-    if brief:
-        return part("brief_article", number, record, picture)
     windows = window_title([record], (factor, unit)), window_cells(record, (factor, unit))
     origin = "" if number is not None else _text({"source": record.source, **record.provenance})
-    return part("article", number, record, factor, unit, picture, *windows, model_rows(record, factor), shared, origin)
+    models = model_rows(record, factor)
+    return part("article", number, record, factor, unit, picture, *windows, models, shared, origin, brief)
 
 
 def template(name: str, package: str = "cavirheo.reporting") -> Template:

@@ -46,17 +46,16 @@ class Picture:
         self.layers: list[tuple[str, str, str]] = []
         self.words: list[tuple[str, int, int, list[tuple[str, str]]]] = []
 
-    def frame(self, box: Box, panel: Panel, points: int, *, along: bool = True, few: bool = False) -> None:
-        """Axes in a box, with ticks, names and layers. points: of the picture. along: with those of `x`. few: few
-        ticks, the last with the unit."""
+    def frame(self, box: Box, panel: Panel, points: int, *, along: bool = True) -> None:
+        """Axes in a box, with ticks, names and layers. points: of the picture. along: with those of `x`."""
         frame = Frame(self, box, panel.x, panel.y)
-        frame.ticks_of_y(few)
+        frame.ticks_of_y()
         self.axes.append(f"M{_units(box[0])} {_units(box[1])}v{_units(box[3])}h{_units(box[2])}")
         if along:
-            frame.ticks_of_x(few)
+            frame.ticks_of_x()
         for layer in panel.layers:
             frame.draw(layer, points)
-        if panel.top and not few:
+        if panel.top:
             frame.along_top(panel.top)
 
     def write(self, look: str, x: float, y: float, text: str) -> None:
@@ -92,31 +91,25 @@ class Frame:
     def __init__(self, picture: Picture, box: Box, x: Axis, y: Axis) -> None:
         self.picture, self.box, self.x, self.y = picture, box, x, y
 
-    def ticks_of_y(self, few: bool) -> None:
-        """Numbers left of the axes, and lines along them unless they are few."""
+    def ticks_of_y(self) -> None:
+        """Numbers left of the axes, and lines along them."""
         left, top, width, height = self.box
-        rows = self.y.ticks(2 if few else max(int(height / 36), 4))
+        rows = self.y.ticks(max(int(height / 36), 4))
         _, places = self.place(np.full(len(rows), self.x.low), np.array(rows))
-        self._number("end", np.full(len(rows), _units(left - 5)), places + _units(4), rows, self.y.unit * few)
-        if not few:
-            self.picture.axes += [f"M{_units(left)} {place}h{_units(width)}" for place in places]
-            self.picture.write("name", 2, top - 6, self.y.label)
+        for value, place in zip(rows, places.tolist(), strict=True):
+            self.picture.ticks.append(("end", _units(left - 5), place + _units(4), f"{value:g}"))
+            self.picture.axes.append(f"M{_units(left)} {place}h{_units(width)}")
+        self.picture.write("name", 2, top - 6, self.y.label)
 
-    def ticks_of_x(self, few: bool) -> None:
+    def ticks_of_x(self) -> None:
         """Numbers below the axes."""
         left, top, width, height = self.box
-        bottom, columns = top + height, self.x.ticks(3 if few else max(int(width / 55), 2))
+        bottom, columns = top + height, self.x.ticks(max(int(width / 55), 2))
         places, _ = self.place(np.array(columns), np.full(len(columns), self.y.low))
-        self._number("middle", places, np.full(len(places), _units(bottom + 15)), columns, self.x.unit * few)
-        self.picture.axes += [f"M{place} {_units(bottom)}v{_units(_TICK)}" for place in places]
-        if not few:
-            self.picture.write("name end", left + width, bottom + 31, self.x.title)
-
-    def _number(self, anchor: str, x: np.ndarray, y: np.ndarray, values: Sequence[float], unit: str) -> None:
-        words = [f"{value:g}" for value in values]
-        if words and unit:
-            words[-1] += f" {unit}"
-        self.picture.ticks += [(anchor, *place) for place in zip(x.tolist(), y.tolist(), words, strict=True)]
+        for value, place in zip(columns, places.tolist(), strict=True):
+            self.picture.ticks.append(("middle", place, _units(bottom + 15), f"{value:g}"))
+            self.picture.axes.append(f"M{place} {_units(bottom)}v{_units(_TICK)}")
+        self.picture.write("name end", left + width, bottom + 31, self.x.title)
 
     def place(self, x: Floats, y: Floats) -> tuple[np.ndarray, np.ndarray]:
         """In whole units of the picture."""
@@ -177,21 +170,13 @@ class Frame:
         self.picture.write("name end", left + width, top - 6, axis.label)
 
 
-def curve_svg(
-    panels: Sequence[Panel], width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS, brief: bool = False
-) -> Markup:
+def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS) -> Markup:
     """The picture of a curve: measured points, the simulation over them, and below what is left between, with a band of
     ± RMSE. Without an answer it says so.
 
-    width and height: px; type keeps its size. points: about so many are drawn. brief: of fewer bytes, without residual,
-    key and t*, and half as high.
+    width and height: px; type keeps its size. points: about so many are drawn.
     """
     radius, *residual = panels
-    if brief:
-        picture = Picture(width, height / 2, "R(t)")
-        picture.frame((_LEFT, 6, width - _LEFT - _RIGHT, height / 2 - 6 - 20), radius, points, few=True)
-        picture.write("failed end", width - _RIGHT, 22, radius.note.partition(":")[0])
-        return picture.svg
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
     picture, top = Picture(width, height, f"measured radius over time{simulated}"), 2 * _ROW + 2
     across, inner = width - _LEFT - _RIGHT, height - _BELOW - top
