@@ -21,7 +21,6 @@ from cavirheo.inference import DEFAULT
 from cavirheo.inference.what_if import checks_with, compared_window, slider
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting import browser_figures as plots
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.bundle import zipped
@@ -152,13 +151,13 @@ def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     return {key: slider(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
 
 
-def what_if(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
-    """The simulation with the sliders' values over the window of the answer: what was found, and its `plots.lines`;
-    where it fails, why, and nothing to draw."""
-    _, curve, posterior, _ = session.find(name)
+def what_if(session: Session, name: str, values: Sequence[float | None]) -> Checks:
+    """The simulation with the sliders' values over the window of the answer, into its answers too; where it fails,
+    why."""
+    answers, curve, posterior, _ = session.find(name)
     changed = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-    checks = checks_with(curve, posterior, changed, session.settings_of(name).analysis)
-    return checks, plots.lines(checks, 0.0 if checks.verdict == "failed" else curve.time_of_max)
+    answers.trials[name] = checks_with(curve, posterior, changed, session.settings_of(name).analysis)
+    return answers.trials[name]
 
 
 def law_in_doubt(session: Session) -> bool:

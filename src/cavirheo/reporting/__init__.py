@@ -85,7 +85,9 @@ def write_report(
         folder = outputs(directory, pairs.curves, figures)
         document = result(pairs, command, date=date, notes=notes)
         document.add_published(published or {}, references)
-        pictures = [_curve_pictures(pairs, document), group_pictures(pairs, document)] if draw and complete else []
+        pictures = []
+        if draw and complete:
+            pictures = [_curve_pictures(pairs, document), group_pictures(pairs, document, document.notes)]
         folder.write("result.json", write_json, document)
         folder.write("result.csv", table.write_csv, document)
         if figures:
@@ -116,11 +118,14 @@ def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
         return svg.curve_svg(panels, points=points)
 
     rows = document.curves
-    return [_picture(document, row.name, partial(draw, *pair, row)) for pair, row in zip(pairs, rows, strict=True)]
+    return [
+        _picture(row.name, partial(draw, *pair, row), document.notes) for pair, row in zip(pairs, rows, strict=True)
+    ]
 
 
-def group_pictures(pairs: Pairs, document: Result) -> list[str]:
-    """SVG of each group of several answered shots, or why there is none; of the first groups where they are many."""
+def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str]:
+    """SVG of each group of several answered shots, or why there is none, which becomes one of the notes; of the first
+    groups where they are many."""
     from cavirheo.reporting import svg
     from cavirheo.reporting.group_panels import group_panels, shots_of
 
@@ -131,14 +136,14 @@ def group_pictures(pairs: Pairs, document: Result) -> list[str]:
         shots = shots_of(pairs, document.curves, indices)
         return svg.group_svg(group_panels(shots, group, document.modulus_unit), points)
 
-    return [_picture(document, group.name, partial(draw, group, indices)) for group, indices in members]
+    return [_picture(group.name, partial(draw, group, indices), notes) for group, indices in members]
 
 
-def _picture(document: Result, name: str, draw: Callable[[], str]) -> str:
-    """The picture; one that cannot be drawn is a note of the document instead."""
-    with drawing(f"picture of {name}", document.notes):
+def _picture(name: str, draw: Callable[[], str], notes: list[str]) -> str:
+    """The picture; where it cannot be drawn a note says why."""
+    with drawing(f"picture of {name}", notes):
         return draw()
-    return document.notes[-1]
+    return notes[-1]
 
 
 def file_names(names: Sequence[str]) -> list[str]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
 from cavirheo.parameters import AT_RATE
+from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
 from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.curve_panels import RMAX, Axis, Layer, Panel
@@ -57,24 +60,55 @@ def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> Group
     all_elastic = lower and all(record.shear_modulus_Pa.median is not None for record in records)
     lower += [] if all_elastic and upper not in group.slopes else [_SIZE]
     sizes = 1e6 * np.array([curve.max_radius for curve, *_ in shots])
-    tones = (sizes - sizes.min()) / (np.ptp(sizes) or 1.0)
+    tones = _tones(sizes)
     end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
-    x = Axis(f"t* = t √(p/ρ) / {RMAX}", -1.1, 1.1 * end)
-    layers = []
-    for (curve, checks, _), tone in zip(shots, tones, strict=True):
-        t_star = (curve.time - curve.time_of_max) / (checks.time_scale or np.nan)
-        some = (t_star >= x.low) & (t_star <= x.high)
-        layers.append(Layer("line", "shot", t_star[some], curve.radius[some] / curve.max_radius, tones=tone[None]))
+    curves, t_c = [curve for curve, *_ in shots], [checks.time_scale or np.nan for _, checks, _ in shots]
     title = f"{digits.elide(group.name, 32)}: {group.shots}"
     models = dict.fromkeys(record.in_words for record in records)
-    key = f"{RMAX} {sizes.min():.0f} µm (dark) to {sizes.max():.0f} µm (light)" if np.ptp(sizes) else title
     return GroupPanels(
         title=title,
         subtitle=digits.elide("; ".join(filter(None, [*models, group.basis])), 90),
         sizes=sizes,
-        shots=Panel(x, Axis(f"R / {RMAX}", 0.0, 1.06), tuple(layers), note=key),
+        shots=_overlay(curves, t_c, 1.1 * end, scaled=True),
         answers=[_answers(records, group, unit, upper, across, tones) for across in lower],
     )
+
+
+def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> list[Panel]:
+    """All curves in µs and µm, and as R/R_max over t* in the medium of each; unusable ones are left out."""
+    usable = []
+    for curve, medium in zip(curves, media, strict=True):
+        with suppress(InputError):
+            usable.append((curve, medium.time_scale(curve.max_radius)))
+    if not usable:
+        return []
+    shots = [curve for curve, _ in usable]
+    plain = _overlay(shots, [1e-6] * len(shots), scaled=False)
+    return [plain, _overlay(shots, [t_c for _, t_c in usable], scaled=True)]
+
+
+def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float = np.inf, *, scaled: bool) -> Panel:
+    """The curves over each other, darker where R_max is smaller. units: of the time of each curve, s. scaled: radii
+    over R_max (else µm), and times (t*) from shortly before R_max to `end`."""
+    sizes = np.array([curve.max_radius for curve in curves])
+    layers = []
+    for curve, unit, size, tone in zip(curves, units, sizes, _tones(sizes), strict=True):
+        time = (curve.time - curve.time_of_max) / unit
+        some = (time >= -1.1) & (time <= end) if scaled else np.isfinite(time)
+        radius = curve.radius[some] / (size if scaled else 1e-6)
+        layers.append(Layer("line", "shot", time[some], radius, tones=tone[None]))
+    times = np.concatenate([layer.x for layer in layers])
+    radii = np.concatenate([layer.y for layer in layers])
+    low, high = (-1.1 if scaled else times.min(), end if np.isfinite(end) else times.max(initial=1.0))
+    smallest, largest = 1e6 * sizes.min(), 1e6 * sizes.max()
+    key = f"{RMAX} {smallest:.0f} µm" + f" (dark) to {largest:.0f} µm (light)" * bool(np.ptp(sizes))
+    labels = (f"t* = t √(p/ρ) / {RMAX}", f"R / {RMAX}") if scaled else (f"time after {RMAX} (µs)", "R (µm)")
+    top = 1.06 * float(np.nanmax(radii, initial=0.0)) or 1.06
+    return Panel(Axis(labels[0], float(low), float(high)), Axis(labels[1], 0.0, top), tuple(layers), note=key)
+
+
+def _tones(sizes: Floats) -> Floats:
+    return (sizes - sizes.min()) / (np.ptp(sizes) or 1.0)
 
 
 def _answers(

@@ -33,7 +33,16 @@ _ROW = 17  # px: a line of words
 _TICK = 4  # px
 _FEWEST = 40  # points of a line that is drawn
 _TONES = 12  # of the shots of a group
-_SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "ticks": "|", "ring": "○", "outlier": "○", "contour": "- -"}
+_SYMBOLS = {
+    "dots": "●",
+    "line": "—",
+    "bars": "+",
+    "area": "▬",
+    "ticks": "|",
+    "ring": "○",
+    "outlier": "○",
+    "contour": "- -",
+}
 
 
 class Picture:
@@ -148,6 +157,13 @@ class Frame:
         (left, right), (bottom, top) = self.place(x, y)
         return f"M{left} {top}h{right - left}V{bottom}H{left}z"
 
+    def _area(self, x: Floats, y: Floats, most: int) -> str:
+        """Between two lines, with no more than about `most` points of each."""
+        some = thinned(x / (self.x.high - self.x.low), y[:, 1] / (self.y.high - self.y.low), most)
+        ends = np.concatenate([y[some, 0], y[some[::-1], 1]])
+        first, *steps = _steps(*self.place(x[np.concatenate([some, some[::-1]])], ends))
+        return f"M{first}l{' '.join(steps)}z"
+
     def _bars(self, x: Floats, y: Floats, _: int) -> str:
         across, down = self.place(x, y)
         return "".join(
@@ -191,21 +207,27 @@ def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEI
 
 
 def group_svg(group: GroupPanels, points: int = GROUP_POINTS) -> Markup:
-    """The pictures of a group beside each other: its shots, then their answers. points: of the lines of the shots;
-    where there are too many shots for these, every k-th is drawn."""
+    """The pictures of a group beside each other: its shots (`overlay_svg`), then their answers."""
     from markupsafe import Markup
 
-    count = len(group.sizes)
-    every = max(-(-count * _FEWEST // points), 1)
-    layers = group.shots.layers[::every]
-    share = max(points // len(layers), _FEWEST) / points
-    shots = replace(group.shots, layers=tuple(replace(layer, share=share) for layer in layers))
-    pictures = [_panel_picture(shots, f"radius over time of {digits.counted(count, 'shot')}", points)]
-    pictures[0].write("name", _LEFT, _ROW - 5, shots.note + (f", 1 of {every} is drawn" if every > 1 else ""))
+    pictures = [overlay_svg(group.shots, points)]
     for panel in group.answers:
-        pictures.append(_panel_picture(panel, f"{panel.y.label} of each shot over {panel.x.label}", points))
-        pictures[-1].key(panel)
-    return Markup("").join(picture.svg for picture in pictures)
+        picture = _panel_picture(panel, f"{panel.y.label} of each shot over {panel.x.label}", points)
+        picture.key(panel)
+        pictures.append(picture.svg)
+    return Markup("").join(pictures)
+
+
+def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
+    """The picture of shots over each other. points: of all lines; of too many shots for these every k-th is drawn."""
+    count = len(panel.layers)
+    every = max(-(-count * _FEWEST // points), 1)
+    layers = panel.layers[::every]
+    share = max(points // len(layers), _FEWEST) / points
+    shots = replace(panel, layers=tuple(replace(layer, share=share) for layer in layers))
+    picture = _panel_picture(shots, f"{panel.y.label} over {panel.x.label} of {digits.counted(count, 'shot')}", points)
+    picture.write("name", _LEFT, _ROW - 5, shots.note + (f", 1 of {every} is drawn" if every > 1 else ""))
+    return picture.svg
 
 
 def _panel_picture(panel: Panel, label: str, points: int) -> Picture:
