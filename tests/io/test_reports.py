@@ -457,7 +457,7 @@ def test_every_curve_has_a_picture(curve, made):
 @pytest.mark.needs("matplotlib")
 def test_figures_show_what_the_picture_shows(pairs):
     panels = panels_of(*pairs[0])
-    drawn = figures.curve_figure(panels, figures.PAPER, figures.heading(curve_record(*pairs[0]), KILOPASCAL))
+    drawn = figures.curve_figure(panels)
     found = {line.get_label(): line.get_xydata() for line in drawn.axes[0].lines}
     measured = panels[0].layer("measured")
     assert found["measured"] == pytest.approx(np.column_stack([measured.x, measured.y]))
@@ -466,14 +466,14 @@ def test_figures_show_what_the_picture_shows(pairs):
 
 @pytest.mark.needs("matplotlib")
 def test_figures_of_a_paper_are_as_wide_as_a_column_or_a_page(pairs, tmp_path):
-    write_report(tmp_path, pairs, COMMAND, ("paper",))
-    widths = {"paper-shot_1": 84, "paper-shot_2": 84, "paper-group-shots": 174}  # mm
+    write_report(tmp_path, pairs, COMMAND, ("png", "svg", "pdf"))
+    widths = {"shot_1": 84, "shot_2": 84, "group-shots": 174}  # mm
     for stem, width in widths.items():
         drawing = ET.parse(tmp_path / f"{stem}.svg").getroot()
         assert float(drawing.get("width").removesuffix("pt")) == pytest.approx(width * 72 / 25.4, abs=0.1)
         assert all((tmp_path / f"{stem}.{kind}").stat().st_size for kind in ("pdf", "png"))
     write_report(tmp_path, pairs, COMMAND)  # the same folder, without them
-    assert not list(tmp_path.glob("paper-*"))
+    assert not list(tmp_path.glob("*.svg"))
 
 
 @pytest.mark.needs("matplotlib")
@@ -481,7 +481,7 @@ def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path):
     (curve, posterior), *others = pairs
     broken = replace(posterior, checks=replace(posterior.checks, reconstruction_radius=np.ones(3)))  # of other length
     written = write_report(tmp_path, [(curve, broken), *others], COMMAND, ("png",))
-    assert {path.stem for path in tmp_path.glob("*.png")} == {"shot_2", "shot_3", "group-shots"}
+    assert {path.stem for path in tmp_path.glob("*.png")} == {"shot_2", "group-shots"}
     assert [note.split()[:3] for note in written.notes] == [[what, "of", "shot[1]"] for what in ("picture", "figure")]
     assert all("ValueError" in note for note in written.notes)
     assert load(tmp_path / "result.json") == written

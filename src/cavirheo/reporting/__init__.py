@@ -59,8 +59,8 @@ def write_report(
     Args:
         pairs: (curve, its answer), in the order of the rows. A `CurveAnswers` reads each answer when it is needed.
         command: what was run, as it stands in the documents.
-        figures: files of each curve and group, of "png", "svg", "pdf" and "paper" (PDF, SVG and PNG for a two-column
-            paper); they need matplotlib, without which the notes say so. The report holds its pictures in itself.
+        figures: files of each answered curve and group for a two-column paper, of "png", "svg" and "pdf"; they need
+            matplotlib, without which the notes say so. The report holds its pictures in itself.
         date: as it stands in the documents; now if not given.
         notes: on the run as a whole (files that could not be read, ...).
         complete: False for a run that was stopped before all was answered: no report, no figures.

@@ -37,15 +37,11 @@ class GroupPanels:
     """What the picture of a group shows.
 
     Attributes:
-        title: "soft: 5 shots, 1 failed".
-        subtitle: which models the answers are of, and how many shots count.
         sizes: (n,) R_max of the shots that were answered, µm.
         shots: R/R_max of each over t*, darker where R_max is smaller.
         answers: one or two panels of a parameter over another, or over R_max.
     """
 
-    title: str
-    subtitle: str
     sizes: Floats
     shots: Panel
     answers: list[Panel]
@@ -63,11 +59,7 @@ def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> Group
     tones = _tones(sizes)
     end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
     curves, t_c = [curve for curve, *_ in shots], [checks.time_scale or np.nan for _, checks, _ in shots]
-    title = f"{digits.elide(group.name, 32)}: {group.shots}"
-    models = dict.fromkeys(record.in_words for record in records)
     return GroupPanels(
-        title=title,
-        subtitle=digits.elide("; ".join(filter(None, [*models, group.basis])), 90),
         sizes=sizes,
         shots=_overlay(curves, t_c, 1.1 * end, scaled=True),
         answers=[_answers(records, group, unit, upper, across, tones) for across in lower],

@@ -170,8 +170,8 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         laws = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
         if note and report.holds("report.html"):
             run.stop(f"{note}; until then the earlier answers stay", out / "laws.json")
-        if "paper" in figures and not note:
-            laws.notes += write_laws(outputs, laws)
+        if figures and not note:
+            laws.notes += write_laws(outputs, laws, figures)
         if complete_curves:
             outputs.write("laws.json", document.write_json, laws)
         if note:

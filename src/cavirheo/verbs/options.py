@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for experts"
 INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
-FIGURES = ("png", "svg", "pdf", "paper")
+FIGURES = ("png", "svg", "pdf")
 
 
 class Verb:
@@ -106,7 +106,7 @@ _BUBBLE = (
     "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; auto: the "
 )
 _BUBBLE += "evidence chooses"
-_FIGURES = "files of each curve and group: png, svg, pdf, or paper (all three, 84 and 174 mm wide), such as 'png,paper'"
+_FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
 _VERIFY = (
     "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; none: network alone"
 )
