@@ -26,7 +26,7 @@ def show(
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read.
 
-    Of a network: what it answers, the ranges and recordings it was trained on, and how well it answers.
+    Of a network: what it answers, for which recordings, how well, and where its card is.
     """
     if len(file.parts) == 1 and not file.suffix and not _exists(file):
         file = _shipped(file.name)
@@ -136,7 +136,7 @@ def _show_model(path: Path) -> None:
 
     content = card(path)
     try:
-        explain(path.stem, path, content)
+        explain(path, content)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
 

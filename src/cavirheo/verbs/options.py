@@ -281,13 +281,13 @@ class Figures(Pictures):
     @property
     def figure_kinds(self) -> tuple[str, ...]:
         """Of figures that are asked for as files. Raises InputError: another word, or no matplotlib."""
-        from cavirheo.writing.style import available
-
         kinds = tuple(dict.fromkeys(word.strip() for word in (self.figures or "").split(",") if word.strip()))
-        unknown = ", ".join(kind for kind in kinds if kind not in FIGURES)
-        require(not unknown, f"--figures must be of {', '.join(FIGURES)}, got {unknown!r}", "option.figures")
-        needed = '--figures needs matplotlib: pip install "cavirheo[plot]"'
-        require(not kinds or available(), needed, "style.no_matplotlib")
+        if kinds:
+            from cavirheo.reporting.figures import check_figures
+            from cavirheo.writing.style import available
+
+            check_figures(kinds)
+            require(available(), '--figures needs matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
         return kinds
 
 
