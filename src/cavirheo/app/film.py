@@ -138,10 +138,10 @@ def summary(film: Clip) -> str:
         return words.part("film", (), {}, {}, "")
     radii = curve(film)
     cut = f"{film.measurement.cut}: the radius rests on that part alone" * bool(film.measurement.cut)
-    texts = (*filter(None, [cut]), *(warning.text for warning in radii.warnings))
+    texts = [cut, *(text for _, text in warnings([radii]))]
     doubtful = by_message((film.path.name, words.for_page(text)) for text in texts)
     state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
-    return words.part("film", summary_cells(radii), warnings([radii]) | doubtful, notes([radii]), state)
+    return words.part("film", summary_cells(radii), doubtful, notes([radii]), state)
 
 
 def frame_view(film: Clip) -> str:

@@ -177,18 +177,22 @@ def checked(session: Session, name: str) -> str:
 
 def warned(session: Session) -> str:
     """The warnings on all shots, in full."""
-    return part("warned", {for_page(text): names for text, names in warnings(session.curves).items()})
+    return part("warned", _warnings_for_page(session.curves))
+
+
+def _warnings_for_page(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    return by_message((name, for_page(text)) for name, text in warnings(curves))
 
 
 def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     """A curve with the frames that are compared, or why it cannot be shown; the warnings on it, and what was done to
     it."""
-    picture, remarks = "", warnings([curve])
+    picture, remarks = "", _warnings_for_page([curve])
     try:
         picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
-        remarks = {str(error): [curve.name]}
-    return part("prepared", picture, {for_page(text): names for text, names in remarks.items()}, notes([curve]))
+        remarks = {for_page(error): [curve.name]}
+    return part("prepared", picture, remarks, notes([curve]))
 
 
 def answers(session: Session) -> str:

@@ -17,9 +17,8 @@ from cavirheo.errors import require
 from cavirheo.reporting.curve_panels import RMAX, Axis, Layer, Panel, answer_panels
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.group_panels import GroupPanels, group_panels, shots_of
-from cavirheo.reporting.laws import Laws, WeighedLaws
 from cavirheo.reporting.record import Pairs, Result
-from cavirheo.writing import digits, style
+from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, drawing
 
 if TYPE_CHECKING:
@@ -61,11 +60,11 @@ def check_figures(figures: Sequence[str]) -> None:
     require(not unknown, f"figures can be {', '.join(KINDS)}, got {unknown}", "reporting.figures")
 
 
-def names(curves: Sequence[str], groups: Sequence[str] = (), before: str = "") -> list[str]:
-    """File names without their ending of the figures of curves and groups, `before` in front of each."""
+def names(curves: Sequence[str], groups: Sequence[str]) -> list[str]:
+    """File names without their ending of the figures of curves and groups."""
     from cavirheo.reporting import file_names
 
-    return file_names([f"{before}{name}" for name in curves] + [f"{before}group-{name}" for name in groups])
+    return file_names([*curves, *(f"group-{name}" for name in groups)])
 
 
 def files(figures: Sequence[str], curves: Sequence[str], groups: Sequence[str]) -> list[str]:
@@ -105,17 +104,6 @@ def write(
     return failed
 
 
-def write_laws(folder: Outputs, document: Laws, figures: Sequence[str]) -> list[str]:
-    """Write the figures of the evidence of laws, of all curves and groups; return the reasons of those that failed."""
-    failed: list[str] = []
-    records = [*document.curves, *document.groups]
-    stems = names([record.name for record in document.curves], [record.name for record in document.groups], "laws-")
-    for stem, record in zip(stems, records, strict=True):
-        with drawing(stem, failed):
-            _save(folder, stem, laws_figure(record), figures)
-    return failed
-
-
 def _save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str]) -> None:
     """As a file of each kind."""
     for kind in kinds:
@@ -151,28 +139,6 @@ def group_figure(group: GroupPanels) -> Figure:
         _legend(right, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
     for axes, letter in ((left, "a"), (right, "b")):
         axes.set_title(letter, loc="left", fontsize=_LARGE, fontweight="bold")
-    return figure
-
-
-def laws_figure(ranking: WeighedLaws) -> Figure:
-    """One column: the log evidence of each law below that of the best, with its standard error; filled: the chosen."""
-    laws = {name: law for name, law in ranking.laws.items() if law.log_evidence is not None}
-    ordered = sorted(laws, key=lambda name: laws[name].log_evidence or 0.0)
-    best = max((laws[name].log_evidence or 0.0 for name in ordered), default=0.0)
-    labels, height = [digits.elide(name, 24) for name in ordered], 6.0 * max(len(ordered), 2)
-    left = 4.0 + 1.5 * max(map(len, labels), default=8)
-    lowest = min((laws[name].log_evidence or 0.0 for name in ordered), default=best) - best
-    figure = _figure((_WIDTH, 14.0 + height))
-    ends = Axis("log evidence, best = 0", 1.8 * min(lowest, -2.0), 3.0), Axis("", -0.6, max(len(ordered), 2) - 0.4)
-    axes = _axes(figure, (left, 10.0, _WIDTH - left - 2.0, height), *ends)
-    for row, name in enumerate(ordered):
-        law = laws[name]
-        look: Any = {"color": "black", "mfc": "black" if name == ranking.chosen else "white", "ms": 4.0, "mew": 0.8}
-        axes.errorbar((law.log_evidence or 0.0) - best, row, xerr=law.standard_error or 0.0, fmt="o", lw=0.8, **look)
-    axes.axvline(0.0, color=_GREY, lw=0.5, zorder=0)
-    axes.set_xscale("symlog", linthresh=10.0)
-    axes.set_xlim(ends[0].low, ends[0].high)
-    axes.set_yticks(range(len(ordered)), labels)
     return figure
 
 
