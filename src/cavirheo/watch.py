@@ -53,15 +53,6 @@ class WatchedFile:
     keys: list[str] = field(default_factory=list)
 
 
-@dataclass
-class Retry:
-    """A file that could not be read. first_s: time of the first try, next_s: of the next one, both in s."""
-
-    state: State
-    first_s: float
-    next_s: float
-
-
 @dataclass(eq=False, repr=False)
 class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
@@ -100,7 +91,6 @@ class Watch:
         self.files: dict[str, WatchedFile] = {}
         self.answers: dict[str, Posterior] = {}  # by their keys
         self._states: dict[Path, tuple[State, float]] = {}  # of each file, and s since when it has not changed
-        self._retries: dict[Path, Retry] = {}
         self._latest: Posterior | None = None
         self._messages: set[str] = set()  # that were said, each once
         self._unwritten, self._due = False, 0.0  # whether the documents lack anything, and from when on they may follow
@@ -134,8 +124,7 @@ class Watch:
     def pause(self) -> bool:
         """Wait until the next look. Whether anything is still to come: a file in the making, or documents."""
         time.sleep(LOOK)
-        moving = any(self._is_news(path, state) for path, (state, _) in self._states.items())
-        return moving or bool(self._retries) or self._unwritten
+        return self._unwritten or any(self._is_news(path, state) for path, (state, _) in self._states.items())
 
     def once(self) -> bool:
         """Answer the next files that are complete, as many at once as keep all cores busy. Whether there were any."""
@@ -220,7 +209,6 @@ class Watch:
         for path, state in states.items():
             same = path in before and before[path][0] == state
             self._states[path] = before[path] if same else (state, now)
-        self._retries = {path: retry for path, retry in self._retries.items() if path in states}
         for file in [file for file in self.files.values() if file.unreadable and pixels_of(Path(file.path)) in states]:
             del self.files[file.path]  # a header whose pixels came later than was waited for
             self.records.remove([key_of(file.path)])
@@ -229,9 +217,8 @@ class Watch:
         return sorted(news, key=lambda pair: (pair[1][1], pair[0]))
 
     def _is_news(self, path: Path, state: State) -> bool:
-        file, retry = self.files.get(str(path)), self._retries.get(path)
-        waits = retry is not None and retry.state == state and time.monotonic() < retry.next_s
-        return not waits and (file is None or file.state != state)
+        file = self.files.get(str(path))
+        return file is None or file.state != state
 
     def _read(self, path: Path, state: State) -> WatchedFile | None:
         """What is in a file; None if it is to be tried again. One that stays as it is and cannot be read is a curve
@@ -245,17 +232,11 @@ class Watch:
         earlier = self.files.get(str(path))
         file = WatchedFile(str(path), state, earlier.order if earlier else state[1], [])
         if problems:
-            now, retry = time.monotonic(), self._retries.get(path)
-            if retry is None or retry.state != state:
-                retry = self._retries[path] = Retry(state, now, now)
-                self._say_once(f"{problems[0]}; it is tried again for {self.patience:g} s, and whenever it changes")
-            retry.next_s = now + max(LOOK, now - retry.first_s)
-            if now - retry.first_s < self.patience:
-                retry.next_s = min(retry.next_s, retry.first_s + self.patience)
+            self._say_once(f"{problems[0]}; it is tried again for {self.patience:g} s, and whenever it changes")
+            if time.monotonic() - self._states[path][1] < self.patience:
                 return None
             stem = {"name": path.stem, "group": path.stem, "source": file_label(path)}
             curves, file.unreadable = [RadiusCurve([], [], meta=stem, unusable=problems[0])], True  # type: ignore[arg-type]
-        self._retries.pop(path, None)
         file.remarks, file.curves = list(remarks), curves
         return file
 
