@@ -30,7 +30,7 @@ def show(
     if len(file.parts) == 1 and not file.suffix and not _exists(file):
         file = _shipped(file.name)
     network = file.suffix.lower() == ".onnx" or (file.suffix == ".json" and file.with_suffix(".onnx").is_file())
-    document = not network and (file.is_dir() or _is_json(file))
+    document = not network and (file.is_dir() or file.suffix.lower() == ".json")
     message = f"--shots is for measurements, and {file} is none: leave it out"
     require(shots is None or not (network or document), message, "show.shots")
     require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
@@ -60,16 +60,6 @@ def _exists(file: Path) -> bool:
 
 def _is_training_set(folder: Path) -> bool:
     return any(folder.glob("shard-*.h5")) or any(folder.glob("curves-*.h5"))
-
-
-def _is_json(path: Path) -> bool:
-    if not path.is_file():
-        return False
-    try:
-        with path.open("rb") as content:
-            return content.read(64).lstrip()[:1] == b"{"
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})", "show.unreadable") from None
 
 
 def _show_written(path: Path, json: bool) -> None:
