@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.reporting.curve_panels import RMAX, Axis, Layer, Panel, answer_panels
+from cavirheo.reporting.curve_panels import Axis, Layer, Panel, answer_panels
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.group_panels import GroupPanels, group_panels, shots_of
+from cavirheo.reporting.group_panels import group_panels, shots_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, drawing
@@ -125,16 +124,16 @@ def curve_figure(panels: Sequence[Panel]) -> Figure:
     return figure
 
 
-def group_figure(group: GroupPanels) -> Figure:
+def group_figure(panels: Sequence[Panel]) -> Figure:
     """A page: all shots over each other, and their answers with the material; rings do not count."""
     height = 62.0
     figure = _figure((_PAGE, height))
     bottom, tall = 3.9 * _EM, height - 7.4 * _EM  # two lines of the key above
-    half = (_PAGE - 15.5 * _EM) / 2.0
-    tones = np.sort(np.concatenate([layer.tones for layer in group.shots.layers if layer.tones is not None]))
-    left = _panel(figure, (4.6 * _EM, bottom, half, tall), group.shots, tones)
-    _size_key(figure, group.sizes, (5.3 * _EM + half, bottom, 0.7 * _EM, 0.84 * tall))
-    right = _panel(figure, (_PAGE - 0.7 * _EM - half, bottom, half, tall), group.answers[0], tones)
+    half = (_PAGE - 12.0 * _EM) / 2.0
+    shots, answers, *_ = panels
+    left = _panel(figure, (4.6 * _EM, bottom, half, tall), shots)
+    style.write(left, 1.0, 1.03, shots.note, size=_SMALL, ha="right")
+    right = _panel(figure, (_PAGE - 0.7 * _EM - half, bottom, half, tall), answers)
     if right.get_legend_handles_labels()[0]:
         _legend(right, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
     for axes, letter in ((left, "a"), (right, "b")):
@@ -149,22 +148,12 @@ def _figure(size: tuple[float, float]) -> Figure:
     return figure
 
 
-def _panel(
-    figure: Figure,
-    box: tuple[float, float, float, float],
-    panel: Panel,
-    tones: Floats | None = None,
-    *,
-    along: bool = True,
-) -> Axes:
-    """Axes with their layers. tones: of all shots in order, whose colours are evenly apart."""
+def _panel(figure: Figure, box: tuple[float, float, float, float], panel: Panel, *, along: bool = True) -> Axes:
+    """Axes with their layers."""
     axes = _axes(figure, box, panel.x, panel.y, along=along)
     for layer in panel.layers:
         if layer.look in _LOOKS:
-            colours = None
-            if layer.tones is not None and tones is not None:
-                places = np.searchsorted(tones, layer.tones) / max(len(tones) - 1, 1)
-                colours = style.shades(_LIGHTEST * places)
+            colours = None if layer.tones is None else style.shades(_LIGHTEST * layer.tones)
             _layer(axes, layer, _LOOKS[layer.look], colours)
     return axes
 
@@ -203,18 +192,3 @@ def _axes(figure: Figure, box: tuple[float, float, float, float], x: Axis, y: Ax
 def _legend(axes: Axes, **place: Any) -> None:
     key: Any = {"frameon": False, "fontsize": _SMALL, "handlelength": 1.4, "borderpad": 0.0}
     axes.legend(**key, **place)
-
-
-def _size_key(figure: Figure, sizes: Floats, box: tuple[float, float, float, float]) -> None:
-    """Which tone is which R_max, µm: a cell for each shot, the smallest at the bottom."""
-    count, ordered = len(sizes), np.sort(sizes)
-    bar = _axes(figure, box, Axis("", -0.5, 0.5), Axis("", -0.5, count - 0.5))
-    tones = style.shades(np.linspace(0.0, _LIGHTEST, count))
-    bar.imshow(tones[:, None], aspect="auto", origin="lower", extent=(-0.5, 0.5, -0.5, count - 0.5))
-    labelled = sorted({0, count // 2, count - 1})
-    bar.set_xticks([])
-    bar.set_yticks(labelled, [f"{ordered[i]:.0f}" for i in labelled])
-    bar.yaxis.tick_right()
-    bar.tick_params(length=0.0)
-    bar.spines[:].set_visible(False)
-    bar.set_title(f"{RMAX}\n(µm)", fontsize=_SMALL, loc="left")

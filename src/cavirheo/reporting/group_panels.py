@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,38 +31,20 @@ def shots_of(pairs: Pairs, rows: Sequence[CurveRecord], indices: Sequence[int]) 
     return [(pairs[i][0], pairs[i][1].checks, rows[i]) for i in indices if rows[i].has_answer]
 
 
-@dataclass(frozen=True, eq=False)
-class GroupPanels:
-    """What the picture of a group shows.
-
-    Attributes:
-        sizes: (n,) R_max of the shots that were answered, µm.
-        shots: R/R_max of each over t*, darker where R_max is smaller.
-        answers: one or two panels of a parameter over another, or over R_max.
-    """
-
-    sizes: Floats
-    shots: Panel
-    answers: list[Panel]
-
-
-def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> GroupPanels:
-    """The panels of a group; `shots` are those that were answered. unit: that of moduli."""
+def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> list[Panel]:
+    """The shots of a group that were answered, R/R_max over t*, darker where R_max is smaller; then one or two panels
+    of a parameter over another, or over R_max. unit: that of moduli."""
     records = [record for *_, record in shots]
     names = parameters_of(records)
     upper = next((name for name in CONSTANTS if name in names), names[0])
     lower = ["shear_modulus"] if "shear_modulus" in names and upper != "shear_modulus" else []
     all_elastic = lower and all(record.shear_modulus_Pa.median is not None for record in records)
     lower += [] if all_elastic and upper not in group.slopes else [_SIZE]
-    sizes = 1e6 * np.array([curve.max_radius for curve, *_ in shots])
-    tones = _tones(sizes)
-    end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
     curves, t_c = [curve for curve, *_ in shots], [checks.time_scale or np.nan for _, checks, _ in shots]
-    return GroupPanels(
-        sizes=sizes,
-        shots=_overlay(curves, t_c, 1.1 * end, scaled=True),
-        answers=[_answers(records, group, unit, upper, across, tones) for across in lower],
-    )
+    tones = _tones(np.array([curve.max_radius for curve in curves]))
+    end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
+    answers = [_answers(records, group, unit, upper, across, tones) for across in lower]
+    return [_overlay(curves, t_c, 1.1 * end, scaled=True), *answers]
 
 
 def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> list[Panel]:

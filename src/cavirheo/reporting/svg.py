@@ -15,7 +15,6 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.reporting.curve_panels import Axis, Layer, Panel
-from cavirheo.reporting.group_panels import GroupPanels
 from cavirheo.writing import digits
 from cavirheo.writing.style import shades
 
@@ -206,12 +205,13 @@ def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEI
     return picture.svg
 
 
-def group_svg(group: GroupPanels, points: int = GROUP_POINTS) -> Markup:
+def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
     """The pictures of a group beside each other: its shots (`overlay_svg`), then their answers."""
     from markupsafe import Markup
 
-    pictures = [overlay_svg(group.shots, points)]
-    for panel in group.answers:
+    shots, *answers = panels
+    pictures = [overlay_svg(shots, points)]
+    for panel in answers:
         picture = _panel_picture(panel, f"{panel.y.label} of each shot over {panel.x.label}", points)
         picture.key(panel)
         pictures.append(picture.svg)
