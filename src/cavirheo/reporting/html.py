@@ -107,7 +107,7 @@ def _text(origin: Mapping[str, Any]) -> Markup:
 def style() -> str:
     """How tables, articles, verdicts and pictures look."""
     badges = "".join(f".badge.{verdict} {{ background: {look.colour}; }}\n" for verdict, look in digits.LOOKS.items())
-    return _resource("report.css") + badges + svg.style()
+    return _resource("report.css") + badges + _resource("picture.css")
 
 
 def _resource(name: str) -> str:
@@ -174,7 +174,7 @@ def live_page(
         percent=100.0 * half_width,
         unit=result.modulus_unit,
         picture=picture,
-        style=svg.style(),
+        style=_resource("picture.css"),
         shots=len(result.curves),
         trusted=sum(row.trusted for row in result.curves),
         failed=sum(not row.has_answer for row in result.curves),

@@ -6,9 +6,8 @@ Coordinates are whole numbers, UNITS to a pixel. Colours are those of picture.cs
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,15 +55,35 @@ class Picture:
 
     def frame(self, box: Box, panel: Panel, points: int, *, along: bool = True) -> None:
         """Axes in a box, with ticks, names and layers. points: of the picture. along: with those of `x`."""
-        frame = Frame(self, box, panel.x, panel.y)
-        frame.ticks_of_y()
-        self.axes.append(f"M{_units(box[0])} {_units(box[1])}v{_units(box[3])}h{_units(box[2])}")
+        frame, (left, top, width, height) = Frame(box, panel.x, panel.y), box
+        bottom, right = top + height, left + width
+        rows, columns = panel.y.ticks(max(int(height / 36), 4)), panel.x.ticks(max(int(width / 55), 2))
+        for value in rows:
+            down = int(frame.place(panel.x.low, value)[1])
+            self.ticks.append(("end", _units(left - 5), down + _units(4), f"{value:g}"))
+            self.axes.append(f"M{_units(left)} {down}h{_units(width)}")
+        self.write("name", 2, top - 6, panel.y.label)
+        self.axes.append(f"M{_units(left)} {_units(top)}v{_units(height)}h{_units(width)}")
+        for value in columns if along else ():
+            across = int(frame.place(value, panel.y.low)[0])
+            self.ticks.append(("middle", across, _units(bottom + 15), f"{value:g}"))
+            self.axes.append(f"M{across} {_units(bottom)}v{_units(_TICK)}")
         if along:
-            frame.ticks_of_x()
+            self.write("name end", right, bottom + 31, panel.x.title)
         for layer in panel.layers:
-            frame.draw(layer, points)
+            self.layers += frame.paths(layer, points)
         if panel.top:
-            frame.along_top(panel.top)
+            self._along_top(panel.top, box)
+
+    def _along_top(self, axis: Axis, box: Box) -> None:
+        """The ticks of a second axis along the top."""
+        left, top, width, _ = box
+        for tick in axis.ticks(max(int(width / 45), 2)):
+            place = left + width * (tick - axis.low) / (axis.high - axis.low)
+            self.axes.append(f"M{_units(place)} {_units(top)}v{_units(-_TICK)}")
+            if left + 30 < place < left + width - 25:  # the ends are those of the axes' names
+                self.ticks.append(("middle", _units(place), _units(top - 6), f"{tick:g}"))
+        self.write("name end", left + width, top - 6, axis.label)
 
     def write(self, look: str, x: float, y: float, text: str) -> None:
         """Words, if there are any, whose baseline is y; look: class of the style."""
@@ -93,48 +112,33 @@ class Picture:
         return Markup(_template().render(view=view, label=digits.printable(self.label), **parts))
 
 
+@dataclass(frozen=True)
 class Frame:
-    """Axes of a picture, that place what is drawn into them."""
+    """Axes in a box of a picture: where points lie, and the paths of layers."""
 
-    def __init__(self, picture: Picture, box: Box, x: Axis, y: Axis) -> None:
-        self.picture, self.box, self.x, self.y = picture, box, x, y
+    box: Box
+    x: Axis
+    y: Axis
 
-    def ticks_of_y(self) -> None:
-        """Numbers left of the axes, and lines along them."""
-        left, top, width, height = self.box
-        rows = self.y.ticks(max(int(height / 36), 4))
-        _, places = self.place(np.full(len(rows), self.x.low), np.array(rows))
-        for value, place in zip(rows, places.tolist(), strict=True):
-            self.picture.ticks.append(("end", _units(left - 5), place + _units(4), f"{value:g}"))
-            self.picture.axes.append(f"M{_units(left)} {place}h{_units(width)}")
-        self.picture.write("name", 2, top - 6, self.y.label)
-
-    def ticks_of_x(self) -> None:
-        """Numbers below the axes."""
-        left, top, width, height = self.box
-        bottom, columns = top + height, self.x.ticks(max(int(width / 55), 2))
-        places, _ = self.place(np.array(columns), np.full(len(columns), self.y.low))
-        for value, place in zip(columns, places.tolist(), strict=True):
-            self.picture.ticks.append(("middle", place, _units(bottom + 15), f"{value:g}"))
-            self.picture.axes.append(f"M{place} {_units(bottom)}v{_units(_TICK)}")
-        self.picture.write("name end", left + width, bottom + 31, self.x.title)
-
-    def place(self, x: Floats, y: Floats) -> tuple[np.ndarray, np.ndarray]:
+    def place(self, x: Any, y: Any) -> tuple[np.ndarray, np.ndarray]:
         """In whole units of the picture."""
         left, top, width, height = self.box
         across = left + width * (np.asarray(x, dtype=float) - self.x.low) / (self.x.high - self.x.low)
         down = top + height * (self.y.high - np.asarray(y, dtype=float)) / (self.y.high - self.y.low)
         return np.rint(UNITS * across).astype(int), np.rint(UNITS * down).astype(int)
 
-    def draw(self, layer: Layer, points: int) -> None:
-        """A layer; points: of the picture, of which it has its share. Points of one tone are one path."""
+    def paths(self, layer: Layer, points: int) -> list[tuple[str, str, str]]:
+        """(look, path, colour) of a layer. points: of the picture, of which it has its share. Those of one tone are one
+        path."""
         most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
         path: Any = getattr(self, f"_{layer.shape}")
         colours = np.array([""] if layer.tones is None else _colours(layer.tones))
+        paths = []
         for colour in dict.fromkeys(colours.tolist()):
             some = colours == colour if len(colours) == len(layer.x) else slice(None)
             if data := path(layer.x[some], layer.y[some], most):
-                self.picture.layers.append((layer.look, data, colour))
+                paths.append((layer.look, data, colour))
+        return paths
 
     def _dots(self, x: Floats, y: Floats, most: int) -> str:
         """A dot for each point, or for every k-th of more than `most`."""
@@ -173,16 +177,6 @@ class Frame:
     def _ticks(self, x: Floats, y: Floats, _: int) -> str:
         across, down = self.place(x, y)
         return "".join(f"M{a} {b}v{_units(-7)}" for a, b in zip(across, down, strict=True))
-
-    def along_top(self, axis: Axis) -> None:
-        """The ticks of a second axis along the top."""
-        left, top, width, _ = self.box
-        for tick in axis.ticks(max(int(width / 45), 2)):
-            place = left + width * (tick - axis.low) / (axis.high - axis.low)
-            self.picture.axes.append(f"M{_units(place)} {_units(top)}v{_units(-_TICK)}")
-            if left + 30 < place < left + width - 25:  # the ends are those of the axes' names
-                self.picture.ticks.append(("middle", _units(place), _units(top - 6), f"{tick:g}"))
-        self.picture.write("name end", left + width, top - 6, axis.label)
 
 
 def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS) -> Markup:
@@ -262,12 +256,6 @@ def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
 
 def _units(pixels: float) -> int:
     return round(UNITS * pixels)
-
-
-@cache
-def style() -> str:
-    """The colours and type of all pictures, for the style of a page."""
-    return files("cavirheo.reporting").joinpath("picture.css").read_text(encoding="utf-8")
 
 
 @cache
