@@ -34,12 +34,13 @@ SHOTS = 20
 # From the event to the drawn lines, and the part of it from the request to its answer, ms.
 MOVE = """async share => {
   const slider = document.querySelector('#slider-viscosity input[type=range]');
-  const before = document.body.dataset.redrawn || '0';
+  const line = () => document.querySelector('#check-plot path.what-if')?.getAttribute('d') || '';
+  const before = line();
   performance.clearResourceTimings();
   const start = performance.now();
   slider.value = share * slider.max;
   slider.dispatchEvent(new Event('input', {bubbles: true}));
-  while ((document.body.dataset.redrawn || '0') === before) await new Promise(requestAnimationFrame);
+  while (line() === before) await new Promise(requestAnimationFrame);
   const end = performance.now();
   const call = performance.getEntriesByType('resource').find(one => one.name.includes('/run/'));
   return [end - start, call ? call.duration : NaN];
@@ -80,7 +81,7 @@ def click_to_answer(page: Page, file: Path, shots: int) -> tuple[float, float]:
     page.wait_for_selector("#found table", state="detached")
     page.set_input_files("#upload input[type=file]", str(file))
     page.wait_for_selector("#found table")
-    page.wait_for_selector("#overview .js-plotly-plot")
+    page.wait_for_selector("#overview svg")
     page.wait_for_timeout(1000)
     began = time.perf_counter()
     page.click("#infer-now")

@@ -34,7 +34,7 @@ def check(address: str, path: Path) -> None:
         page.get_by_role("button", name=SHOT).click()
         page.click("#infer-now:enabled", timeout=120_000)
         page.click("#to-check:enabled", timeout=120_000)
-        page.wait_for_selector("#check-plot .js-plotly-plot")
+        page.wait_for_selector("#check-plot svg")
         page.click("#fit")
         page.wait_for_selector("#facts :text('least squares')", timeout=120_000)
         page.mouse.move(0, 0)  # off the button

@@ -86,20 +86,13 @@ def _load(path: str | Path) -> Document | Dataset:
 
 
 def kind_of(path: Path) -> Kind:
-    """Of a document: what it says of itself; one of an older version, which says nothing, has its usual name. Raises
-    InputError: no document, or one that does not say what it is."""
+    """Of a document: what it says of itself. Raises InputError: no document."""
     try:
-        content = read_object(path, LARGEST)
+        kind = read_object(path, LARGEST).get("kind")
     except InputError as error:
         if error.code != "files.json":
             raise
-        content = {}
-    message = f"{path}: a comparison of an earlier version; `cavirheo compare` writes result.json: run it again"
-    require("reference_methods" not in content, message, "document.other")
-    if "kind" not in content and "command" in content and path.name not in NAMES:
-        message = f"{path} does not say of which kind it is, as those of an older version: name it as it was written"
-        raise InputError(f"{message} ({', '.join(NAMES)})", "document.kind")
-    kind = content.get("kind", path.stem if "command" in content else "")
+        kind = None
     message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
     require(isinstance(kind, str) and kind in KINDS, message, "document.other")
-    return KINDS[kind]
+    return KINDS[str(kind)]

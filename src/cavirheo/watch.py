@@ -22,9 +22,9 @@ from cavirheo.io.option_tables import is_size, listed, read_column, with_given_v
 from cavirheo.io.shots import CurveSet, read_shots, samples_of
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import DOCUMENTS, html, table
+from cavirheo.reporting import DOCUMENTS, html, result, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
-from cavirheo.reporting.record import Result, result_of
+from cavirheo.reporting.record import Result
 from cavirheo.workflow.analyse import analyse, of_file
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import Outputs, write_json
@@ -40,9 +40,8 @@ State = tuple[int, ...]  # bytes, time of the last change in ns; of a film's hea
 class WatchedFile:
     """One file as it was when it was read.
 
-    order: ns, when it was first complete: rows stand in this order. curves: of each recording in it that is in no other
-    file. twins: files that hold the others. unreadable: it gave up no curve. answers, rows: of each curve; None is yet
-    to be found.
+    order: ns, when it was first complete: rows stand in this order. unreadable: its only curve says why it gave up
+    none. keys: of the answers of its curves.
     """
 
     path: str
@@ -50,19 +49,8 @@ class WatchedFile:
     order: int
     curves: list[RadiusCurve]
     remarks: list[str] = field(default_factory=list)
-    twins: list[str] = field(default_factory=list)
     unreadable: bool = False
-    answers: list[Posterior | None] = field(default_factory=list)
-    rows: list[CurveRecord | None] = field(default_factory=list)
-
-
-@dataclass
-class Retry:
-    """A file that could not be read. first_s: time of the first try, next_s: of the next one, both in s."""
-
-    state: State
-    first_s: float
-    next_s: float
+    keys: list[str] = field(default_factory=list)
 
 
 @dataclass(eq=False, repr=False)
@@ -101,9 +89,8 @@ class Watch:
         how = key_of([version("cavirheo"), self.read_settings, self.analysis.medium])[:16]
         self.records = Store(self.out / "watched" / how, most=0)
         self.files: dict[str, WatchedFile] = {}
-        self.owner: dict[bytes, str] = {}  # the file of each recording
+        self.answers: dict[str, Posterior] = {}  # by their keys
         self._states: dict[Path, tuple[State, float]] = {}  # of each file, and s since when it has not changed
-        self._retries: dict[Path, Retry] = {}
         self._latest: Posterior | None = None
         self._messages: set[str] = set()  # that were said, each once
         self._unwritten, self._due = False, 0.0  # whether the documents lack anything, and from when on they may follow
@@ -113,13 +100,22 @@ class Watch:
     def pairs(self) -> tuple[list[tuple[RadiusCurve, Posterior]], list[str]]:
         """Every curve, named and grouped among all, with its answer, in the order of the files; and what is to be said
         of the files and of the scales and constants of their curves."""
-        files = self._in_order()
+        files, keys = self._in_order(), list(self._recordings())
         curves, _, repeated, hints = read_shots([curve for file in files for curve in file.curves], group=self.group)
+        for remark in repeated:
+            self._say_once(remark)
         remarks = [remark for file in files for remark in file.remarks]
-        curves = self._with_column(curves, remarks)
-        answers = [answer for file in files for answer in file.answers]
-        pairs = [(curve, answer) for curve, answer in zip(curves, answers, strict=True) if answer]
-        return pairs, remarks + repeated + hints
+        pairs = zip(self._with_column(curves, remarks), keys, strict=True)
+        answered = [(curve, self.answers[key]) for curve, key in pairs if key in self.answers]
+        return answered, remarks + repeated + hints
+
+    def _recordings(self) -> dict[str, RadiusCurve]:
+        """The curves by the keys of their answers, without copies: those that `read_shots` leaves."""
+        first: dict[bytes, tuple[str, RadiusCurve]] = {}
+        for file in self._in_order():
+            for key, curve in zip(file.keys, file.curves, strict=True):
+                first.setdefault(samples_of(curve), (key, curve))
+        return dict(first.values())
 
     @property
     def unreadable(self) -> int:
@@ -128,8 +124,7 @@ class Watch:
     def pause(self) -> bool:
         """Wait until the next look. Whether anything is still to come: a file in the making, or documents."""
         time.sleep(LOOK)
-        moving = any(self._is_news(path, state) for path, (state, _) in self._states.items())
-        return moving or bool(self._retries) or self._unwritten
+        return self._unwritten or any(self._is_news(path, state) for path, (state, _) in self._states.items())
 
     def once(self) -> bool:
         """Answer the next files that are complete, as many at once as keep all cores busy. Whether there were any."""
@@ -140,20 +135,23 @@ class Watch:
                 self.records.put(key_of(file.path), vars(file))
                 self._count(file)
                 count += 1
-                if earlier and earlier.curves and None in file.answers:
+                if earlier and earlier.curves and not self.answers.keys() >= {*file.keys}:
                     self._say_once(f"{path.name} has changed: its recordings are answered anew")
-            if sum(file.answers.count(None) for file in self.files.values()) >= 2 * cores():
+            if len(self._unanswered()) >= 2 * cores():
                 break
-        left = [(file, k) for file in self._in_order() for k, answer in enumerate(file.answers) if answer is None]
+        left = self._unanswered()
+        keys, curves = list(left), list(left.values())
         self._unwritten |= count > 0 or _state(self.column) != self._column_then
-        for place, answer in analyse([file.curves[k] for file, k in left], self.analysis, self.store):
-            file, k = left[place]
-            row = curve_record(file.curves[k], answer)
-            file.answers[k], file.rows[k], self._latest, self._unwritten = answer, row, answer, True
-            self.show(row)
+        for place, answer in analyse(curves, self.analysis, self.store):
+            self._latest = self.answers[keys[place]] = of_file(answer, curves[place])
+            self.show(curve_record(curves[place], self._latest))
+            self._unwritten = True
             self._write_if_due()
         self._write_if_due()
         return count > 0 or bool(left)
+
+    def _unanswered(self) -> dict[str, RadiusCurve]:
+        return {key: curve for key, curve in self._recordings().items() if key not in self.answers}
 
     def _write_if_due(self) -> None:
         """The documents, where they lack anything. They take a part of the time at most, however many shots there are:
@@ -165,21 +163,18 @@ class Watch:
         """result.json, result.csv and the page on the wall, of all that is answered."""
         began = time.monotonic()
         self._column_then, self._unwritten = _state(self.column), False
-        (pairs, notes), keys = self.pairs(), ("name", "group", "group_source", "column")
-        answered_rows = [row for file in self._in_order() for row in file.rows if row]
-        labels = [{key: getattr(curve, key) for key in keys} for curve, _ in pairs]
-        rows = [row.model_copy(update=label) for row, label in zip(answered_rows, labels, strict=True)]
-        result = result_of(rows, self.command, [answer for _, answer in pairs], date=self.date, notes=notes)
+        pairs, notes = self.pairs()
+        document = result(pairs, self.command, date=self.date, notes=notes)
         if pairs or not self.outputs.holds("result.json"):  # earlier answers stay until there are others
-            self.outputs.write("result.json", write_json, result)
-            self.outputs.write("result.csv", table.write_csv, result)
+            self.outputs.write("result.json", write_json, document)
+            self.outputs.write("result.csv", table.write_csv, document)
         latest = next((k for k, (_, answer) in enumerate(pairs) if answer is self._latest), len(pairs) - 1)
         curve, answer = pairs[latest] if pairs else (None, None)
-        page = html.live_page(result, latest, curve, answer, self.half_width)
+        page = html.live_page(document, latest, curve, answer, self.half_width)
         self.page.write(html.LIVE, Path.write_text, page, encoding="utf-8")
         now = time.monotonic()
         self._due = now + PACE * (now - began)
-        return result
+        return document
 
     def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:
         """With what the column says of them so far; what it does not say becomes a remark."""
@@ -214,19 +209,16 @@ class Watch:
         for path, state in states.items():
             same = path in before and before[path][0] == state
             self._states[path] = before[path] if same else (state, now)
-        self._retries = {path: retry for path, retry in self._retries.items() if path in states}
         for file in [file for file in self.files.values() if file.unreadable and pixels_of(Path(file.path)) in states]:
             del self.files[file.path]  # a header whose pixels came later than was waited for
             self.records.remove([key_of(file.path)])
-            self._discount(set(map(samples_of, file.curves)), file.path)
         stable = [(path, state) for path, (state, since) in self._states.items() if now - since >= LOOK]
         news = [(path, state) for path, state in stable if self._is_news(path, state)]
         return sorted(news, key=lambda pair: (pair[1][1], pair[0]))
 
     def _is_news(self, path: Path, state: State) -> bool:
-        file, retry = self.files.get(str(path)), self._retries.get(path)
-        waits = retry is not None and retry.state == state and time.monotonic() < retry.next_s
-        return not waits and (file is None or file.state != state)
+        file = self.files.get(str(path))
+        return file is None or file.state != state
 
     def _read(self, path: Path, state: State) -> WatchedFile | None:
         """What is in a file; None if it is to be tried again. One that stays as it is and cannot be read is a curve
@@ -240,46 +232,21 @@ class Watch:
         earlier = self.files.get(str(path))
         file = WatchedFile(str(path), state, earlier.order if earlier else state[1], [])
         if problems:
-            now, retry = time.monotonic(), self._retries.get(path)
-            if retry is None or retry.state != state:
-                retry = self._retries[path] = Retry(state, now, now)
-                self._say_once(f"{problems[0]}; it is tried again for {self.patience:g} s, and whenever it changes")
-            retry.next_s = now + max(LOOK, now - retry.first_s)
-            if now - retry.first_s < self.patience:
-                retry.next_s = min(retry.next_s, retry.first_s + self.patience)
+            self._say_once(f"{problems[0]}; it is tried again for {self.patience:g} s, and whenever it changes")
+            if time.monotonic() - self._states[path][1] < self.patience:
                 return None
             stem = {"name": path.stem, "group": path.stem, "source": file_label(path)}
             curves, file.unreadable = [RadiusCurve([], [], meta=stem, unusable=problems[0])], True  # type: ignore[arg-type]
-        self._retries.pop(path, None)
-        file.remarks = list(remarks)
-        for curve in curves:
-            owner = self.owner.get(samples_of(curve), file.path)
-            if owner == file.path:
-                file.curves.append(curve)
-            else:
-                file.twins.append(owner)
-                file.remarks.append(f"{path.name}: {curve.name} is the same recording as in {owner}: counted once")
-                self._say_once(file.remarks[-1])
+        file.remarks, file.curves = list(remarks), curves
         return file
 
     def _count(self, file: WatchedFile) -> None:
-        """Count a file, instead of what it was before; the twins of recordings that are gone from it are read again."""
-        before, self.files[file.path] = self.files.get(file.path), file
-        answers = [self.store.get(self.analysis.key(curve)) for curve in file.curves]
-        file.answers = [answer and of_file(answer, curve) for curve, answer in zip(file.curves, answers, strict=True)]
-        pairs = zip(file.curves, file.answers, strict=True)
-        file.rows = [curve_record(curve, answer) if answer else None for curve, answer in pairs]
-        mine = dict.fromkeys(map(samples_of, file.curves), file.path)
-        gone = {samples_of(curve) for curve in before.curves} - {*mine} if before else set()
-        self._discount(gone, file.path)
-        self.owner |= mine
-
-    def _discount(self, recordings: set[bytes], path: str) -> None:
-        """These are no longer in this file: those that are its twins are read again."""
-        for samples in recordings:
-            self.owner.pop(samples, None)
-        if recordings:
-            self.files = {name: file for name, file in self.files.items() if path not in file.twins}
+        """Count a file, instead of what it was before, with the answers that are there."""
+        self.files[file.path] = file
+        file.keys = [self.analysis.key(curve) for curve in file.curves]
+        for key, curve in zip(file.keys, file.curves, strict=True):
+            if answer := self.store.get(key):
+                self.answers[key] = of_file(answer, curve)
 
     def _in_order(self) -> list[WatchedFile]:
         return sorted(self.files.values(), key=lambda file: (file.order, file.path))

@@ -24,6 +24,7 @@ if find_spec("gradio") is None:
 import httpx
 from conftest import refusal, refused
 
+from cavirheo.app import words
 from cavirheo.app.events import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, preview, sliders, what_if
@@ -278,6 +279,10 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     names = [curve.name for curve in session.curves]
     first = infer(session, names[:4])
     assert [group.name for group in first.document.groups] == ["your files", "soft_gel"]
+    assert (words.overview(session).count("<svg"), words.groups(session).count("<svg")) == (
+        2,
+        2,
+    )  # one group has a single shot
     with refused("app.changed"):
         name_materials(session, ["gel"])
     name_materials(session, ["soft_gel", " ", "<gel>", *["soft_gel"] * 5])
@@ -436,13 +441,15 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     start = sliders(session, "soft_gel[1]")
     assert [start[key]["value"] for key in start] == pytest.approx(typed, rel=1e-2)
     (record,) = kept.document.curves
-    assert what_if(session, "soft_gel[1]", typed)[0].rmse_over_rmax == pytest.approx(record.rmse_over_rmax, rel=0.005)
+    assert what_if(session, "soft_gel[1]", typed).rmse_over_rmax == pytest.approx(record.rmse_over_rmax, rel=0.005)
     (processed,), (simulated,) = read_curves(folder / "processed" / "soft_gel_1.csv"), read_curves(path)
     frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
     assert np.sqrt(np.mean(left**2)) / record.max_radius_m == pytest.approx(record.rmse_over_rmax, rel=0.05)
-    failed, lines = what_if(session, "soft_gel[1]", [5.0, 0.03, 0.5])
-    assert (failed.verdict, lines) == ("failed", {"x": [[], []], "y": [[], []]})
+    drawn = ("measured", "simulated", "draws", "what-if", "residual")
+    assert all(f'<path class="{layer}"' in words.checked(session, "soft_gel[1]") for layer in drawn)
+    assert what_if(session, "soft_gel[1]", [5.0, 0.03, 0.5]).verdict == "failed"
+    assert '<path class="what-if"' not in words.checked(session, "soft_gel[1]")
 
 
 def test_the_band_of_the_draws_holds_the_answer(session):

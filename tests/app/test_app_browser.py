@@ -63,20 +63,19 @@ def drop(page, *files):
 
 def drag(page, name, share):
     """Move a slider to this share of its range, and wait until the simulation is drawn."""
-    before = page.evaluate("document.body.dataset.redrawn || '0'")
+    line = "document.querySelector('#check-plot path.what-if')?.getAttribute('d') || ''"
+    before = page.evaluate(line)
     page.locator(f"#slider-{name} input[type=range]").evaluate(
         "(one, share) => { one.value = share * one.max; one.dispatchEvent(new Event('input', {bubbles: true})); }",
         share,
     )
-    page.wait_for_function("before => (document.body.dataset.redrawn || '0') !== before", arg=before)
+    page.wait_for_function(f"before => ({line}) !== before", arg=before)
 
 
-def traces(page):
-    """{name: number of points} of the upper panel of the check."""
-    return page.evaluate(
-        "Object.fromEntries(document.querySelector('#check-plot .js-plotly-plot').data"
-        ".filter(one => one.showlegend !== false).map(one => [one.name, one.x.length ?? one.x.shape]))"
-    )
+def layers(page):
+    """Names of what the picture of the check shows."""
+    paths = "document.querySelectorAll('#check-plot path')"
+    return set(page.evaluate(f"[...{paths}].map(one => one.getAttribute('class'))"))
 
 
 def shown(page, name):
@@ -114,7 +113,7 @@ def take(page, folder):
 def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page = visit(WIDE)
     page.get_by_role("button", name="soft_gel.csv").click()
-    page.wait_for_selector("#overview .js-plotly-plot")
+    page.wait_for_selector("#overview svg")
     assert page.locator("#found tbody tr").count() == 5
 
     page.click("#to-prepare")
@@ -129,19 +128,19 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page.click("#infer")
     answered(page, 2)
     page.click("#to-check")
-    page.wait_for_selector("#check-plot .js-plotly-plot")
+    page.wait_for_selector("#check-plot svg")
     page.wait_for_selector("#facts article")
-    assert traces(page)["sliders"] == 0
+    assert "what-if" not in layers(page)
     drag(page, "viscosity", 0.2)
     first = page.inner_text("#trial")
-    assert traces(page)["sliders"] > 100
+    assert "what-if" in layers(page)
     drag(page, "viscosity", 0.6)
     assert page.inner_text("#trial") != first
     page.click("#fit")
     page.wait_for_selector("#stop-fit", state="visible")
     page.wait_for_selector("#stop-fit", state="hidden")
-    page.wait_for_function("document.querySelector('#check-plot .js-plotly-plot')?.data?.length > 7")
-    assert {"sliders", "measured", "simulation: best draw", "least squares"} <= traces(page).keys()
+    page.wait_for_selector("#check-plot path.fit", state="attached")
+    assert {"what-if", "measured", "simulated", "draws", "fit", "residual"} <= layers(page)
     assert fits_the_screen(page)
 
     folder = take(page, tmp_path)
@@ -169,8 +168,8 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     page.wait_for_selector("#answers .badge.failed")
     page.click("#to-check")
     page.wait_for_selector("#facts .message.failed")
-    page.wait_for_selector("#check-plot .js-plotly-plot")
-    assert not any(name.startswith("simulation") for name in traces(page))
+    page.wait_for_selector("#check-plot svg")
+    assert "simulated" not in layers(page)
     page.get_by_role("tab", name="3 Infer").click()
     page.get_by_role("tab", name="2 Prepare").click()
     page.wait_for_timeout(500)  # nobody types in the moment in which the steps change
@@ -194,7 +193,7 @@ def test_the_page_has_one_state(visit):
     page.click("#infer")
     answered(page, 5)
     assert closed(page) == []
-    page.wait_for_selector("#cloud .js-plotly-plot")
+    page.wait_for_selector("#groups svg")
     page.get_by_label("Newtonian fluid").check()
     page.wait_for_selector("#answers .stale")
     assert closed(page) == [4, 5]
@@ -235,7 +234,7 @@ def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
     before = {*kept}
     page = visit(WIDE)
     page.get_by_role("button", name="soft_gel.csv").click()
-    page.wait_for_selector("#overview .js-plotly-plot")
+    page.wait_for_selector("#overview svg")
     (mine,), link = {*kept} - before, page.url.partition("session=")[2]
     monkeypatch.setattr(visitors, "limits", VisitorLimits(absent=0.05))
     page.close()
@@ -259,7 +258,7 @@ def test_a_recording_is_measured_looked_at_and_confirmed_on_a_phone(visit, tmp_p
     page.fill("#film-scale input", "4")
     page.press("#film-scale input", "Enter")
     page.wait_for_selector("#film-frame img")
-    page.wait_for_selector("#film-plot .js-plotly-plot")
+    page.wait_for_selector("#film-plot svg")
     page.locator("#film-number input[type=range]").evaluate(
         "one => { one.value = 40; one.dispatchEvent(new Event('input', {bubbles: true})); }"
     )

@@ -95,14 +95,13 @@ DOCUMENTS = {  # by the kind that each names: its class and its fields
     }),
     "collapse-time": ("CollapseTimes", {"material": "nhkv", "medium": {}, "groups": []}),
 }  # fmt: skip
-RESULT = HEAD | DOCUMENTS["result"][1]
+RESULT = HEAD | {"kind": "result"} | DOCUMENTS["result"][1]
 
 
-@pytest.mark.parametrize("old", [False, True])
 @pytest.mark.parametrize("kind", DOCUMENTS)
-def test_load_tells_documents_apart_by_what_they_say_and_old_ones_by_their_name(kind, old, tmp_path):
-    path = tmp_path / (f"{kind}.json" if old else "any.json")
-    path.write_text(json.dumps(({} if old else {"kind": kind}) | HEAD | DOCUMENTS[kind][1]), encoding="utf-8")
+def test_load_tells_documents_apart_by_what_they_say(kind, tmp_path):
+    path = tmp_path / "any.json"
+    path.write_text(json.dumps({"kind": kind} | HEAD | DOCUMENTS[kind][1]), encoding="utf-8")
     found = load(path)
     assert (type(found).__name__, found.kind, found.command) == (DOCUMENTS[kind][0], kind, "cavirheo")
 
@@ -134,8 +133,7 @@ def test_load_reads_a_training_set(tmp_path):
         (HEAD | {"kind": "poem"}, "document.other"),
         (HEAD | {"kind": ["result"]}, "document.other"),
         (HEAD | {"kind": "result"}, "document.other"),  # without rows
-        (RESULT, "document.kind"),  # of an older version, under another name
-        (HEAD | {"curves": [{"name": 1}], "groups": []}, "document.kind"),
+        (HEAD | DOCUMENTS["result"][1], "document.other"),  # does not say of which kind it is
     ],
 )
 def test_load_refuses_what_we_did_not_write(content, code, tmp_path):

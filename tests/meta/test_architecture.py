@@ -51,7 +51,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("loading", "errors files reporting training companions video writing"),
 )
 MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}
-EXTRAS = ("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue", "pyarrow")
+EXTRAS = ("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue")
 FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room
 
 

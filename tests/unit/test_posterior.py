@@ -26,7 +26,7 @@ from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.verify import Verification, evidence, predictive, verification, verify_many
 from cavirheo.inference.verify.adaptive_sampling import TwoFidelityTarget
 from cavirheo.inference.verify.evidence import models, rank_laws, ranked
-from cavirheo.inference.verify.mode import Simulated, Target, climb, modes
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import (
@@ -45,6 +45,7 @@ from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.materials import Zener
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, weighted_quantile
 from cavirheo.prior import Prior, log_normal
+from validation.claims import calibration
 
 R_MAX = 250e-6
 TRUTH = {"shear_modulus": 8e3, "viscosity": 0.05, "stretch": 7.0}
@@ -252,7 +253,7 @@ def test_frames_of_a_shape_follow_the_size_of_the_bubble():
         frames = target.noise.split(target.extended(target.noise.shapes(residual), z))[0][0]
         errors.append(np.sqrt(np.mean((frames - exact) ** 2)))
         near = u + 0.1
-        target.follow(mode_of.Mode(near[0], 0.0, np.eye(len(near.T)), target.residuals(near, DEFAULT)[0], np.empty(0)))
+        target.follow(Mode(near[0], 0.0, np.eye(len(near.T)), target.residuals(near, DEFAULT)[0], np.empty(0)))
     by_shape = target.camera.missed_by_shape(real.sampled(x, target.camera), z[0])
     assert errors[1] < 0.3 * errors[0] + np.sqrt(np.mean(by_shape**2))
     assert np.sqrt(np.mean(by_shape**2)) < 0.3 * errors[0]
@@ -559,3 +560,39 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer():
     ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], bubble="field", seed=3)
     assert found.answers["nhkv"].evidence == infer(curve, material="nhkv", bubble="field", seed=3).evidence
     assert found.chosen == "nhkv"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4, 7])
+def test_against_emcee(seed, monkeypatch):
+    """An affine-invariant ensemble finds the same medians and widths; both simulate roughly, for it takes 100,000."""
+    emcee = pytest.importorskip("emcee")
+    _, curve = calibration.shot(seed)
+    known = {"discrepancy": False, "free": "none"}  # a scale would move the viscosity of the answer, not of the chain
+    settings = known | {"ranges": calibration.RANGES, "budget": Budget(draws=6000), "seed": seed}
+    answer = fit(curve, window="all")
+    monkeypatch.setattr(verification, "TUNING", replace(TUNING, effective_enough=2500.0))
+    monkeypatch.setattr(verification, "DEFAULT", ROUGH)
+    monkeypatch.setattr(AdaptiveProposal.__call__, "__defaults__", (ROUGH,))
+    found = verify.verify(curve, answer, **settings)
+    job = Estimation(Verification(**settings), curve, answer)
+    target, rng = job.target, np.random.default_rng(seed)
+    best = climb(target, job.starts()[0], ROUGH)
+    d = len(best.u)
+    walkers = best.u + rng.standard_normal((4 * d, d)) @ np.linalg.cholesky(best.covariance).T
+    moves = [(emcee.moves.DEMove(), 0.5), (emcee.moves.StretchMove(), 0.5)]
+
+    def log_posterior(u):
+        return target.log_posterior(u, target.residuals(u, ROUGH))
+
+    sampler = emcee.EnsembleSampler(4 * d, d, log_posterior, vectorize=True, moves=moves)
+    sampler._random.seed(seed)
+    sampler.run_mcmc(walkers, 4000)
+    tau = float(np.max(sampler.get_autocorr_time(tol=0)))
+    assert len(sampler.get_chain()) > 20 * tau
+    x = target.prior.to_x(sampler.get_chain(discard=int(4 * tau), flat=True))
+    for i, name in enumerate(("shear_modulus", "viscosity", "stretch")):
+        sd, ours = np.std(x[:, i]), np.log10(found.draws(name))
+        width = np.sqrt(np.average((ours - np.average(ours, weights=found.weights)) ** 2, weights=found.weights))
+        assert np.log10(found.median(name)) == pytest.approx(np.median(x[:, i]), abs=0.1 * sd)
+        assert width == pytest.approx(sd, rel=0.15)

@@ -22,7 +22,6 @@ AT_ONCE: dict[str, Any] = {"queue": False, "show_progress": "hidden"}
 LATEST: dict[str, Any] = {"trigger_mode": "always_last", "show_progress": "hidden"}
 line = partial(gr.Textbox, max_lines=1)
 button = partial(gr.Button, variant="primary")
-plot = partial(gr.Plot, show_label=False, container=False, min_width=320)
 html = partial(gr.HTML, apply_default_css=False)
 Handler = Callable[..., Any]
 

@@ -10,10 +10,9 @@ from typing import Any
 
 import gradio as gr
 import numpy as np
-from plotly.graph_objects import Figure
 
 from cavirheo.app import words
-from cavirheo.app.events import AT_ONCE, LATEST, Events, button, html, line, plot
+from cavirheo.app.events import AT_ONCE, LATEST, Events, button, html, line
 from cavirheo.app.session import Clip, Session
 from cavirheo.arrays import Bools
 from cavirheo.curve import RadiusCurve
@@ -21,8 +20,9 @@ from cavirheo.errors import InputError, require
 from cavirheo.io.shots import with_maximum_notes
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.io.videos import Camera, history, parse_camera
-from cavirheo.reporting.browser_figures import filmed
+from cavirheo.reporting.curve_panels import Axis, Layer, Panel
 from cavirheo.reporting.input_remarks import notes, summary_cells, warnings
+from cavirheo.reporting.svg import curve_svg
 from cavirheo.video.measurement import Measurement
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
@@ -116,13 +116,20 @@ def confirm(session: Session) -> None:
         raise
 
 
-def radii_plot(film: Clip) -> Figure:
-    """Radii by the flags of their frames, those left out as crosses; the shown frame marked."""
+def radii_picture(film: Clip) -> str:
+    """Radii by the flags of their frames, those without one at zero; a line marks the shown frame."""
     measurement = measured(film)
     unit, scale = ("µm", measurement.um_per_px.value) if measurement.um_per_px.value else ("px", 1.0)
     flags = np.where(excluded(film), "excluded", measurement.track.flags)
-    radius, first = scale * measurement.track.radius, measurement.first
-    return filmed(measurement.time, radius, unit, flags, COLOURS, first, film.frame)
+    time, radius = 1e6 * measurement.time, np.nan_to_num(scale * measurement.track.radius)
+    top, shown = 1.05 * float(radius.max()) or 1.0, float(time[film.frame - measurement.first])
+    layers = [
+        Layer("dots", f"flag-{flag}", time[flags == flag], radius[flags == flag], flag)
+        for flag in dict.fromkeys(flags.tolist())
+    ]
+    layers.append(Layer("line", "frame", np.full(2, shown), np.array([0.0, top])))
+    x = Axis("time (µs)", float(time[0]), float(time[-1]))
+    return words.pictures([curve_svg([Panel(x, Axis(f"R ({unit})", 0.0, top), tuple(layers))])])
 
 
 def summary(film: Clip) -> str:
@@ -131,10 +138,10 @@ def summary(film: Clip) -> str:
         return words.part("film", (), {}, {}, "")
     radii = curve(film)
     cut = f"{film.measurement.cut}: the radius rests on that part alone" * bool(film.measurement.cut)
-    texts = (*filter(None, [cut]), *(warning.text for warning in radii.warnings))
+    texts = [cut, *(text for _, text in warnings([radii]))]
     doubtful = by_message((film.path.name, words.for_page(text)) for text in texts)
     state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
-    return words.part("film", summary_cells(radii), warnings([radii]) | doubtful, notes([radii]), state)
+    return words.part("film", summary_cells(radii), doubtful, notes([radii]), state)
 
 
 def frame_view(film: Clip) -> str:
@@ -164,7 +171,7 @@ class FilmPart(Events):
                 with gr.Row():
                     with gr.Column(min_width=300):
                         self.film_frame = html()
-                    self.film_plot = plot(min_width=300)
+                    self.film_plot = html(min_width=300)
                 wide: dict[str, Any] = {"scale": 3, "min_width": 220}
                 with gr.Row():
                     self.film_number = gr.Slider(label="Frame shown", step=1, buttons=[], **wide)
@@ -213,7 +220,7 @@ class FilmPart(Events):
         excluded_frames = excluded(clip)
         out = excluded_frames[clip.frame - clip.measurement.first]
         label = "Bring this frame back" if out else "Exclude this frame"
-        return [summary(clip), frame_view(clip), radii_plot(clip), label]
+        return [summary(clip), frame_view(clip), radii_picture(clip), label]
 
     def _pick(self, session: Session, name: str) -> list[Any]:
         session.film = name

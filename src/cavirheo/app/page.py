@@ -12,17 +12,13 @@ from typing import Any
 import gradio as gr
 
 from cavirheo.app import film, steps, words
-from cavirheo.app.events import AT_ONCE, LATEST, Served, button, html, line, plot, public, uploaded
+from cavirheo.app.events import AT_ONCE, LATEST, Served, button, html, line, public, uploaded
 from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
-from cavirheo.inference.what_if import band
 from cavirheo.io.videos import Camera
 from cavirheo.physics.media import MEDIA
-from cavirheo.reporting import browser_figures as plots
-from cavirheo.writing import digits
 
-_RESIZE = "() => setTimeout(() => document.querySelectorAll('.js-plotly-plot').forEach(p => Plotly.Plots.resize(p)))"
 _PRESS = "() => document.querySelector('#{}').click()"
 _FOCUS = "() => setTimeout(() => document.querySelector('#{}')?.focus(), 100)"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
@@ -78,8 +74,7 @@ class Page(film.FilmPart):
         self.refused = html()
         self.welcome = html(words.welcome())
         self._film()
-        with gr.Row(visible=False) as self.loaded:
-            self.overview, self.overview_normalised = plot(), plot()
+        self.overview = html(visible=False)
         self.warned, self.found = html(), html(js_on_load=words.script("materials.js"))
 
     def _prepare(self) -> None:
@@ -118,7 +113,7 @@ class Page(film.FilmPart):
             self.infer, self.stop = button("Infer all chosen shots"), _stop()
         self.which = gr.Button("Most shots ask for another law: let the evidence choose it", visible=False)
         self.answers = html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
-        self.cloud, self.timer = plot(visible=False), gr.Timer(1.0, active=False)
+        self.groups, self.timer = html(visible=False), gr.Timer(1.0, active=False)
         values = "Published values or a rheometer's sweeps beside them"
         self.published = gr.UploadButton(values, file_count="multiple", visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
@@ -128,11 +123,11 @@ class Page(film.FilmPart):
             self.checked = gr.Dropdown(label="Shot", scale=3, min_width=200)
             self.fit = gr.Button("Fit conventionally (seconds)", scale=1, min_width=180)
             self.stop_fit = _stop(scale=1, min_width=100)
-        self.check_plot = plot()
+        self.check_plot = html()
         with gr.Row():
             sliders = steps.SLIDERS.items()
             self.sliders = [gr.Slider(label=word, elem_id=f"slider-{key}", min_width=200) for key, (word, _) in sliders]
-        self.trial = html({"words": ""}, html_template="${value.words}", js_on_load=words.script("redraw.js"))
+        self.trial = html()
         self.facts = html()
         self.to_export = gr.Button("Export")
 
@@ -152,7 +147,7 @@ class Page(film.FilmPart):
             self.answers,
             self.to_check,
             self.which,
-            self.cloud,
+            self.groups,
             self.published,
         ]
         outputs = [
@@ -161,10 +156,8 @@ class Page(film.FilmPart):
             self.found,
             self.welcome,
             self.overview,
-            self.overview_normalised,
             self.chosen,
             self.shown,
-            self.loaded,
             self.link,
             *self.state,
             *self._wire_film(),
@@ -200,16 +193,15 @@ class Page(film.FilmPart):
         out, materials = [self.found, *viewed, *self.state], "(_, shown) => [document.body.dataset.materials, shown]"
         latest(self.found.submit, self._name, [self.link, self.shown], out, js=materials)
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
-        inputs, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
-        self.on(self.fit.click, self._fit, inputs, fitted, works=True, show_progress_on=[self.check_plot], **_RUNS)
+        fitted: dict[str, Any] = {"works": True, "show_progress_on": [self.check_plot], **_RUNS}
+        self.on(self.fit.click, self._fit, [self.checked], [self.check_plot, self.facts], **fitted)
         self.on([self.stop.click, self.stop_fit.click], lambda session: session.runs.stopped.set(), [], [], queue=False)
         moved = [slider.input for slider in self.sliders]
-        self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
+        self.on(moved, self._try, [self.checked, *self.sliders], [self.check_plot, self.trial], queue=False, **LATEST)
         out = [self.files, self.download]
         single: dict[str, Any] = {"concurrency_limit": 1, "show_progress_on": [self.make]}
         zipped = self.on(self.make.click, self._zip, [], out, works=True, **single)
         zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
-        self.tabs[3].select(None, js=_RESIZE, api_visibility="private")  # drawn in a hidden tab it has another width
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
         self._field_names = sorted(
             self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox)
@@ -282,29 +274,24 @@ class Page(film.FilmPart):
 
     def _loaded(self, session: Session) -> list[Any]:
         names = [curve.name for curve in session.curves]
-        media = [session.settings_of(name).liquid for name in names]
-        figures = plots.overview(session.curves, media) if names else (None, None)
         anything = bool(names or session.films)
         return [
             words.part("refused", session.problems),
             gr.Column(visible=False),
             words.files_table(session),
             gr.HTML(visible=not anything),
-            *figures,
+            gr.HTML(words.overview(session), visible=bool(names)),
             gr.CheckboxGroup(choices=names, value=names),
             gr.Dropdown(choices=names, value=next(iter(names), None)),
-            gr.Row(visible=bool(names)),
             f"?session={session.link}" if anything else "",
-            *self._state(session, draw_cloud=True),
+            *self._state(session, draw=True),
             *self._filmed(session),
         ]
 
-    def _state(self, session: Session, *, draw_cloud: bool = False) -> list[Any]:
-        """Which steps can work, and the answers, if there are any, with what was changed since."""
-        loaded, answers = bool(session.curves), session.answers
-        current = answers is not None and not session.stale
-        cloud = {"value": plots.cloud(answers.pairs, answers.document)} if draw_cloud and answers else {}
-        viscous = answers is not None and any(row.viscosity.median is not None for row in answers.document.curves)
+    def _state(self, session: Session, *, draw: bool = False) -> list[Any]:
+        """Which steps can work, and the answers, if there are any, with what was changed since. draw: groups, too."""
+        loaded, current = bool(session.curves), session.answers is not None and not session.stale
+        groups: dict[str, Any] = {"value": words.groups(session)} if draw else {}
         return [
             *(gr.Tab(interactive=able) for able in (loaded, loaded, current, current)),
             gr.Button(interactive=loaded),
@@ -312,7 +299,7 @@ class Page(film.FilmPart):
             words.answers(session),
             gr.Button(interactive=current),
             gr.Button(visible=steps.law_in_doubt(session)),
-            gr.Plot(visible=current and viscous, **cloud),
+            gr.HTML(visible=current, **groups),
             gr.UploadButton(visible=current),
         ]
 
@@ -346,19 +333,19 @@ class Page(film.FilmPart):
     def _answer(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
-            return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, draw_cloud=True)]
+            return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, draw=True)]
 
     def _name(self, session: Session, materials: str, name: str | None) -> list[Any]:
         earlier, edits = words.table(session), json.loads(materials)
         steps.name_materials(session, edits["names"], edits["densities"])
         same = words.table(session) == earlier  # then the focus stays where it is
         table = gr.skip() if same else words.files_table(session)
-        return [table, *self._view(session, name), *self._state(session, draw_cloud=True)]
+        return [table, *self._view(session, name), *self._state(session, draw=True)]
 
     def _publish(self, session: Session, files: list[str]) -> list[Any]:
         with uploaded(files) as paths:
             session.publish(paths)
-        return self._state(session, draw_cloud=True)
+        return self._state(session, draw=True)
 
     def _picked(self, session: Session, name: str) -> list[Any]:
         return [gr.Tabs(selected=4), name, *self._show(session, name)]
@@ -366,26 +353,22 @@ class Page(film.FilmPart):
     def _show(self, session: Session, name: str) -> list[Any]:
         ranges = steps.sliders(session, name).values()
         sliders = [gr.Slider(visible=limits is not None, **(limits or {})) for limits in ranges]  # type: ignore[arg-type]
-        start = words.part("start", session.find(name)[3].simulated)
-        return [*self._checked(session, name), {"words": start}, *sliders]
+        answers, *_, record = session.find(name)
+        answers.trials.pop(name, None)
+        return [*self._checked(session, name), words.part("start", record.simulated), *sliders]
 
-    def _fit(self, session: Session, name: str, what_if: dict[str, Any], **_: Any) -> list[Any]:
+    def _fit(self, session: Session, name: str, **_: Any) -> list[Any]:
         session.runs.ready()
         steps.fit(session, name)
         with session.lock:
-            return self._checked(session, name, json.loads(what_if.get("lines", "null")))
+            return self._checked(session, name)
 
-    def _checked(self, session: Session, name: str, what_if: dict[str, Any] | None = None) -> list[Any]:
-        answers, curve, posterior, _ = session.find(name)
-        fit = answers.fits.get(name)
-        shading = band(curve, posterior, session.settings_of(name).analysis)
-        label = f"simulation: {digits.simulated(posterior.method)}"
-        figure = plots.checked(curve, posterior.checks, label, fit.checks if fit else None, what_if, shading)
-        return [figure, words.facts(session, name)]
+    def _checked(self, session: Session, name: str) -> list[Any]:
+        return [words.checked(session, name), words.facts(session, name)]
 
-    def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
-        checks, lines = steps.what_if(session, name, values)
-        return {"words": words.part("trial", checks), "lines": json.dumps({**lines, "traces": plots.WHAT_IF_TRACES})}
+    def _try(self, session: Session, name: str, *values: float | None) -> list[Any]:
+        checks = steps.what_if(session, name, values)
+        return [words.checked(session, name), words.part("trial", checks)]
 
     def _zip(self, session: Session, *, progress: gr.Progress) -> list[Any]:
         archive, files = steps.export(session, progress)

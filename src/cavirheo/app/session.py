@@ -19,12 +19,13 @@ from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
+from cavirheo.inference.what_if import Band
 from cavirheo.io.shots import check_max_radius
 from cavirheo.io.subprocess_reader import Reader
 from cavirheo.io.videos import Camera
 from cavirheo.parallel import Stoppable
 from cavirheo.physics.media import Medium, medium
-from cavirheo.posterior import Posterior
+from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import Published
 from cavirheo.reporting.material import kept_material_of
@@ -157,6 +158,8 @@ class Answers:
     settings: PageSettings  # that they stand on
     densities: Mapping[str, float] = field(default_factory=dict)  # and those that were typed, by shot
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
+    trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by name
+    bands: dict[str, Band | None] = field(default_factory=dict)  # of the draws' simulations, by name
 
 
 class Session:

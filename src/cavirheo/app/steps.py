@@ -8,10 +8,12 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+
+import numpy as np
 
 from cavirheo.app.session import Answers, PageSettings, Session
 from cavirheo.companions.published_values import add_to_groups
@@ -19,16 +21,19 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT
 from cavirheo.inference.what_if import checks_with, compared_window, slider
+from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting import browser_figures as plots
-from cavirheo.reporting import result
+from cavirheo.reporting import file_names, result, write_report
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.bundle import zipped
 from cavirheo.reporting.input_remarks import unexplained
 from cavirheo.reporting.record import Pairs
 from cavirheo.workflow.analyse import of_file
+from cavirheo.writing import digits
+from cavirheo.writing.document import LIST
+from cavirheo.writing.packing import key_of
 
+FIGURES = ("png", "svg")  # in the zip
 SLIDERS = {  # label, factor from SI
     "shear_modulus": ("Try G (kPa)", 1e-3),
     "viscosity": ("Try µ (Pa s)", 1.0),
@@ -152,13 +157,13 @@ def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     return {key: slider(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
 
 
-def what_if(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
-    """The simulation with the sliders' values over the window of the answer: what was found, and its `plots.lines`;
-    where it fails, why, and nothing to draw."""
-    _, curve, posterior, _ = session.find(name)
+def what_if(session: Session, name: str, values: Sequence[float | None]) -> Checks:
+    """The simulation with the sliders' values over the window of the answer, into its answers too; where it fails,
+    why."""
+    answers, curve, posterior, _ = session.find(name)
     changed = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-    checks = checks_with(curve, posterior, changed, session.settings_of(name).analysis)
-    return checks, plots.lines(checks, 0.0 if checks.verdict == "failed" else curve.time_of_max)
+    answers.trials[name] = checks_with(curve, posterior, changed, session.settings_of(name).analysis)
+    return answers.trials[name]
 
 
 def law_in_doubt(session: Session) -> bool:
@@ -174,12 +179,41 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     fits = [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]
     number, shots, folder = count(1), len(answers.pairs) + len(fits), session.folder / "export"
-    archive = session.folder / "cavirheo-result.zip"
-    with session.exporting:
-        once = partial(session.once, session.zips)
-        advance = lambda: progress(next(number) / (shots + 1), "drawn")  # noqa: E731
-        content = zipped(answers.pairs, answers.document, fits, advance, once)
-        archive.write_bytes(content)
+    archive, document = session.folder / "cavirheo-result.zip", answers.document
+    published = {group.name: group.published for group in document.groups}
+
+    def build() -> bytes:
+        with TemporaryDirectory() as base:
+            made = Path(base, "cavirheo-result")
+            for kind in ("processed", "simulated"):
+                (made / kind).mkdir(parents=True)
+            how: dict[str, Any] = {"notes": document.notes, "published": published}
+            how["advance"] = lambda: progress(next(number) / (shots + 1), "drawn")
+            write_report(made, answers.pairs, document.command, FIGURES, **how)
+            if fits:
+                write_report(made / "least-squares", fits, f"{document.command}; then fit", FIGURES, **how)
+            for listing in made.rglob(LIST):  # it tells one run from the next; a zip is of one
+                listing.unlink()
+            _write_curves(made, answers)
+            return Path(shutil.make_archive(f"{base}/made", "zip", base, made.name)).read_bytes()
+
+    with session.exporting:  # a class with one demo file waits for one zip
+        key = key_of([answers.pairs, document.command, fits, document.notes, published])
+        archive.write_bytes(session.once(session.zips, key, build))
         shutil.rmtree(folder, ignore_errors=True)
         shutil.unpack_archive(archive, folder)
     return archive, sorted(path for path in (folder / "cavirheo-result").iterdir() if path.is_file())
+
+
+def _write_curves(folder: Path, answers: Answers) -> None:
+    """The processed and the simulated curves as CSV."""
+    names = file_names([record.name for record in answers.document.curves])
+    for stem, (curve, posterior), record in zip(names, answers.pairs, answers.document.curves, strict=True):
+        write_csv(folder / "processed" / f"{stem}.csv", curve)
+        time, radius = posterior.checks.reconstruction_time, posterior.checks.reconstruction_radius
+        if time is not None and radius is not None:
+            # a drawn point beside a frame, which ten digits of a microsecond do not tell from it
+            distinct = np.diff(time, prepend=-np.inf) > 1e-15
+            place = folder / "simulated" / f"{stem}-{digits.simulated(posterior.method).replace(' ', '-')}.csv"
+            remark = f"simulation of {record.name}, {record.simulated}"
+            write_csv(place, RadiusCurve(time[distinct], radius[distinct]), remark)

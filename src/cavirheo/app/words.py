@@ -12,14 +12,16 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
-from cavirheo.inference.what_if import compared_window
-from cavirheo.reporting import html
+from cavirheo.inference.what_if import band, compared_window
+from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
-from cavirheo.reporting.curve_panels import preview_panels
+from cavirheo.reporting.curve_panels import check_panels, preview_panels
+from cavirheo.reporting.group_panels import overview_panels
 from cavirheo.reporting.input_remarks import causes, notes, pooled, summary_cells, warnings
 from cavirheo.reporting.record import result_of
-from cavirheo.reporting.svg import curve_svg
+from cavirheo.reporting.svg import curve_svg, overlay_svg
+from cavirheo.video.picture import COLOURS
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import by_message
 
@@ -62,7 +64,9 @@ def part(name: str, *content: Any) -> str:
 
 def style() -> str:
     """The style of the page: that of the report for all that stands in .report, and its own."""
-    return f".report {{\n{html.style()}}}\n{script('app.css')}"
+    dots = "".join(f".picture path.flag-{flag} {{ stroke: {colour}; }}\n" for flag, colour in COLOURS.items())
+    words = "".join(f".picture tspan.flag-{flag} {{ fill: {colour}; }}\n" for flag, colour in COLOURS.items())
+    return f".report {{\n{html.style()}}}\n{script('app.css')}{dots}{words}"
 
 
 def script(name: str) -> str:
@@ -138,20 +142,57 @@ def files_table(session: Session) -> str:
     return part("found", rows, notes(curves), session.waiting, pooled, f"{session.settings.liquid.density:g}")
 
 
+def pictures(svgs: Sequence[str]) -> str:
+    """Beside each other, where there is room; nothing without any."""
+    return part("pictures", svgs) if svgs else ""
+
+
+def overview(session: Session) -> str:
+    """All curves over each other."""
+    media = [session.settings_of(curve.name).liquid for curve in session.curves]
+    return pictures([overlay_svg(panel) for panel in overview_panels(session.curves, media)])
+
+
+def groups(session: Session) -> str:
+    """The pictures of the report of all groups of several shots."""
+    return pictures(group_pictures(session.answers.pairs, session.answers.document, [])) if session.answers else ""
+
+
+def checked(session: Session, name: str) -> str:
+    """The answer over the measurement, with the band of its draws, the conventional fit and the sliders' simulation."""
+    answers, curve, posterior, _ = session.find(name)
+    if name not in answers.bands:
+        answers.bands[name] = band(curve, posterior, session.settings_of(name).analysis)
+    fit, simulated = answers.fits.get(name), f"simulation: {digits.simulated(posterior.method)}"
+    panels = check_panels(
+        curve,
+        posterior.checks,
+        simulated,
+        fit=fit.checks if fit else None,
+        what_if=answers.trials.get(name),
+        band=answers.bands[name],
+    )
+    return pictures([curve_svg(panels, 840, 460)])
+
+
 def warned(session: Session) -> str:
     """The warnings on all shots, in full."""
-    return part("warned", {for_page(text): names for text, names in warnings(session.curves).items()})
+    return part("warned", _warnings_for_page(session.curves))
+
+
+def _warnings_for_page(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    return by_message((name, for_page(text)) for name, text in warnings(curves))
 
 
 def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     """A curve with the frames that are compared, or why it cannot be shown; the warnings on it, and what was done to
     it."""
-    picture, remarks = "", warnings([curve])
+    picture, remarks = "", _warnings_for_page([curve])
     try:
         picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
-        remarks = {str(error): [curve.name]}
-    return part("prepared", picture, {for_page(text): names for text, names in remarks.items()}, notes([curve]))
+        remarks = {for_page(error): [curve.name]}
+    return part("prepared", picture, remarks, notes([curve]))
 
 
 def answers(session: Session) -> str:

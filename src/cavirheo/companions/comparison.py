@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from cavirheo.companions.published_values import ReferenceSet, by_group, read_references
 from cavirheo.curve import RadiusCurve
@@ -28,10 +28,7 @@ from cavirheo.reporting.record import Result
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.writing.document import Outputs, write_json
 
-if TYPE_CHECKING:
-    pass
-
-_TABLES = ("comparison.md", "comparison.csv")
+_TABLE = "comparison.csv"
 _OF_LIQUIDS = {"bdt-viscoelastic": "bdt-viscous"}  # by the network of gels
 
 
@@ -129,7 +126,7 @@ def compare(
     notes = [] if against else [none]
     head: dict[str, Any] = {"command": command, "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
     inputs = [references, *([source] if source.is_file() else [])]
-    table_outputs = partial(Outputs, out, *_TABLES, inputs=inputs)  # of the folder as it is then
+    table_outputs = partial(Outputs, out, _TABLE, inputs=inputs)  # of the folder as it is then
     table_outputs()
     if source.is_file():
         message = f"{source} is not answered again: leave out --model, --material, --bubble and --trust-input"
@@ -178,8 +175,7 @@ def _reference_methods(path: Path, published: Mapping[str, Published], requested
 
 def _write_tables(outputs: Outputs, document: Result) -> None:
     """The comparison, beside result.json."""
-    outputs.write("comparison.csv", tables.write_csv, document)
-    outputs.write("comparison.md", Path.write_text, tables.markdown(document), encoding="utf-8")
+    outputs.write(_TABLE, tables.write_csv, document)
     outputs.finish()
 
 

@@ -8,17 +8,17 @@ from datetime import datetime
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.reporting.group import REFERENCES, Published
+from cavirheo.posterior import Posterior
+from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
 from cavirheo.writing import claim
 from cavirheo.writing.document import Outputs, drawing, short_name, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
-MANY = 500  # curves: above, a Parquet table stands beside the documents
 GROUPS = 50  # of a run, whose pictures are in the report
 PAGE_POINTS = 240_000  # that the pictures of all curves, and those of all groups, have together
 DOCUMENTS = ("result.json", "result.csv", "report.html")
@@ -26,7 +26,6 @@ DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Sequence[str] = ()) -> Outputs:
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
-    many = ["result.parquet"] if len(curves) > MANY else []
     drawings: list[str] = []
     if figures:
         from cavirheo.reporting.figures import check_figures, files
@@ -34,7 +33,7 @@ def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Seque
         check_figures(figures)
         groups = dict.fromkeys((curve.group, curve.group_source) for curve in curves)
         drawings = files(figures, [curve.name for curve in curves], [group for group, _ in groups])
-    return Outputs(directory, *DOCUMENTS, *many, *drawings, inputs=[curve.source for curve in curves if curve.source])
+    return Outputs(directory, *DOCUMENTS, *drawings, inputs=[curve.source for curve in curves if curve.source])
 
 
 def write_report(
@@ -60,8 +59,8 @@ def write_report(
     Args:
         pairs: (curve, its answer), in the order of the rows. A `CurveAnswers` reads each answer when it is needed.
         command: what was run, as it stands in the documents.
-        figures: files of each curve and group, of "png", "svg", "pdf" and "paper" (PDF, SVG and PNG for a two-column
-            paper); they need matplotlib, without which the notes say so. The report holds its pictures in itself.
+        figures: files of each answered curve and group for a two-column paper, of "png", "svg" and "pdf"; they need
+            matplotlib, without which the notes say so. The report holds its pictures in itself.
         date: as it stands in the documents; now if not given.
         notes: on the run as a whole (files that could not be read, ...).
         complete: False for a run that was stopped before all was answered: no report, no figures.
@@ -71,8 +70,7 @@ def write_report(
         references: methods of these that errors are to.
         replace: whether answers of another call, or of another command line, may be replaced, too.
 
-    Of more than MANY curves there is result.parquet, too (with pyarrow). A picture or figure that cannot be drawn costs
-    nothing else: the report and the result's notes say why.
+    A picture or figure that cannot be drawn costs nothing else: the report and the result's notes say why.
 
     Raises:
         InputError: an unknown kind of figure, a directory that cannot be written, a file in it that is not ours, or
@@ -87,14 +85,9 @@ def write_report(
         folder = outputs(directory, pairs.curves, figures)
         document = result(pairs, command, date=date, notes=notes)
         document.add_published(published or {}, references)
-        pictures = _pictures(pairs, document) if draw and complete else ([], [])
-        if complete and len(pairs) > MANY:
-            try:
-                folder.write("result.parquet", table.write_parquet, document)
-            except ModuleNotFoundError:
-                document.notes.append(
-                    "no result.parquet (result.csv has the same rows): pip install 'cavirheo[cluster]'"
-                )
+        pictures = []
+        if draw and complete:
+            pictures = [_curve_pictures(pairs, document), group_pictures(pairs, document, document.notes)]
         folder.write("result.json", write_json, document)
         folder.write("result.csv", table.write_csv, document)
         if figures:
@@ -105,37 +98,52 @@ def write_report(
                 folder.write("result.json", write_json, document)
         if complete:
             sheets = [str(curve.meta.get("contact_sheet", "")) for curve in pairs.curves] if draw else []
-            folder.write("report.html", html.write, document, *pictures, sheets)
+            folder.write("report.html", html.write, document, *pictures, sheets=sheets)
         folder.finish()
     return document
 
 
-def _pictures(pairs: CurveAnswers, document: Result) -> tuple[list[str], list[str]]:
-    """SVG of each curve and of each group, or why there is none, which becomes a note of the document. Of very many
-    curves the pictures are simpler, and only the first groups have one."""
+def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
+    """SVG of each curve, or why there is none; of very many curves the radius alone, half as high."""
     from cavirheo.reporting import html, svg
     from cavirheo.reporting.curve_panels import answer_panels
+
+    brief = len(pairs) > html.DETAILED
+    points = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))
+
+    def draw(curve: RadiusCurve, answer: Posterior, row: CurveRecord) -> str:
+        panels = answer_panels(curve, answer.checks, row)
+        if brief:
+            return svg.curve_svg(panels[:1], height=svg.HEIGHT / 2, points=points)
+        return svg.curve_svg(panels, points=points)
+
+    rows = document.curves
+    return [
+        _picture(row.name, partial(draw, *pair, row), document.notes) for pair, row in zip(pairs, rows, strict=True)
+    ]
+
+
+def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str]:
+    """SVG of each group of several answered shots, or why there is none, which becomes one of the notes; of the first
+    groups where they are many."""
+    from cavirheo.reporting import svg
     from cavirheo.reporting.group_panels import group_panels, shots_of
 
-    def draw(name: str, panels: Callable[[], Any], svg: Callable[..., str], **how: Any) -> str:
-        with drawing(f"picture of {name}", document.notes):
-            return svg(panels(), **how)
-        return document.notes[-1]
-
-    rows, unit = document.curves, document.modulus_unit
-    how: dict[str, Any] = {"points": min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))}
-    how["brief"] = len(pairs) > html.DETAILED
-    curves = [
-        draw(row.name, partial(answer_panels, curve, answer.checks, row), svg.curve_svg, **how)
-        for (curve, answer), row in zip(pairs, rows, strict=True)
-    ]
     members = [(group, indices) for group, indices in document.members() if group.n > 1][:GROUPS]
     points = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
-    groups = []
-    for group, indices in members:
-        shots = shots_of(pairs, rows, indices)
-        groups.append(draw(group.name, partial(group_panels, shots, group, unit), svg.group_svg, points=points))
-    return curves, groups
+
+    def draw(group: GroupRecord, indices: Sequence[int]) -> str:
+        shots = shots_of(pairs, document.curves, indices)
+        return svg.group_svg(group_panels(shots, group, document.modulus_unit), points)
+
+    return [_picture(group.name, partial(draw, group, indices), notes) for group, indices in members]
+
+
+def _picture(name: str, draw: Callable[[], str], notes: list[str]) -> str:
+    """The picture; where it cannot be drawn a note says why."""
+    with drawing(f"picture of {name}", notes):
+        return draw()
+    return notes[-1]
 
 
 def file_names(names: Sequence[str]) -> list[str]:

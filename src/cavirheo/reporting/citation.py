@@ -223,7 +223,7 @@ def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -
     if group.headline:
         return f"{group.name}: {group.headline}."
     trusted = [member for member in members if member.trusted]
-    n = group.n if group.n_trusted is None else group.n_trusted
+    n = group.n_trusted
     values = []
     for name in parameters_of(trusted):
         symbol, factor, unit = in_unit(name, result.modulus_unit)

@@ -1,4 +1,4 @@
-"""The groups of a result beside published values: a table for the terminal, for papers (Markdown) and programs (CSV).
+"""The groups of a result beside published values: a table for the terminal and as CSV.
 
 A row is a parameter of a group by all methods. Our mean is over the trusted shots that determine it; where others were
 answered, too, it stands beside the mean over all of them.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -128,7 +127,7 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
         head = ["" if row.group is before else row.group.name, label]
         counts = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(row)]
         for method in [method for method in row.values if method not in (TRUSTED, ALL)] + row.answers:
-            texts = [*head, method, _written(row, method, factor)]
+            texts = [*head, method, digits.spread(row.value(method), factor)]
             texts += [_error(row, reference, method) for reference in comparison.references]
             ours = method in row.answers
             table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != ALL else None)
@@ -136,28 +135,6 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
         before = row.group
         table.add_section()
     return table
-
-
-def markdown(result: Result) -> str:
-    """One row for each group and parameter, then what is to be known."""
-    comparison = Comparison(result)
-    methods = [*comparison.methods, *comparison.answers]
-    pairs = [(to, method) for to in comparison.references for method in methods if method != to]
-    pairs = [pair for pair in pairs if any(row.error(*pair) is not None for row in comparison.rows)]
-    head = ["Set", "Quantity", *methods, *(f"{method} to {to}, %" for to, method in pairs)]
-    lines = [[*head, "Shots", "trusted", "RMSE, % of R_max"]]
-    lines.append(["---"] * len(lines[0]))
-    for row in comparison.rows:
-        factor, label = comparison.unit(row.name)
-        values = [_written(row, method, factor) for method in methods]
-        lines.append([row.group.name, label, *values, *(_error(row, *pair) for pair in pairs), *_counts(row)])
-    parts = ["| " + " | ".join(map(_escaped, row)) + " |" for row in lines]
-    parts += ["", _key(comparison), ""]
-    for group, of in result.members():
-        sentences = [*group.models, *remarks(group, [result.curves[k] for k in of])]
-        parts += [f"- {_escaped(group.name)}: {_escaped('; '.join(sentences))}"] if sentences else []
-    parts += [f"- {_escaped(note)}" for note in result.notes]
-    return "\n".join([*parts, "", f"cavirheo {result.version}, {result.date}: `{result.command}`", ""])
 
 
 def write_csv(path: Path, result: Result) -> None:
@@ -191,32 +168,13 @@ def _misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
 
 def _error(row: ComparedParameter, reference: str, method: str) -> str:
     """In per cent; nothing where a method is its own reference."""
-    error = row.error(reference, method)
-    if method == reference or error is None:
-        return "" if method == reference else digits.MISSING
-    return f"{100 * error:.0f}" if error >= 0.0995 else digits.significant(100 * error, 2)
-
-
-def _written(row: ComparedParameter, method: str, factor: float) -> str:
-    """With the digits that it was published with; what was computed to those that the spread leaves."""
-    value = row.value(method)
-    numbers = [number for number in (value.mean, value.std) if number is not None]
-    if method in (OURS, TRUSTED, ALL) or any(float(f"{number:.4g}") != number for number in numbers):
-        return digits.spread(value, factor)
-    parts = [f"{number * factor:.10g}" for number in numbers]
-    places = max((len(part.partition(".")[2]) for part in parts), default=0)
-    if not any("e" in part for part in parts):
-        parts = [f"{float(part):.{places}f}" for part in parts]
-    return " ± ".join(parts) or digits.MISSING
+    return "" if method == reference else digits.percent(row.error(reference, method))
 
 
 def _counts(row: ComparedParameter) -> list[str]:
     """Answered of all shots; the trusted ones; RMSE: median (smallest–largest), % of R_max."""
-    middle, *ends = (None if value is None else 100 * value for value in _misfits(row.shots))
-    words = digits.MISSING
-    if middle is not None:
-        places = max(1 - floor(log10(middle)), 0) if middle > 0 else 1
-        words = f"{middle:.{places}f} ({'–'.join(f'{end:.{places}f}' for end in ends)})"
+    middle, low, high = map(digits.percent, _misfits(row.shots))
+    words = middle if middle == digits.MISSING else f"{middle} ({low}–{high})"
     shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.answers else ["", ""]
     return [*shots, words]
 
@@ -230,7 +188,3 @@ def _key(comparison: Comparison) -> str:
         words += f"Error to {' or '.join(comparison.references)}: |mean − its mean| / its mean, in %. "
     words += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
     return words + (f" Our answers assume the {comparison.bubbles}." if comparison.bubbles else "")
-
-
-def _escaped(text: str) -> str:
-    return " ".join(text.replace("|", "\\|").split())

@@ -34,11 +34,6 @@ class Axis:
         """The name with the remark."""
         return ", ".join(filter(None, (self.label, self.remark)))
 
-    @property
-    def unit(self) -> str:
-        """What stands in brackets in the name."""
-        return self.label.partition("(")[2].rstrip(")")
-
     def ticks(self, most: int) -> list[float]:
         """At most so many round numbers within the ends, evenly spaced; the ends where no round number is known."""
         rough = (self.high - self.low) / max(most, 1)
@@ -55,18 +50,18 @@ class Layer:
     """Points of a panel that look alike.
 
     Attributes:
-        shape: "dots", "line", "bars" (values with their intervals), "band" (between two values of `y`) or "ticks" (on
-            the lower end of `y`).
+        shape: "dots", "line", "bars" (values with their intervals), "band" (between two values of `y`), "area" (between
+            two lines) or "ticks" (on the lower end of `y`).
         look: by which every way of drawing has colours and sizes: "measured", "simulated", ...
         x: (n,); of bars (n, 3) lower ends, middles and upper ends; of a band (2,) the ends of the axis.
-        y: likewise; of ticks zeros.
+        y: likewise; of an area (n, 2); of ticks zeros.
         name: in the key of the picture; "" is left out.
         tones: (n,) of points in colours of their own, or (1,) of a line, from 0, dark, to 1, light; None: that of the
             look.
         share: part of the points of a picture that it may have; None: it is drawn as it is.
     """
 
-    shape: Literal["dots", "line", "bars", "band", "ticks"]
+    shape: Literal["dots", "line", "bars", "band", "area", "ticks"]
     look: str
     x: Floats
     y: Floats
@@ -107,17 +102,8 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
     origin, per_second, x_label = _clock(curve)
     per_metre, y_label = _scale(curve)
     time, radius = (curve.time - origin) * per_second, curve.radius * per_metre
-    simulated_time, compared_time = (
-        np.empty(0) if values is None else (values - origin) * per_second
-        for values in (checks.reconstruction_time, checks.compared_time)
-    )
-    simulated_radius, residual = (
-        np.empty(0) if values is None else factor * values
-        for values, factor in ((checks.reconstruction_radius, per_metre), (checks.residual_over_rmax, 100.0))
-    )
-    for values, times in ((simulated_radius, simulated_time), (residual, compared_time)):
-        if values.size and values.shape != times.shape:
-            raise ValueError(f"{len(values)} values at {len(times)} times")
+    line, difference = _simulation(curve, checks, "simulated", simulated_as)
+    compared_time = difference.x
     has_answer, rmse = checks.verdict != "failed", 100.0 * (checks.rmse_over_rmax or 0.0)
     compared = np.full(len(time), not has_answer)
     if len(compared_time):
@@ -127,7 +113,7 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
     measured = np.isfinite(radius) & (time >= low) & (time <= high)
     remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
     x = Axis(x_label, low, high, remark)
-    top = 1.05 * float(np.max([*radius[measured], *simulated_radius], initial=0.0)) or 1.05
+    top = 1.05 * float(np.max([*radius[measured], *line.y], initial=0.0)) or 1.05
     share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # as much as the simulation has
     dots = [
         Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some))
@@ -136,7 +122,6 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
             ("outside", "not compared", measured & ~compared),
         )
     ]
-    line = Layer("line", "simulated", simulated_time, simulated_radius, simulated_as, share=0.4)
     note = "" if has_answer else "no answer: no line is drawn"
     t_c = (checks.time_scale or 0.0) * per_second
     panels = [
@@ -148,21 +133,76 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
             note if measured.any() else "no measured radius",
         )
     ]
-    if len(residual):
-        largest = 1.15 * max(float(np.max(np.abs(residual), initial=0.1)), rmse)
+    if len(difference.y):
+        largest = 1.15 * max(float(np.max(np.abs(difference.y), initial=0.1)), rmse)
         ends = np.array([low, high])
         band = [Layer("band", "band", ends, np.array([-rmse, rmse]))] if rmse else []
         zero = Layer("line", "zero", ends, np.zeros(2))
-        difference = Layer("dots", "residual", compared_time, residual, share=0.2)
         note = f"band: ± RMSE = {digits.significant(rmse, 2)} %" if rmse else ""
         panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, difference), note=note))
     return panels
+
+
+def _simulation(curve: RadiusCurve, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
+    """The line of a simulation, and what is left between; without values where there are none. Raises ValueError."""
+    (origin, per_second, _), (per_metre, _) = _clock(curve), _scale(curve)
+    time, compared_time = (
+        np.empty(0) if values is None else (values - origin) * per_second
+        for values in (checks.reconstruction_time, checks.compared_time)
+    )
+    radius, residual = (
+        np.empty(0) if values is None else factor * values
+        for values, factor in ((checks.reconstruction_radius, per_metre), (checks.residual_over_rmax, 100.0))
+    )
+    for values, times in ((radius, time), (residual, compared_time)):
+        if values.size and values.shape != times.shape:
+            raise ValueError(f"{len(values)} values at {len(times)} times")
+    return (
+        Layer("line", look, time, radius, name, share=0.4),
+        Layer("dots", "residual", compared_time, residual, share=0.2),
+    )
 
 
 def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> list[Panel]:
     """The panels of a curve as its row says: a row without an answer has none of the simulation."""
     name = f"simulation: {digits.simulated(record.method)}"
     return curve_panels(curve, checks if record.has_answer else Checks("failed"), name)
+
+
+def check_panels(
+    curve: RadiusCurve,
+    checks: Checks,
+    simulated_as: str,
+    *,
+    fit: Checks | None = None,
+    what_if: Checks | None = None,
+    band: tuple[Floats, Floats, Floats] | None = None,
+) -> list[Panel]:
+    """Those of an answer with the simulations of a conventional fit and of other values, and with the band in which the
+    draws' simulations run: times (s), lower and upper radius (m)."""
+    radius, *residual = curve_panels(curve, checks, simulated_as)
+    below, lines, differences = list[Layer](), list[Layer](), list[Layer]()
+    if band:
+        (origin, per_second, _), (per_metre, _) = _clock(curve), _scale(curve)
+        ends = per_metre * np.column_stack(band[1:])
+        below.append(Layer("area", "draws", per_second * (band[0] - origin), ends, "90 % of the draws", share=0.2))
+    for look, name, simulation in (("fit", "least squares", fit), ("what-if", "sliders", what_if)):
+        if simulation and simulation.reconstruction_time is not None:
+            line, difference = _simulation(curve, simulation, look, name)
+            lines.append(line)
+            differences.append(replace(difference, shape="line", look=look))
+    radius_ends = [0.0, *(1.05 * layer.y.max() for layer in (*below, *lines))]
+    residual_ends = [1.15 * np.abs(layer.y).max() for layer in differences]
+    panels = [_with_layers(radius, (*below, *radius.layers, *lines), max(radius_ends))]
+    return panels + [
+        _with_layers(panel, (*panel.layers, *differences), max(residual_ends, default=0.0)) for panel in residual
+    ]
+
+
+def _with_layers(panel: Panel, layers: tuple[Layer, ...], high: float) -> Panel:
+    """With these layers, and an axis up to `high` at least; one that begins below zero is symmetric."""
+    high = max(high, panel.y.high)
+    return replace(panel, layers=layers, y=replace(panel.y, low=-high if panel.y.low < 0.0 else 0.0, high=high))
 
 
 def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:

@@ -126,15 +126,13 @@ class GroupModel(Record):
 class GroupRecord(Record):
     """The shots of one file or folder.
 
-    Models are over the n_trusted, and the mean of each parameter over those of them
-    that determine it; both of documents where this is null, over all n. Slopes are over such values, too; where the
-    trusted are too few, over those that the model does not fit as well.
+    Models are over the n_trusted, and the mean of each parameter over those of them that determine it. Slopes are over
+    such values, too; where the trusted are too few, over those that the model does not fit as well.
 
     Attributes:
         name: of the file or folder.
         n: shots that were answered.
-        n_trusted: those with a verdict that counts (ok, undetermined, other_model_preferred); null in documents of
-            before.
+        n_trusted: those with a verdict that counts (ok, undetermined, other_model_preferred).
         n_failed: shots without an answer.
         shear_modulus_Pa: G, Pa.
         viscosity_Pa_s: mu, Pa s.
@@ -157,7 +155,7 @@ class GroupRecord(Record):
 
     name: str
     n: int
-    n_trusted: int | None = None
+    n_trusted: int
     n_failed: int
     shear_modulus_Pa: Spread
     viscosity_Pa_s: Spread
@@ -237,15 +235,15 @@ class GroupRecord(Record):
         return digits.counted(self.n, "shot") + (f", {self.n_failed} failed" if self.n_failed else "")
 
     @property
-    def n_counted(self) -> int | None:
-        """Shots that the material rests on, or else the means; null in documents of before."""
+    def n_counted(self) -> int:
+        """Shots that the material rests on, or else the means."""
         return self.population.n if self.population and self.population.has_material else self.n_trusted
 
     @property
     def basis(self) -> str:
         """'3 of 5 shots count', as the line of the material says it; nothing where all do."""
         total = self.n + self.n_failed
-        return "" if self.n_counted in (None, total) else digits.counting(self.n_counted or 0, total)
+        return "" if self.n_counted == total else digits.counting(self.n_counted, total)
 
     @property
     def warning(self) -> str:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
 from cavirheo.parameters import AT_RATE
+from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
 from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.curve_panels import RMAX, Axis, Layer, Panel
@@ -29,52 +31,57 @@ def shots_of(pairs: Pairs, rows: Sequence[CurveRecord], indices: Sequence[int]) 
     return [(pairs[i][0], pairs[i][1].checks, rows[i]) for i in indices if rows[i].has_answer]
 
 
-@dataclass(frozen=True, eq=False)
-class GroupPanels:
-    """What the picture of a group shows.
-
-    Attributes:
-        title: "soft: 5 shots, 1 failed".
-        subtitle: which models the answers are of, and how many shots count.
-        sizes: (n,) R_max of the shots that were answered, µm.
-        shots: R/R_max of each over t*, darker where R_max is smaller.
-        answers: one or two panels of a parameter over another, or over R_max.
-    """
-
-    title: str
-    subtitle: str
-    sizes: Floats
-    shots: Panel
-    answers: list[Panel]
-
-
-def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> GroupPanels:
-    """The panels of a group; `shots` are those that were answered. unit: that of moduli."""
+def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> list[Panel]:
+    """The shots of a group that were answered, R/R_max over t*, darker where R_max is smaller; then one or two panels
+    of a parameter over another, or over R_max. unit: that of moduli."""
     records = [record for *_, record in shots]
     names = parameters_of(records)
     upper = next((name for name in CONSTANTS if name in names), names[0])
     lower = ["shear_modulus"] if "shear_modulus" in names and upper != "shear_modulus" else []
     all_elastic = lower and all(record.shear_modulus_Pa.median is not None for record in records)
     lower += [] if all_elastic and upper not in group.slopes else [_SIZE]
-    sizes = 1e6 * np.array([curve.max_radius for curve, *_ in shots])
-    tones = (sizes - sizes.min()) / (np.ptp(sizes) or 1.0)
+    curves, t_c = [curve for curve, *_ in shots], [checks.time_scale or np.nan for _, checks, _ in shots]
+    tones = _tones(np.array([curve.max_radius for curve in curves]))
     end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
-    x = Axis(f"t* = t √(p/ρ) / {RMAX}", -1.1, 1.1 * end)
+    answers = [_answers(records, group, unit, upper, across, tones) for across in lower]
+    return [_overlay(curves, t_c, 1.1 * end, scaled=True), *answers]
+
+
+def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> list[Panel]:
+    """All curves in µs and µm, and as R/R_max over t* in the medium of each; unusable ones are left out."""
+    usable = []
+    for curve, medium in zip(curves, media, strict=True):
+        with suppress(InputError):
+            usable.append((curve, medium.time_scale(curve.max_radius)))
+    if not usable:
+        return []
+    shots = [curve for curve, _ in usable]
+    plain = _overlay(shots, [1e-6] * len(shots), scaled=False)
+    return [plain, _overlay(shots, [t_c for _, t_c in usable], scaled=True)]
+
+
+def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float = np.inf, *, scaled: bool) -> Panel:
+    """The curves over each other, darker where R_max is smaller. units: of the time of each curve, s. scaled: radii
+    over R_max (else µm), and times (t*) from shortly before R_max to `end`."""
+    sizes = np.array([curve.max_radius for curve in curves])
     layers = []
-    for (curve, checks, _), tone in zip(shots, tones, strict=True):
-        t_star = (curve.time - curve.time_of_max) / (checks.time_scale or np.nan)
-        some = (t_star >= x.low) & (t_star <= x.high)
-        layers.append(Layer("line", "shot", t_star[some], curve.radius[some] / curve.max_radius, tones=tone[None]))
-    title = f"{digits.elide(group.name, 32)}: {group.shots}"
-    models = dict.fromkeys(record.in_words for record in records)
-    key = f"{RMAX} {sizes.min():.0f} µm (dark) to {sizes.max():.0f} µm (light)" if np.ptp(sizes) else title
-    return GroupPanels(
-        title=title,
-        subtitle=digits.elide("; ".join(filter(None, [*models, group.basis])), 90),
-        sizes=sizes,
-        shots=Panel(x, Axis(f"R / {RMAX}", 0.0, 1.06), tuple(layers), note=key),
-        answers=[_answers(records, group, unit, upper, across, tones) for across in lower],
-    )
+    for curve, unit, size, tone in zip(curves, units, sizes, _tones(sizes), strict=True):
+        time = (curve.time - curve.time_of_max) / unit
+        some = (time >= -1.1) & (time <= end) if scaled else np.isfinite(time)
+        radius = curve.radius[some] / (size if scaled else 1e-6)
+        layers.append(Layer("line", "shot", time[some], radius, tones=tone[None]))
+    times = np.concatenate([layer.x for layer in layers])
+    radii = np.concatenate([layer.y for layer in layers])
+    low, high = (-1.1 if scaled else times.min(), end if np.isfinite(end) else times.max(initial=1.0))
+    smallest, largest = 1e6 * sizes.min(), 1e6 * sizes.max()
+    key = f"{RMAX} {smallest:.0f} µm" + f" (dark) to {largest:.0f} µm (light)" * bool(np.ptp(sizes))
+    labels = (f"t* = t √(p/ρ) / {RMAX}", f"R / {RMAX}") if scaled else (f"time after {RMAX} (µs)", "R (µm)")
+    top = 1.06 * float(np.nanmax(radii, initial=0.0)) or 1.06
+    return Panel(Axis(labels[0], float(low), float(high)), Axis(labels[1], 0.0, top), tuple(layers), note=key)
+
+
+def _tones(sizes: Floats) -> Floats:
+    return (sizes - sizes.min()) / (np.ptp(sizes) or 1.0)
 
 
 def _answers(

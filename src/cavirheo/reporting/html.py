@@ -107,7 +107,7 @@ def _text(origin: Mapping[str, Any]) -> Markup:
 def style() -> str:
     """How tables, articles, verdicts and pictures look."""
     badges = "".join(f".badge.{verdict} {{ background: {look.colour}; }}\n" for verdict, look in digits.LOOKS.items())
-    return _resource("report.css") + badges + svg.style()
+    return _resource("report.css") + badges + _resource("picture.css")
 
 
 def _resource(name: str) -> str:
@@ -129,11 +129,10 @@ def article(
     picture: SVG, why there is none, or "". shared: names of facts that are said elsewhere. brief: its message and its
     picture alone. number: of the curve in the page, which has the provenance and the name itself; None elsewhere.
     """
-    if brief:
-        return part("brief_article", number, record, picture)
     windows = window_title([record], (factor, unit)), window_cells(record, (factor, unit))
     origin = "" if number is not None else _text({"source": record.source, **record.provenance})
-    return part("article", number, record, factor, unit, picture, *windows, model_rows(record, factor), shared, origin)
+    models = model_rows(record, factor)
+    return part("article", number, record, factor, unit, picture, *windows, models, shared, origin, brief)
 
 
 def template(name: str, package: str = "cavirheo.reporting") -> Template:
@@ -175,7 +174,7 @@ def live_page(
         percent=100.0 * half_width,
         unit=result.modulus_unit,
         picture=picture,
-        style=svg.style(),
+        style=_resource("picture.css"),
         shots=len(result.curves),
         trusted=sum(row.trusted for row in result.curves),
         failed=sum(not row.has_answer for row in result.curves),

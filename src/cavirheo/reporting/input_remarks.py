@@ -24,7 +24,6 @@ from cavirheo.writing import digits
 from cavirheo.writing.terminal import by_message
 
 _NO_STIFFNESS = ("upper", "undetermined")  # bounds of G
-_LONGEST = 300  # letters of a command that is worth to be written again
 WIDE = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has less
 
 
@@ -38,16 +37,16 @@ def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
     return top, digits.significant(rate / 1000) if rate else digits.MISSING, frames, recorded, collapses
 
 
-def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    """What must not be overlooked: curves without R_max, and scales that make no sense."""
+def warnings(curves: Sequence[RadiusCurve]) -> list[tuple[str, str]]:
+    """(name, sentence) of what must not be overlooked: curves without R_max, and scales that make no sense."""
     messages = []
     for curve in curves:
+        messages += [(curve.name, warning.text) for warning in input_checks.plain(curve, WATER)]
         try:
             _ = curve.max_radius
-            messages += [(curve.name, warning.text) for warning in input_checks.of_scale(curve, WATER)]
         except InputError as error:
             messages.append((curve.name, error.message))
-    return by_message(messages)
+    return messages
 
 
 def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
@@ -101,23 +100,9 @@ def next_step(document: Result, analysis: Analysis, out: Path) -> str:
         options += ["--bubble auto"]
     if not options:
         return ""
-    new = f"{' '.join(options)} -o {shlex.quote(f'{out}-auto')}"
-    whole = _without(document.command, "-o", "--out", *(option.partition(" ")[0] for option in options))
     many = digits.counted(len(records), "shot")
     why = f"another model may follow {unsuited + rejected} of {many} better, and the evidence can choose it"
-    return f"next: {why}: {whole if len(whole) < _LONGEST else 'the same command with'} {new}"
-
-
-def _without(command: str, *options: str) -> str:
-    """A command line without these options and their values."""
-    words, words_left = iter(shlex.split(command)), list[str]()
-    for word in words:
-        name, equals, _ = word.partition("=")
-        if name not in options:
-            words_left.append(word)
-        elif not equals:
-            next(words, None)
-    return shlex.join(words_left)
+    return f"next: {why}: the same command with {' '.join(options)} -o {shlex.quote(f'{out}-auto')}"
 
 
 def pooled(document: Result) -> list[tuple[str, str, list[str]]]:

@@ -132,33 +132,20 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
         shots = [curve_record(curves[i], answer) for i, answer in zip(indices, of_group, strict=True)]
         rows |= zip(indices, shots, strict=True)
         materials.append(_material(shots, of_group, _title(curves), keep=len(curves) <= CACHED))
-    return _document([rows[i] for i in range(len(rows))], materials, command, date, notes)
+    return result_of([rows[i] for i in range(len(rows))], command, materials, date=date, notes=notes)
 
 
 def result_of(
     rows: Sequence[CurveRecord],
     command: str,
-    answers: Sequence[Posterior] = (),
+    materials: Sequence[Population | None] = (),
     *,
     date: str | None = None,
     notes: Sequence[str] = (),
 ) -> Result:
-    """The record of these rows and of their groups; without the answers, the groups have no material."""
-    members, title = _members(rows).values(), _title(rows)
-    materials = [
-        _material([rows[i] for i in of], [answers[i] for i in of], title) if answers else None for of in members
-    ]
-    return _document(rows, materials, command, date, notes)
-
-
-def _document(
-    rows: Sequence[CurveRecord],
-    materials: Sequence[Population | None],
-    command: str,
-    date: str | None,
-    notes: Sequence[str],
-) -> Result:
+    """The record of these rows and of their groups. materials: of the groups; without them these have none."""
     members, title = _members(rows), _title(rows)
+    materials = materials or [None] * len(members)
     stems = [group for group, _ in members]
     names = [group if stems.count(group) == 1 or not source else source for group, source in members]
     groups = [

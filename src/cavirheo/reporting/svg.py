@@ -6,16 +6,14 @@ Coordinates are whole numbers, UNITS to a pixel. Colours are those of picture.cs
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.reporting.curve_panels import Axis, Layer, Panel
-from cavirheo.reporting.group_panels import GroupPanels
 from cavirheo.writing import digits
 from cavirheo.writing.style import shades
 
@@ -33,7 +31,16 @@ _ROW = 17  # px: a line of words
 _TICK = 4  # px
 _FEWEST = 40  # points of a line that is drawn
 _TONES = 12  # of the shots of a group
-_SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "ticks": "|", "ring": "○", "outlier": "○", "contour": "- -"}
+_SYMBOLS = {
+    "dots": "●",
+    "line": "—",
+    "bars": "+",
+    "area": "▬",
+    "ticks": "|",
+    "ring": "○",
+    "outlier": "○",
+    "contour": "- -",
+}
 
 
 class Picture:
@@ -46,18 +53,37 @@ class Picture:
         self.layers: list[tuple[str, str, str]] = []
         self.words: list[tuple[str, int, int, list[tuple[str, str]]]] = []
 
-    def frame(self, box: Box, panel: Panel, points: int, *, along: bool = True, few: bool = False) -> None:
-        """Axes in a box, with ticks, names and layers. points: of the picture. along: with those of `x`. few: few
-        ticks, the last with the unit."""
-        frame = Frame(self, box, panel.x, panel.y)
-        frame.ticks_of_y(few)
-        self.axes.append(f"M{_units(box[0])} {_units(box[1])}v{_units(box[3])}h{_units(box[2])}")
+    def frame(self, box: Box, panel: Panel, points: int, *, along: bool = True) -> None:
+        """Axes in a box, with ticks, names and layers. points: of the picture. along: with those of `x`."""
+        frame, (left, top, width, height) = Frame(box, panel.x, panel.y), box
+        bottom, right = top + height, left + width
+        rows, columns = panel.y.ticks(max(int(height / 36), 4)), panel.x.ticks(max(int(width / 55), 2))
+        for value in rows:
+            down = int(frame.place(panel.x.low, value)[1])
+            self.ticks.append(("end", _units(left - 5), down + _units(4), f"{value:g}"))
+            self.axes.append(f"M{_units(left)} {down}h{_units(width)}")
+        self.write("name", 2, top - 6, panel.y.label)
+        self.axes.append(f"M{_units(left)} {_units(top)}v{_units(height)}h{_units(width)}")
+        for value in columns if along else ():
+            across = int(frame.place(value, panel.y.low)[0])
+            self.ticks.append(("middle", across, _units(bottom + 15), f"{value:g}"))
+            self.axes.append(f"M{across} {_units(bottom)}v{_units(_TICK)}")
         if along:
-            frame.ticks_of_x(few)
+            self.write("name end", right, bottom + 31, panel.x.title)
         for layer in panel.layers:
-            frame.draw(layer, points)
-        if panel.top and not few:
-            frame.along_top(panel.top)
+            self.layers += frame.paths(layer, points)
+        if panel.top:
+            self._along_top(panel.top, box)
+
+    def _along_top(self, axis: Axis, box: Box) -> None:
+        """The ticks of a second axis along the top."""
+        left, top, width, _ = box
+        for tick in axis.ticks(max(int(width / 45), 2)):
+            place = left + width * (tick - axis.low) / (axis.high - axis.low)
+            self.axes.append(f"M{_units(place)} {_units(top)}v{_units(-_TICK)}")
+            if left + 30 < place < left + width - 25:  # the ends are those of the axes' names
+                self.ticks.append(("middle", _units(place), _units(top - 6), f"{tick:g}"))
+        self.write("name end", left + width, top - 6, axis.label)
 
     def write(self, look: str, x: float, y: float, text: str) -> None:
         """Words, if there are any, whose baseline is y; look: class of the style."""
@@ -86,54 +112,33 @@ class Picture:
         return Markup(_template().render(view=view, label=digits.printable(self.label), **parts))
 
 
+@dataclass(frozen=True)
 class Frame:
-    """Axes of a picture, that place what is drawn into them."""
+    """Axes in a box of a picture: where points lie, and the paths of layers."""
 
-    def __init__(self, picture: Picture, box: Box, x: Axis, y: Axis) -> None:
-        self.picture, self.box, self.x, self.y = picture, box, x, y
+    box: Box
+    x: Axis
+    y: Axis
 
-    def ticks_of_y(self, few: bool) -> None:
-        """Numbers left of the axes, and lines along them unless they are few."""
-        left, top, width, height = self.box
-        rows = self.y.ticks(2 if few else max(int(height / 36), 4))
-        _, places = self.place(np.full(len(rows), self.x.low), np.array(rows))
-        self._number("end", np.full(len(rows), _units(left - 5)), places + _units(4), rows, self.y.unit * few)
-        if not few:
-            self.picture.axes += [f"M{_units(left)} {place}h{_units(width)}" for place in places]
-            self.picture.write("name", 2, top - 6, self.y.label)
-
-    def ticks_of_x(self, few: bool) -> None:
-        """Numbers below the axes."""
-        left, top, width, height = self.box
-        bottom, columns = top + height, self.x.ticks(3 if few else max(int(width / 55), 2))
-        places, _ = self.place(np.array(columns), np.full(len(columns), self.y.low))
-        self._number("middle", places, np.full(len(places), _units(bottom + 15)), columns, self.x.unit * few)
-        self.picture.axes += [f"M{place} {_units(bottom)}v{_units(_TICK)}" for place in places]
-        if not few:
-            self.picture.write("name end", left + width, bottom + 31, self.x.title)
-
-    def _number(self, anchor: str, x: np.ndarray, y: np.ndarray, values: Sequence[float], unit: str) -> None:
-        words = [f"{value:g}" for value in values]
-        if words and unit:
-            words[-1] += f" {unit}"
-        self.picture.ticks += [(anchor, *place) for place in zip(x.tolist(), y.tolist(), words, strict=True)]
-
-    def place(self, x: Floats, y: Floats) -> tuple[np.ndarray, np.ndarray]:
+    def place(self, x: Any, y: Any) -> tuple[np.ndarray, np.ndarray]:
         """In whole units of the picture."""
         left, top, width, height = self.box
         across = left + width * (np.asarray(x, dtype=float) - self.x.low) / (self.x.high - self.x.low)
         down = top + height * (self.y.high - np.asarray(y, dtype=float)) / (self.y.high - self.y.low)
         return np.rint(UNITS * across).astype(int), np.rint(UNITS * down).astype(int)
 
-    def draw(self, layer: Layer, points: int) -> None:
-        """A layer; points: of the picture, of which it has its share. Points of one tone are one path."""
+    def paths(self, layer: Layer, points: int) -> list[tuple[str, str, str]]:
+        """(look, path, colour) of a layer. points: of the picture, of which it has its share. Those of one tone are one
+        path."""
         most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
         path: Any = getattr(self, f"_{layer.shape}")
         colours = np.array([""] if layer.tones is None else _colours(layer.tones))
+        paths = []
         for colour in dict.fromkeys(colours.tolist()):
             some = colours == colour if len(colours) == len(layer.x) else slice(None)
             if data := path(layer.x[some], layer.y[some], most):
-                self.picture.layers.append((layer.look, data, colour))
+                paths.append((layer.look, data, colour))
+        return paths
 
     def _dots(self, x: Floats, y: Floats, most: int) -> str:
         """A dot for each point, or for every k-th of more than `most`."""
@@ -155,6 +160,13 @@ class Frame:
         (left, right), (bottom, top) = self.place(x, y)
         return f"M{left} {top}h{right - left}V{bottom}H{left}z"
 
+    def _area(self, x: Floats, y: Floats, most: int) -> str:
+        """Between two lines, with no more than about `most` points of each."""
+        some = thinned(x / (self.x.high - self.x.low), y[:, 1] / (self.y.high - self.y.low), most)
+        ends = np.concatenate([y[some, 0], y[some[::-1], 1]])
+        first, *steps = _steps(*self.place(x[np.concatenate([some, some[::-1]])], ends))
+        return f"M{first}l{' '.join(steps)}z"
+
     def _bars(self, x: Floats, y: Floats, _: int) -> str:
         across, down = self.place(x, y)
         return "".join(
@@ -166,32 +178,14 @@ class Frame:
         across, down = self.place(x, y)
         return "".join(f"M{a} {b}v{_units(-7)}" for a, b in zip(across, down, strict=True))
 
-    def along_top(self, axis: Axis) -> None:
-        """The ticks of a second axis along the top."""
-        left, top, width, _ = self.box
-        for tick in axis.ticks(max(int(width / 45), 2)):
-            place = left + width * (tick - axis.low) / (axis.high - axis.low)
-            self.picture.axes.append(f"M{_units(place)} {_units(top)}v{_units(-_TICK)}")
-            if left + 30 < place < left + width - 25:  # the ends are those of the axes' names
-                self.picture.ticks.append(("middle", _units(place), _units(top - 6), f"{tick:g}"))
-        self.picture.write("name end", left + width, top - 6, axis.label)
 
-
-def curve_svg(
-    panels: Sequence[Panel], width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS, brief: bool = False
-) -> Markup:
+def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS) -> Markup:
     """The picture of a curve: measured points, the simulation over them, and below what is left between, with a band of
     ± RMSE. Without an answer it says so.
 
-    width and height: px; type keeps its size. points: about so many are drawn. brief: of fewer bytes, without residual,
-    key and t*, and half as high.
+    width and height: px; type keeps its size. points: about so many are drawn.
     """
     radius, *residual = panels
-    if brief:
-        picture = Picture(width, height / 2, "R(t)")
-        picture.frame((_LEFT, 6, width - _LEFT - _RIGHT, height / 2 - 6 - 20), radius, points, few=True)
-        picture.write("failed end", width - _RIGHT, 22, radius.note.partition(":")[0])
-        return picture.svg
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
     picture, top = Picture(width, height, f"measured radius over time{simulated}"), 2 * _ROW + 2
     across, inner = width - _LEFT - _RIGHT, height - _BELOW - top
@@ -205,22 +199,29 @@ def curve_svg(
     return picture.svg
 
 
-def group_svg(group: GroupPanels, points: int = GROUP_POINTS) -> Markup:
-    """The pictures of a group beside each other: its shots, then their answers. points: of the lines of the shots;
-    where there are too many shots for these, every k-th is drawn."""
+def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
+    """The pictures of a group beside each other: its shots (`overlay_svg`), then their answers."""
     from markupsafe import Markup
 
-    count = len(group.sizes)
+    shots, *answers = panels
+    pictures = [overlay_svg(shots, points)]
+    for panel in answers:
+        picture = _panel_picture(panel, f"{panel.y.label} of each shot over {panel.x.label}", points)
+        picture.key(panel)
+        pictures.append(picture.svg)
+    return Markup("").join(pictures)
+
+
+def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
+    """The picture of shots over each other. points: of all lines; of too many shots for these every k-th is drawn."""
+    count = len(panel.layers)
     every = max(-(-count * _FEWEST // points), 1)
-    layers = group.shots.layers[::every]
+    layers = panel.layers[::every]
     share = max(points // len(layers), _FEWEST) / points
-    shots = replace(group.shots, layers=tuple(replace(layer, share=share) for layer in layers))
-    pictures = [_panel_picture(shots, f"radius over time of {digits.counted(count, 'shot')}", points)]
-    pictures[0].write("name", _LEFT, _ROW - 5, shots.note + (f", 1 of {every} is drawn" if every > 1 else ""))
-    for panel in group.answers:
-        pictures.append(_panel_picture(panel, f"{panel.y.label} of each shot over {panel.x.label}", points))
-        pictures[-1].key(panel)
-    return Markup("").join(picture.svg for picture in pictures)
+    shots = replace(panel, layers=tuple(replace(layer, share=share) for layer in layers))
+    picture = _panel_picture(shots, f"{panel.y.label} over {panel.x.label} of {digits.counted(count, 'shot')}", points)
+    picture.write("name", _LEFT, _ROW - 5, shots.note + (f", 1 of {every} is drawn" if every > 1 else ""))
+    return picture.svg
 
 
 def _panel_picture(panel: Panel, label: str, points: int) -> Picture:
@@ -255,12 +256,6 @@ def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
 
 def _units(pixels: float) -> int:
     return round(UNITS * pixels)
-
-
-@cache
-def style() -> str:
-    """The colours and type of all pictures, for the style of a page."""
-    return files("cavirheo.reporting").joinpath("picture.css").read_text(encoding="utf-8")
 
 
 @cache

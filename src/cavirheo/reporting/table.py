@@ -180,18 +180,6 @@ def write_csv(path: str | Path, result: Result) -> None:
     write_rows(path, *rows_of(result))
 
 
-def write_parquet(path: str | Path, result: Result) -> None:
-    """The same rows and columns, numbers as numbers. Raises ModuleNotFoundError without pyarrow."""
-    import pyarrow
-    from pyarrow import parquet
-
-    head, rows = rows_of(result)
-    columns = {
-        name: [digits.printable(v) if isinstance(v := row.get(name), str) else v for row in rows] for name in head
-    }
-    parquet.write_table(pyarrow.table(columns), path)
-
-
 def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(names of the columns, a row for each curve)."""
     quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]

@@ -1,4 +1,4 @@
-"""The command line: one file per group of verbs; what they share is in `command`, `options` and `run`."""
+"""The command line: one file per group of verbs; what they share is in `options` and `run`."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import typer
 import cavirheo
 from cavirheo.errors import InputError, SolverError
 from cavirheo.verbs import companions, curves, documents, machine, measure, networks, simulate
-from cavirheo.verbs.command import Command
 from cavirheo.verbs.options import option
+from cavirheo.verbs.run import Command
 from cavirheo.writing.digits import elide
 from cavirheo.writing.terminal import say
 

@@ -46,7 +46,7 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
             command=run.command,
             progress=not run.quiet,
         )
-        table = self.out / "comparison.md"
+        table = self.out / "comparison.csv"
         if interrupted:
             run.stop(result.notes[0], table)
         run.show(result, print_comparison)

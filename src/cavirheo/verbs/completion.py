@@ -17,28 +17,10 @@ def law_names(incomplete: str) -> list[str]:
     return [*sum_names(incomplete), *_continuations(incomplete, ["auto"])]
 
 
-def sum_names(incomplete: str) -> list[str]:
-    """Laws that can be fitted, also as the next part of a sum."""
-    return _continuations(incomplete, _laws(), "+")
-
-
-def many_law_names(incomplete: str) -> list[str]:
-    """Laws that can be fitted, after each comma."""
-    return _continuations(incomplete, _laws(), "+,")
-
-
-def any_law_names(incomplete: str) -> list[str]:
-    """All laws, also as the next part of a sum."""
-    from cavirheo.physics.materials import LAWS
-
-    return _continuations(incomplete, LAWS, "+")
-
-
 def model_names(incomplete: str) -> list[str]:
     """The shipped models, by their files: to read their cards takes longer than a key should."""
-    return _continuations(
-        incomplete, sorted(path.stem for path in (Path(__file__).parents[1] / "models").glob("*.onnx"))
-    )
+    models = (Path(__file__).parents[1] / "models").glob("*.onnx")
+    return _continuations(incomplete, sorted(path.stem for path in models))
 
 
 def medium_names(incomplete: str) -> list[str]:
@@ -48,8 +30,18 @@ def medium_names(incomplete: str) -> list[str]:
     return _continuations(incomplete, MEDIA)
 
 
-def _laws() -> list[str]:
-    """`ABLE` of inference/law, which takes a second to import: those whose parameters have a range or a default."""
+def _laws_after(separators: str, *, fitted: bool = True) -> Callable[[str], list[str]]:
+    """Laws, also after each separator. fitted: those that can be."""
+    return lambda incomplete: _continuations(incomplete, _laws(fitted), separators)
+
+
+sum_names = _laws_after("+")
+many_law_names = _laws_after("+,")
+any_law_names = _laws_after("+", fitted=False)
+
+
+def _laws(fitted: bool) -> list[str]:
+    """All, or `ABLE` of inference/law, which takes a second to import: parameters have a range or a default."""
     from cavirheo.parameters import PARAMETERS, inferred_as
     from cavirheo.physics.materials import LAWS
 
@@ -57,7 +49,7 @@ def _laws() -> list[str]:
         parameters = inspect.signature(LAWS[name]).parameters.values()
         return all(PARAMETERS[inferred_as(p.name)].searched or p.default is not p.empty for p in parameters)
 
-    return [name for name in LAWS if able(name)]
+    return [name for name in LAWS if not fitted or able(name)]
 
 
 def _continuations(incomplete: str, words: Iterable[str], between: str = "") -> list[str]:

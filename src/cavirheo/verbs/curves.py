@@ -142,7 +142,6 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         from cavirheo.inference.options import Options
         from cavirheo.inference.verify.evidence import choose_answers, models, plans, ranked, weigh_models
         from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting.figures import write_laws
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
         from cavirheo.workflow.analyse import Unfinished
         from cavirheo.workflow.cluster import connected
@@ -170,8 +169,6 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         laws = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
         if note and report.holds("report.html"):
             run.stop(f"{note}; until then the earlier answers stay", out / "laws.json")
-        if "paper" in figures and not note:
-            laws.notes += write_laws(outputs, laws)
         if complete_curves:
             outputs.write("laws.json", document.write_json, laws)
         if note:

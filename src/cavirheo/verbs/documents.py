@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
-from cavirheo.writing.terminal import say
 
 if TYPE_CHECKING:
     from cavirheo.writing.document import Document
@@ -26,12 +25,12 @@ def show(
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read.
 
-    Of a network: what it answers, the ranges and recordings it was trained on, and how well it answers.
+    Of a network: what it answers, for which recordings, how well, and where its card is.
     """
     if len(file.parts) == 1 and not file.suffix and not _exists(file):
         file = _shipped(file.name)
     network = file.suffix.lower() == ".onnx" or (file.suffix == ".json" and file.with_suffix(".onnx").is_file())
-    document = not network and (file.is_dir() or _is_json(file))
+    document = not network and (file.is_dir() or file.suffix.lower() == ".json")
     message = f"--shots is for measurements, and {file} is none: leave it out"
     require(shots is None or not (network or document), message, "show.shots")
     require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
@@ -40,13 +39,7 @@ def show(
     elif document:
         _show_written(file, json)
     else:
-        try:
-            _show_curves(file, shots)
-        except InputError:
-            if not (file.is_file() and _holds_document(file.parent)):
-                raise
-            say(f"{file} holds no measurement; {file.parent} holds:")
-            _show_written(file.parent, json)
+        _show_curves(file, shots)
 
 
 def _shipped(name: str) -> Path:
@@ -67,26 +60,6 @@ def _exists(file: Path) -> bool:
 
 def _is_training_set(folder: Path) -> bool:
     return any(folder.glob("shard-*.h5")) or any(folder.glob("curves-*.h5"))
-
-
-def _holds_document(folder: Path) -> bool:
-    """Whether it holds a training set or one document."""
-    from cavirheo.loading import load
-
-    try:
-        return _is_training_set(folder) or bool(load(folder))
-    except InputError:
-        return False
-
-
-def _is_json(path: Path) -> bool:
-    if not path.is_file():
-        return False
-    try:
-        with path.open("rb") as content:
-            return content.read(64).lstrip()[:1] == b"{"
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})", "show.unreadable") from None
 
 
 def _show_written(path: Path, json: bool) -> None:
@@ -136,38 +109,26 @@ def _show_model(path: Path) -> None:
 
     content = card(path)
     try:
-        explain(path.stem, path, content)
+        explain(path, content)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
 
 
 def _show_curves(path: Path, shots: str | None) -> None:
     """What `infer` would read: a row per curve, then what was recognised, and the input warnings."""
-    from cavirheo.inference import input_checks
     from cavirheo.io import read_curves
-    from cavirheo.physics.media import WATER
+    from cavirheo.reporting.input_remarks import notes, summary_cells, warnings
     from cavirheo.writing import digits, terminal
 
     curves, console = read_curves(path, shots=shots), terminal.console()
-    table = terminal.table("curve", ["frames", "frames\nper s", "from\nµs", "to\nµs", "R_max\nµm", "collapses"])
-    remarks = []
+    heads = ["R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]
+    table = terminal.table("curve", heads)
     for curve in curves:
-        ends = [digits.significant(1e6 * end) for end in (curve.time[0], curve.time[-1])] if len(curve.time) else []
-        try:
-            top = [digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))]
-        except InputError as error:
-            top = [digits.MISSING, digits.MISSING]
-            remarks.append((curve.name, error.message))
-        rate = f"{curve.frame_rate:.4g}" if curve.frame_rate else digits.MISSING
-        frames = f"{(curve.radius > 0).sum()} of {len(curve.time)}"
-        table.add_row(curve.name, frames, rate, *(ends or [digits.MISSING] * 2), *top)
+        table.add_row(curve.name, *summary_cells(curve))
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
     console.print(table)
-    terminal.print_warnings(
-        console, ((curve.name, warning.text) for curve in curves for warning in input_checks.plain(curve, WATER))
-    )
-    terminal.print_remarks(console, terminal.by_message(remarks))
-    terminal.print_remarks(console, terminal.by_message((curve.name, note) for curve in curves for note in curve.notes))
+    terminal.print_warnings(console, warnings(curves))
+    terminal.print_remarks(console, notes(curves))
 
 
 def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")]) -> None:

@@ -38,7 +38,7 @@ def app(
     try:
         from cavirheo.app.server import serve
     except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] not in ("gradio", "plotly"):
+        if (error.name or "").split(".")[0] != "gradio":
             raise
         raise InputError(f'the browser app needs {error.name}: pip install "cavirheo[app]"') from None
     from cavirheo.app.session import VisitorLimits

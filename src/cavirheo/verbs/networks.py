@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,9 +20,7 @@ def models() -> None:
     from cavirheo.inference.model import card, shipped
 
     for name, path in shipped().items():
-        content = card(path)
-        lines = _draws_in_short(content) if content["kind"] == "posterior" else _values_in_short(content, path)
-        print(printable("\n".join([f"{name}: {next(lines)}", *lines])))
+        print(printable("\n".join(summary(name, card(path)))))
 
 
 def generate(
@@ -121,145 +118,37 @@ class Evaluate(options.Documents):
         run.say(f"written to {self.out}")
 
 
-def _draws_in_short(content: dict[str, Any]) -> Iterator[str]:
-    from cavirheo.inference.model import PosteriorCard
-    from cavirheo.inference.posterior_network import describe
+def summary(name: str, content: dict[str, Any]) -> list[str]:
+    """What a model answers, for which recordings, and how well, by its card. Raises KeyError, TypeError, ValueError:
+    the card lacks something that every card has."""
+    if content["kind"] == "posterior":
+        from cavirheo.inference.model import PosteriorCard
+        from cavirheo.inference.posterior_network import describe
 
-    yield "draws of the parameters, for any camera"
-    yield from describe(PosteriorCard.model_validate(content))
-
-
-def _values_in_short(content: dict[str, Any], path: Path) -> Iterator[str]:
-    yield f"{content['material']}, one value each without an interval"
+        return [f"{name}: draws of the parameters, for any camera", *describe(PosteriorCard.model_validate(content))]
+    lines = [f"{name}: {content['material']}, one value each without an interval"]
     for output in content["outputs"]:
         score = content["metrics"][output["name"]]["r2"]
-        scale, curves = output["scale"], content["data"]["test"]
-        yield f"  {_output_range(content, output):40s} R2 {score:.4f} ({scale} scale, {curves} test curves)"
-    yield f"  trained on {content['data']['train']} curves, {content['date']}; card: {path.with_suffix('.json')}"
+        low, high = content["problem"]["prior"][output["name"]]
+        if output["scale"] == "log10":
+            low, high = 10**low, 10**high
+        values = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
+        lines.append(f"  {values:40s} R2 {score:.4f} ({output['scale']} scale, {content['data']['test']} test curves)")
+    return [*lines, f"  trained on {content['data']['train']} simulated curves"]
 
 
-def _output_range(content: Mapping[str, Any], output: Mapping[str, Any]) -> str:
-    """'shear_modulus 100 to 1e4 Pa': a number that a network gives, in the range that it was trained on."""
-    low, high = content["problem"]["prior"][output["name"]]
-    if output["scale"] == "log10":
-        low, high = 10**low, 10**high
-    return f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
-
-
-def explain(name: str, path: Path, content: dict[str, Any]) -> None:
-    """Print all that the card of a model knows, a line each. Raises KeyError, TypeError, ValueError: it lacks something
-    that every card has."""
+def explain(path: Path, content: dict[str, Any]) -> None:
+    """Print a model's summary, who made it with what, and its files. Raises as `summary`."""
     from cavirheo.verbs.machine import checksum
 
-    draws = content["kind"] == "posterior"
-    size = f"{path.stat().st_size / 1e6:.3g} MB" + _counted(content.get("network", {}), "parameters", " weights")
-    rows = [
-        *(_of_draws(content) if draws else _of_values(content)),
-        *_origin(content),
-        ("file", f"{path}, {size}"),
-        ("", f"sha256 {checksum(path)}"),
-        ("card", str(path.with_suffix(".json"))),
-    ]
-    what = "draws of the parameters, for any camera" if draws else "one value each, no interval"
-    lines = [f"{name}: {what}", *(f"  {title + ':' if title else '':<15}{text}" for title, text in rows)]
-    print(printable("\n".join(lines)))
-
-
-def _of_draws(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    from cavirheo.inference.law import Family
-
-    losses = dict(zip(map(tuple, content["kinds"]), content.get("loss_by_kind", ()), strict=False))
-    laws = dict.fromkeys(law for law, _ in content["kinds"])
-    bubbles = {law: " or ".join(bubble for of, bubble in content["kinds"] if of == law) for law in laws}
-    yield from _under(
-        "answers", [f"{law} ({', '.join(Family(law).parameters)}), bubble {bubbles[law]}" for law in laws]
-    )
-    names = dict.fromkeys(name for law in laws for name in Family(law).parameters)
-    kinetic = ["accommodation"] * any(bubble == "real" for _, bubble in content["kinds"])
-    real = "; real bubble: accommodation and confinement damping"
-    yield "", "with each: stretch, R_max, clock and scale" + real * bool(kinetic)
-    yield from _under("ranges", map(_range, [*names, "stretch", *kinetic]))
-    units = {"max_radius_um": ("R_max", "um"), "frame_interval_us": ("time between frames", "us")}
-    trained = []
-    for name, (low, high) in content["trained"].items():
-        what, unit = units.get(name, (name.replace("_", " "), {"density": "kg/m3", "pressure": "Pa"}.get(name, "")))
-        trained.append(f"{what.replace(' rmax', ' R_max')} {low:g} to {high:g} {unit}".rstrip())
-    yield from _under("trained on", trained)
-    how = content["training"]
-    yield "", f"{how['samples']} recordings" + _counted(how, "curves", " simulated curves", " of ")
-    yield "training", _time(how) + _counted(how, "held_out", " curves held out")
-    yield "loss", f"{how['loss']:.4g} (-log density of the truth, curves held out)"
-    for law in laws:
-        each = ", ".join(f"{bubble} {loss:g}" for (of, bubble), loss in losses.items() if of == law)
-        if each:
-            yield "", f"{law} {each}"
-    coverage = content.get("coverage", {})
-    inside = {
-        name: ", ".join(f"{value:.1%} in the {level} % interval" for level, value in share.items())
-        for name, share in coverage.get("by_slot", {}).items()
-    }
-    yield from _under("coverage", [f"{name.replace('_', ' ')} {shares}" for name, shares in inside.items()])
-    if "recordings" in coverage:
-        yield "", f"of the truth of {coverage['recordings']} recordings, without simulations"
-
-
-def _of_values(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    data, how, problem = content["data"], content["training"], content["problem"]
-    answers = []
-    for output in content["outputs"]:
-        score = content["metrics"][output["name"]]
-        off = f", median error {score['median_relative_error']:.1%}" if "median_relative_error" in score else ""
-        answers.append(f"{_output_range(content, output)}, R2 {score['r2']:.4f} ({output['scale']} scale){off}")
-    yield from _under("answers", answers)
-    medium, camera = problem["medium"], problem["camera"]
-    yield "law", f"{content['material']}, field's bubble"
-    names = {output["name"] for output in content["outputs"]}
-    inner = [f"{name} {low:g} to {high:g}" for name, (low, high) in problem["prior"].items() if name not in names]
-    yield "trained on", ", ".join([f"R_max {1e6 * problem['reference_max_radius']:g} um", *inner])
-    yield "", f"{camera['frames']} frames of {1e6 * camera['frame_interval']:g} us from R_max on"
-    yield "", f"{medium.get('name') or 'a medium'}: {medium['density']:g} kg/m3, {medium['pressure']:g} Pa"
-    parts = _counted(data, "validation", " to choose the epoch") + f", {data['test']} for the scores"
-    yield "", f"{data['train']} simulated curves{parts}"
-    passes = f"{how['epochs']} epochs, the best is {how['best_epoch']}" if "epochs" in how else ""
-    yield "training", ", ".join(filter(None, [passes, _time(how)]))
-    best = how["best_epoch"] - 1
-    losses = [f"{part} {values[best]:.4g}" for part, values in content.get("history", {}).items() if len(values) > best]
-    if losses:
-        yield "loss", f"{', '.join(losses)} (mean square error, best epoch)"
-
-
-def _under(title: str, lines: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Several lines with one title, which stands before the first."""
-    for line in lines:
-        yield title, line
-        title = ""
-
-
-def _origin(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     libraries = content.get("made_with") or content.get("versions") or {}
-    origin = ", ".join([*([content["date"]] if "date" in content else []), *(f"{a} {b}" for a, b in libraries.items())])
-    if origin:
-        yield "made", origin
-    if "license" in content:
-        yield "license", content["license"]
-
-
-def _range(name: str) -> str:
-    from cavirheo.parameters import parameter_of
-
-    parameter = parameter_of(name)
-    if parameter.searched is None:
-        return name
-    low, high = (10.0**end for end in parameter.searched)
-    return f"{name} {low:.3g} to {high:.3g}{'' if parameter.unit == '1' else ' ' + parameter.unit}"
-
-
-def _counted(of: Mapping[str, Any], key: str, what: str, before: str = ", ") -> str:
-    return f"{before}{of[key]}{what}" if key in of else ""
-
-
-def _time(how: Mapping[str, Any]) -> str:
-    """'4400 s (1.2 h) on cpu'."""
-    if "seconds" not in how:
-        return "time not on the card"
-    return f"{how['seconds']:.0f} s ({how['seconds'] / 3600:.2g} h)" + _counted(how, "device", "", " on ")
+    origin = [content.get("date", ""), *(f"{library} {version}" for library, version in libraries.items())]
+    weights = content.get("network", {}).get("parameters")
+    size = f"{path.stat().st_size / 1e6:.3g} MB" + (f", {weights} weights" if weights else "")
+    lines = [
+        *summary(path.stem, content),
+        f"  made {', '.join(filter(None, origin))}; license: {content.get('license', 'not on the card')}",
+        f"  file {path}, {size}, sha256 {checksum(path)}",
+        f"  card {path.with_suffix('.json')}: priors, training, losses and scores in full",
+    ]
+    print(printable("\n".join(lines)))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for experts"
 INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
-FIGURES = ("png", "svg", "pdf", "paper")
+FIGURES = ("png", "svg", "pdf")
 
 
 class Verb:
@@ -106,7 +106,7 @@ _BUBBLE = (
     "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; auto: the "
 )
 _BUBBLE += "evidence chooses"
-_FIGURES = "files of each curve and group: png, svg, pdf, or paper (all three, 84 and 174 mm wide), such as 'png,paper'"
+_FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
 _VERIFY = (
     "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; none: network alone"
 )
@@ -281,13 +281,13 @@ class Figures(Pictures):
     @property
     def figure_kinds(self) -> tuple[str, ...]:
         """Of figures that are asked for as files. Raises InputError: another word, or no matplotlib."""
-        from cavirheo.writing.style import available
-
         kinds = tuple(dict.fromkeys(word.strip() for word in (self.figures or "").split(",") if word.strip()))
-        unknown = ", ".join(kind for kind in kinds if kind not in FIGURES)
-        require(not unknown, f"--figures must be of {', '.join(FIGURES)}, got {unknown!r}", "option.figures")
-        needed = '--figures needs matplotlib: pip install "cavirheo[plot]"'
-        require(not kinds or available(), needed, "style.no_matplotlib")
+        if kinds:
+            from cavirheo.reporting.figures import check_figures
+            from cavirheo.writing.style import available
+
+            check_figures(kinds)
+            require(available(), '--figures needs matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
         return kinds
 
 

@@ -6,7 +6,6 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.writing.digits import LOOKS, elide, printable, shortened
@@ -94,41 +93,14 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
     The others are right-aligned unless named in `left`.
     """
     from rich.box import SIMPLE_HEAD
-    from rich.console import ConsoleOptions
-    from rich.measure import Measurement
     from rich.table import Table
 
-    class Folding(Table):
-        def __rich_console__(self, console: Console, options: ConsoleOptions) -> Any:
-            columns = sorted(self.columns[::-1], key=lambda column: column.justify == "left")  # numbers come first
-            sizes = [Measurement.get(console, options, column.header) for column in columns]
-            heads, title_lines = [size.minimum for size in sizes], [size.maximum for size in sizes]
-            cell_sizes = [[Measurement.get(console, options, cell) for cell in column.cells] for column in columns]
-            words = [max((size.minimum for size in of), default=0) for of in cell_sizes]
-            lines = [max((size.maximum for size in of), default=0) for of in cell_sizes]
-            for floor in (11, 6):  # letters to which a word may be cut in pieces; numbers stay whole
-                widths = [
-                    min(max(head, word), floor) if column.justify == "left" else max(min(head, floor), word)
-                    for column, head, word in zip(columns, heads, words, strict=True)
-                ]
-                spare = options.max_width - sum(widths) - (gap + 1) * len(widths) + 1
-                if spare >= 0:
-                    break
-            numbers = sum(column.justify == "right" for column in columns)
-            places = range(numbers), range(numbers, len(columns))
-            for goal, mine in product((lines, title_lines), places):
-                while short := [k for k in mine if widths[k] < goal[k]][: max(spare, 0)]:
-                    for k in short:  # a letter each, so that no column takes all that is left
-                        widths[k], spare = widths[k] + 1, spare - 1
-            for column, width in zip(columns, widths, strict=True):
-                column.width = width if spare >= 0 else None
-            return super().__rich_console__(console, options)
-
-    grid = Folding(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0), show_edge=False)
+    grid = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0), show_edge=False)
     if title:
         grid.title, grid.title_justify, grid.title_style = title, "left", "dim"
     for head in (first, *heads):
-        grid.add_column(head, justify="left" if head in (first, *left) else "right", overflow="fold")
+        words = head in (first, *left)
+        grid.add_column(head, justify="left" if words else "right", overflow="fold", no_wrap=not words)
     return grid
 
 
