@@ -176,14 +176,17 @@ class CameraNuisances:
         return np.concatenate([residual, shape, _shape(larger, self.step, self.collapses) - shape]), curvature
 
     def with_collapses(self, run: SimulatedCurve, z: Floats, noise: Noise) -> CameraNuisances:
-        """With as many collapses in a shape as it takes to give the frames of a simulation on `grid` by a camera z
-        (m,): those that were counted in the frames, if they do."""
+        """With those collapses in a shape that were counted and that a simulation on `grid` has before the last frame;
+        or with more, if it takes them to give the frames by a camera about z (m,), whenever its clock began."""
+        counted = _shape(run, self.step, self.collapses)[: self.collapses] * self.grid[-1]
+        views = z + np.array(CLOCKS)[:, None] * (self.free == 0)
         best, least = self, np.inf
-        for count in (self.collapses, *range(MOST_COLLAPSES + 1)):
+        for count in range(int(np.count_nonzero(counted < np.max(self.time))), MOST_COLLAPSES + 1):
             camera = replace(self, collapses=count)
-            missed = float(np.sqrt(np.mean(camera.missed_by_shape(run, z) ** 2))) / noise.typical
-            if missed < least:
-                best, least = camera, missed
+            missed = np.array([camera.missed_by_shape(run, view) for view in views]) / noise.typical
+            rms = float(np.sqrt(np.mean(missed**2)))
+            if rms < least:
+                best, least = camera, rms
             if least < SHAPED:
                 break
         return best
@@ -446,16 +449,15 @@ def _share(place: float, part: int, collapses: int) -> float:
 
 @compiled
 def _shape(run: SimulatedCurve, step: float, collapses: int) -> Floats:
-    """Shape of a simulation at regular instants, `step` s from each other. A collapse that it has not is put where the
-    one before and the end tell it."""
+    """Shape of a simulation at regular instants, `step` s from each other. A collapse that it has not is put at the
+    end: there one leaves the grid that comes later."""
     last, knots, count = len(run.radius) - 1, np.empty(collapses + 2), 0
     knots[0], knots[-1] = 0.0, last
     for i in range(1, last):
         if count < collapses and run.speed[i] < 0.0 <= run.speed[i + 1]:
             count += 1
             knots[count] = i + _turn(run.radius[i], run.radius[i + 1], run.speed[i] * step, run.speed[i + 1] * step)
-    for k in range(count + 1, collapses + 1):
-        knots[k] = knots[k - 1] + (last - knots[k - 1]) / (collapses + 2 - k)
+    knots[count + 1 :] = last
     shape = np.empty(collapses + (collapses + 1) * (NODES + 1))
     shape[:collapses] = knots[1:-1] / last
     for k in range(collapses + 1):

@@ -132,8 +132,10 @@ class TwoFidelityTarget(Target):
         mode = climb(Emulated(self, surrogate) if surrogate else self, start, BRISK)
         if mode is None:
             return None
-        residual = self.exact.residuals(mode.u[None], DEFAULT)
-        (value,) = self.log_posterior(mode.u[None], residual)
+        residual = self.exact.residuals(np.array([mode.u, start]), DEFAULT)
+        value, least = self.log_posterior(np.array([mode.u, start]), residual)
+        if surrogate and not value >= least:  # it is wrong there
+            return self.highest(start, None)
         return replace(mode, residual=residual[0], log_posterior=float(value)) if np.isfinite(value) else None
 
 
@@ -157,7 +159,8 @@ def tolerance(share: float) -> float:
 
 def sizes(share: float) -> dict[str, int]:
     """Of the rounds of draws that are the answer of a model with this share."""
-    return {"each": max(round(TUNING.emulated_each * share), TUNING.emulated_taught), "fewest": TUNING.emulated_fewest}
+    each = max(round(TUNING.emulated_each * share), TUNING.emulated_taught)
+    return {"each": each, "fewest": TUNING.emulated_fewest, "most": TUNING.emulated_most}
 
 
 class Preview(NamedTuple):
@@ -244,11 +247,17 @@ class AdaptiveSampling:
             self.turns += 1
             if error <= tolerance(share) * (1.0 + (self.turns - 1) / TUNING.emulated_patience):
                 break
-        emulation = explorer.emulated(rng, TUNING.emulated_worth * enough, **sizes(share))
+        self.error = error
+        return self._draw(enough, share)
+
+    def _draw(self, enough: float, share: float) -> bool:
+        """Take draws of the surrogate of all simulations so far. Whether there are any."""
+        rng = np.random.Generator(np.random.Philox(self.seed).jumped(TUNING.emulated_rounds + 1))
+        emulation = self.explorer.emulated(rng, TUNING.emulated_worth * enough, **sizes(share))
         if emulation is None:
             return False
-        self.emulated, self.error = emulation, error
-        unsure = TUNING.emulated_unsure + 0.5 * error**2  # what no draw met is missing, too
+        self.emulated = emulation
+        unsure = TUNING.emulated_unsure + 0.5 * self.error**2  # what no draw met is missing, too
         self.sample = replace(emulation.sample, common=unsure)
         self.trusted = self._agrees(self.sample)
         return True
@@ -304,6 +313,8 @@ class AdaptiveSampling:
         worth = max(enough, TUNING.effective_fewest)
         taken = self.turns < TUNING.emulated_rounds and self.emulate(worth, share)
         taken = taken or self._weigh_draws(worth, share)
+        if not taken and self.emulated and self.error <= TUNING.emulated_worst:
+            taken = self.ended = True
         if taken and (self.trusted or not thorough):
             return
         if thorough:

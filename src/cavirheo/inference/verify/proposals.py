@@ -282,9 +282,13 @@ class AdaptiveProposal:
             self._settle(mode)
 
     def emulated(self, rng: np.random.Generator, enough: float = TUNING.pool, **sizes: Any) -> SurrogateDraws | None:
-        """Draws, worth `enough` independent ones, of a surrogate of all simulations so far; None where the simulations
-        are too few for one, or nothing that is drawn is likely. sizes: of `importance_sample`."""
-        if len(self.u) <= 2 * (self.u.shape[1] + 1):
+        """Draws, worth `enough` independent ones, of a surrogate of all simulations so far, and of rough ones about the
+        modes where these are too few; None where they still are, or nothing that is drawn is likely. sizes: of
+        `importance_sample`."""
+        fewest = 2 * (self.u.shape[1] + 1)
+        if len(self.u) <= fewest:
+            self(self._wide().draw(TUNING.own_draws, rng), ROUGH)
+        if len(self.u) <= fewest:
             return None
         if self.taught is None or self.taught[1] != len(self.u):
             self.taught = Surrogate(self.target, self.u, self.residual, self.value), len(self.u)

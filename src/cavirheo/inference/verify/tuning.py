@@ -48,11 +48,13 @@ class Tuning:
     emulated_taught: int = 1000  # in rounds of so many,
     emulated_each: int = 5000  # of so many where they are the whole answer,
     emulated_fewest: int = 2  # which takes so many adapted proposals at least,
+    emulated_most: int = 48  # and so many rounds at most,
     emulated_worth: float = 2.5  # effective draws over those that are asked for,
     emulated_draws: float = 3.0  # and draws over these
     emulated_unsure: float = 0.1  # standard error of its log evidence, at least
     emulated_enough: float = 0.3  # standard deviation of what they find wrong in log weights: then it is trusted,
-    emulated_worst: float = 1.0  # or, of a model with a small share, this over its share, at most this,
+    emulated_worst: float = 1.0  # or, of a model with a small share, this over its share, at most this; that much where
+    # all rounds have not made it better, and weights of simulated draws are worth too little,
     emulated_patience: float = 8.0  # or after so many more rounds twice as much
     emulated_wrong: float = 1.2  # the same, from which
     emulated_more: int = 3  # times as many draws check the next one
