@@ -49,6 +49,7 @@ class VerificationOptions(TypedDict, total=False):
     budget: Budget
     seed: int
     network: PosteriorModel | None
+    own_draws: int
     scanned: int
 
 
@@ -96,12 +97,13 @@ def verify_many(
         models = [replace(answer, bubble=kind) for answer in starts for kind in bubbles] or starts
         posteriors, problems = list[Posterior](), list[Posterior]()
         estimations = list[Estimation]()
+        settings = verification if len(models) == 1 else replace(verification, own_draws=TUNING.own_draws_each)
         for model in models:
             if model.checks.verdict == "failed":
                 problems.append(model)
                 continue
             try:
-                estimation = estimator(verification, curve, model)
+                estimation = estimator(settings, curve, model)
                 if verification.level == "auto":
                     estimations.append(estimation)
                 else:

@@ -175,7 +175,7 @@ class Preview(NamedTuple):
 class AdaptiveSampling:
     """The posterior of one model from few simulations: its modes first, then draws of what the simulations teach.
 
-    network: draws of it show the way. starts: where to climb from without one; scanned: the same from all over the
+    network: own_draws of it show the way. starts: where to climb from without one; scanned: the same from all over the
     ranges; windowed: where a search over windows that grow ends, for modes that leave more than noise. Raises
     SolverError: no start could be simulated.
     """
@@ -183,12 +183,13 @@ class AdaptiveSampling:
     def __init__(
         self, target: Target, network: Proposal | None, starts: Callable[[], list[Floats]],
         scanned: Callable[[], list[Floats]], windowed: Callable[[], list[Floats]] = list, *, seed: int,
+        own_draws: int = TUNING.own_draws,
     ) -> None:  # fmt: skip
         self.target, self.network, self.scanned, self.windowed, self.seed = target, network, scanned, windowed, seed
         two_fidelity = TwoFidelityTarget(target)
         simulated, maxima = None, list[Mode]()
         if network:
-            u, simulated, mode = _start_by_network(two_fidelity, network, seed)
+            u, simulated, mode = _start_by_network(two_fidelity, network, own_draws, seed)
             if mode:
                 maxima = [mode, *modes(two_fidelity, _unexpected(mode, simulated))]
         searched = not maxima
@@ -369,10 +370,12 @@ class AdaptiveSampling:
         return (self.network, self.own) if self.network and self.own is not None else None
 
 
-def _start_by_network(target: TwoFidelityTarget, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:
-    """(u of the network's own draws, their simulations and those on the way to the maximum, that maximum); None for it
-    where hardly any could be simulated."""
-    u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
+def _start_by_network(
+    target: TwoFidelityTarget, network: Proposal, count: int, seed: int
+) -> tuple[Floats, Simulated, Mode | None]:
+    """(u of so many of the network's own draws, their simulations and those on the way to the maximum, that maximum);
+    None for it where hardly any could be simulated."""
+    u = network.draw(count, np.random.Generator(np.random.Philox(seed).jumped()))
     simulated = Simulated.at(target, u)
     if np.count_nonzero(np.isfinite(simulated.value)) <= 2 * (simulated.u.shape[1] + 1):
         return u, simulated, None

@@ -91,15 +91,16 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
     limits: dict[int, Part] = {}
     by_share = sorted(enumerate(shares(laws) if len(laws) > 1 else [1.0]), key=lambda pair: -pair[1])
     for i, share in by_share:
-        part = laws[i]
-        rival = part.estimation.rival() if share > TUNING.part_small else None
+        part, real = laws[i], laws[i].estimation.answer.bubble == REAL
+        unlike = any(laws[k].log - limit.log > TUNING.part_unlike for k, limit in limits.items())
+        rival = part.estimation.rival() if share > TUNING.part_small and not unlike else None
         if rival is not None:
-            real = part.estimation.answer.bubble == REAL
             try:
                 limits[i] = Part(rival, np.log(LIMIT) if real else -np.inf)
             except SolverError:
                 continue
-            part.prior = np.log(1.0 - LIMIT) if real else 0.0
+        if real and (unlike or rival is not None):
+            part.prior = np.log(1.0 - LIMIT)
     counted = [part for part in (*laws, *limits.values()) if np.isfinite(part.prior)]
     sample_parts(counted, budget)
     answers = []

@@ -19,6 +19,7 @@ class Tuning:
 
     # level "auto": as few simulations as a good start allows, else those of "full"
     own_draws: int = 48  # of a network's draws that are simulated: the way to the maximum, and an evidence
+    own_draws_each: int = 24  # the same of each of several laws
     own_unexpected: float = 6.0  # height of one over the Gaussian about the maximum, from which it is on another hill
     own_worth: float = 5.0  # effective size of them, from which their evidence says something,
     own_error: float = 0.6  # whose log has this standard error at least
@@ -73,6 +74,7 @@ class Tuning:
     integrated_height: float = 12.0  # below the best, from which it is not worth it
 
     # models of one curve, each with its part in the answer
+    part_unlike: float = 6.0  # log of how much likelier the best law is than its limit, from which other laws have none
     part_small: float = 0.05  # of the answer, below which few simulations tell a part well enough,
     part_seen: float = 0.01  # below which it changes the answer too little to be told better,
     part_unsure: float = 2.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on

@@ -66,6 +66,7 @@ class Verification:
         budget: of weighted draws.
         seed: of the draws.
         network: of level "auto", whose draws show the way where it can read the curve.
+        own_draws: of the network that are simulated.
         scanned: coarse simulations that look for other modes.
         workers: threads for one curve.
 
@@ -87,6 +88,7 @@ class Verification:
     budget: Budget = POSTERIOR
     seed: int = 0
     network: PosteriorModel | None = None
+    own_draws: int = TUNING.own_draws
     scanned: int = TUNING.scanned
     workers: int | None = None
 
@@ -152,7 +154,8 @@ class Estimation:
         climbed = self.answer.method == "laplace"
         windowed = list if climbed or self.answer.method == "least_squares" else self.windowed  # its windows have grown
         scanned = list if climbed else self.scanned
-        return AdaptiveSampling(self.target, self.network, self.starts, scanned, windowed, seed=self.settings.seed)
+        how = {"seed": self.settings.seed, "own_draws": self.settings.own_draws}
+        return AdaptiveSampling(self.target, self.network, self.starts, scanned, windowed, **how)
 
     def rival(self) -> Estimation | None:
         """That of the field's bubble for the real one, or the other way round; None where the network does not know
