@@ -39,7 +39,7 @@ class Tuning:
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
     # draws of a surrogate
-    emulated_rounds: int = 12  # of simulations that check it, at most,
+    emulated_rounds: int = 20  # of simulations that check it, at most,
     emulated_turns: int = 4  # so many before the shares of all models are compared anew
     emulated_checked: int = 20  # of its draws in each, by default simulations,
     emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
