@@ -4,7 +4,8 @@
     python -m validation --page --fill      # docs/claims.md and the numbers between markers, of validation/results.json
 
 Without names every claim runs, in ten minutes of two quiet cores; --full takes as many cases as a published number
-needs. A claim that is not run keeps its numbers in the file. Cases of a commit without changes are kept beside the
+needs. A claim that is not run keeps its numbers in the file; calibration:infer runs one setting of calibration, whose
+numbers have a commit of their own then. Cases of a commit without changes are kept beside the
 file, so that an interrupted run goes on. --data: folder of the open sets; without it the claim open_sets is left out.
 """
 
@@ -17,7 +18,7 @@ import platform
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
@@ -73,7 +74,7 @@ def main() -> None:
     given = parser.parse_args()
     if given.page or given.fill:
         return pages.write(given.page, given.fill)
-    unknown = set(given.claims) - set(CLAIMS)
+    unknown = {claim.partition(":")[0] for claim in given.claims} - set(CLAIMS)
     if unknown:
         parser.error(f"unknown claims {', '.join(sorted(unknown))}; known: {', '.join(CLAIMS)}")
     found = json.loads(given.out.read_text("utf-8")) if given.out.exists() else {}
@@ -81,20 +82,25 @@ def main() -> None:
     at = commit()
     kept = None if not at or at.endswith("+") else ROOT / "build" / "validate" / at
     run = Run(given.full, cores(), kept, Path(given.data) if given.data else None)
-    for name in given.claims or CLAIMS:
+    for claim in given.claims or CLAIMS:
         began = time.perf_counter()
-        numbers = list(measured(name)(run))
+        name, _, part = claim.partition(":")
+        numbers = list(measured(name)(replace(run, part=part)))
         if not numbers:
-            print(f"{name}: left out")
+            print(f"{claim}: left out")
             continue
-        found[name] = {
-            "commit": at,
-            "date": datetime.now(UTC).date().isoformat(),
-            "processor": processor(),
-            "full": given.full,
-            "seconds": round(time.perf_counter() - began, 1),
-            "numbers": record(numbers),
-        }
+        if part and name in found:
+            of_part = {"commit": at, "date": datetime.now(UTC).date().isoformat()}
+            found[name]["numbers"] |= {key: row | of_part for key, row in record(numbers).items()}
+        else:
+            found[name] = {
+                "commit": at,
+                "date": datetime.now(UTC).date().isoformat(),
+                "processor": processor(),
+                "full": given.full,
+                "seconds": round(time.perf_counter() - began, 1),
+                "numbers": record(numbers),
+            }
         given.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
         for number in numbers:
             value = f"{number.value:.3g} ± {number.standard_error:.2g} {number.unit}"

@@ -29,12 +29,14 @@ class Number:
 
 @dataclass(frozen=True)
 class Run:
-    """How claims are measured. kept: folder of the rows of single cases, so that a run goes on; data: the open sets."""
+    """How claims are measured. kept: folder of the rows of single cases, so that a run goes on; data: the open sets;
+    part: one setting of a claim that has several, all without it."""
 
     full: bool = False
     workers: int = 1
     kept: Path | None = None
     data: Path | None = None
+    part: str = ""
 
     def count(self, quick: int, full: int) -> int:
         return full if self.full else quick

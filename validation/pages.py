@@ -130,15 +130,16 @@ def filled(text: str, results: Mapping[str, dict]) -> str:
 def row(claim: Claim, results: Mapping[str, dict]) -> str:
     """Each number takes the name of its cases; n is given once where all agree."""
     about = results[claim.name]
-    cells, counts = [], []
+    cells, counts, origins = [], [], []
     for words, key, form, unit in claim.numbers:
         one = number(results, f"{claim.name}.{key}")
+        origins.append(f"{one.get('commit', about['commit'])}, {one.get('date', about['date'])}")
         told = f"{shown(one['value'], form)} ± {shown(one['standard_error'], form)}"
         cells.append(" ".join(part for part in (words, told, unit) if part))
         counts.append(str(one["n"]))
     n = counts[0] if len(set(counts)) == 1 else ", ".join(counts)
     repeat = f"`python -m validation {claim.name}{' --full' * about['full']}`"
-    return f"| {claim.sentence} | {', '.join(cells)} | {n} | {repeat} | {about['commit']}, {about['date']} |\n"
+    return f"| {claim.sentence} | {', '.join(cells)} | {n} | {repeat} | {'; '.join(dict.fromkeys(origins))} |\n"
 
 
 def page(results: Mapping[str, dict]) -> str:

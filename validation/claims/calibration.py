@@ -149,6 +149,8 @@ def one(job: tuple[int, str, str, str, bool, bool]) -> dict:
 def measure(run: Run) -> Iterator[Number]:
     """How often central 50 and 90 % intervals of each parameter hold the truth, and their width in decades."""
     for setting, (how, quick, full) in SETTINGS.items():
+        if run.part not in ("", setting):
+            continue
         n = run.count(quick, full)
         rows = run.rows("calibration", one, [(seed, *how) for seed in range(n)])
         for symbol, name in SHOWN.items():
