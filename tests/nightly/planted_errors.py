@@ -116,7 +116,7 @@ PLANTED = (
     Planted("a file that is still written is read", "watch.py",
             " if now - since >= LOOK]", "]", ("test_watch",)),
     Planted("one recording in two files counts twice", "io/shots.py",
-            "return list(first.values()), remarks", "return curves, remarks", ("test_shots",)),
+            "return list(first.values()), remarks", "return curves, remarks", ("test_watch", "test_outputs")),
     Planted("any file of the machine is uploaded", "app/events.py",
             "path.is_relative_to(folder) and path.is_file()", "path.is_file()", ("test_app",)),
     Planted("exposure after the frame's time", "training/camera.py",
