@@ -122,12 +122,12 @@ def radii_picture(film: Clip) -> str:
     unit, scale = ("µm", measurement.um_per_px.value) if measurement.um_per_px.value else ("px", 1.0)
     flags = np.where(excluded(film), "excluded", measurement.track.flags)
     time, radius = 1e6 * measurement.time, np.nan_to_num(scale * measurement.track.radius)
-    top, shown = 1.05 * float(radius.max()) or 1.0, float(time[film.frame - measurement.first])
+    top, instant = 1.05 * float(radius.max()) or 1.0, float(time[film.frame - measurement.first])
     layers = [
         Layer("dots", f"flag-{flag}", time[flags == flag], radius[flags == flag], flag)
         for flag in dict.fromkeys(flags.tolist())
     ]
-    layers.append(Layer("line", "frame", np.full(2, shown), np.array([0.0, top])))
+    layers.append(Layer("line", "frame", np.full(2, instant), np.array([0.0, top])))
     x = Axis("time (µs)", float(time[0]), float(time[-1]))
     return words.pictures([curve_svg([Panel(x, Axis(f"R ({unit})", 0.0, top), tuple(layers))])])
 

@@ -184,18 +184,18 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
 
     def build() -> bytes:
         with TemporaryDirectory() as base:
-            made = Path(base, "cavirheo-result")
+            result_folder = Path(base, "cavirheo-result")
             for kind in ("processed", "simulated"):
-                (made / kind).mkdir(parents=True)
+                (result_folder / kind).mkdir(parents=True)
             how: dict[str, Any] = {"notes": document.notes, "published": published}
             how["advance"] = lambda: progress(next(number) / (shots + 1), "drawn")
-            write_report(made, answers.pairs, document.command, FIGURES, **how)
+            write_report(result_folder, answers.pairs, document.command, FIGURES, **how)
             if fits:
-                write_report(made / "least-squares", fits, f"{document.command}; then fit", FIGURES, **how)
-            for listing in made.rglob(LIST):  # it tells one run from the next; a zip is of one
+                write_report(result_folder / "least-squares", fits, f"{document.command}; then fit", FIGURES, **how)
+            for listing in result_folder.rglob(LIST):  # it tells one run from the next; a zip is of one
                 listing.unlink()
-            _write_curves(made, answers)
-            return Path(shutil.make_archive(f"{base}/made", "zip", base, made.name)).read_bytes()
+            _write_curves(result_folder, answers)
+            return Path(shutil.make_archive(f"{base}/made", "zip", base, result_folder.name)).read_bytes()
 
     with session.exporting:  # a class with one demo file waits for one zip
         key = key_of([answers.pairs, document.command, fits, document.notes, published])

@@ -131,9 +131,9 @@ def _in_order(t: Floats, r: Floats, std: Floats, remarks: _Remarks) -> tuple[Flo
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
     """The mean of what is known of each run of values that begins at one of the indices `first`."""
-    known = np.isfinite(values)
-    count = np.add.reduceat(known.astype(int), first)
-    total = np.add.reduceat(np.where(known, values, 0.0), first)
+    finite = np.isfinite(values)
+    count = np.add.reduceat(finite.astype(int), first)
+    total = np.add.reduceat(np.where(finite, values, 0.0), first)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 

@@ -243,8 +243,8 @@ class AdaptiveSampling:
             checked, value = target.checks(draws.u[some], draws.camera[some])
             explorer.learn(*checked)
             explorer.climb_higher()
-            worth = effective_size(value - draws.log_target[some]) / len(some)
-            error = float(np.sqrt(-np.log(worth))) if worth else np.inf
+            efficiency = effective_size(value - draws.log_target[some]) / len(some)
+            error = float(np.sqrt(max(-np.log(efficiency), 0.0))) if efficiency else np.inf
             self.turns += 1
             if error <= tolerance(share) * (1.0 + (self.turns - 1) / TUNING.emulated_patience):
                 break
@@ -311,9 +311,9 @@ class AdaptiveSampling:
         if thorough:
             self.search_windows()
         enough = max(TUNING.auto_enough * share, TUNING.part_enough)
-        worth = max(enough, TUNING.effective_fewest)
-        taken = self.turns < TUNING.emulated_rounds and self.emulate(worth, share)
-        taken = taken or self._weigh_draws(worth, share)
+        needed = max(enough, TUNING.effective_fewest)
+        taken = self.turns < TUNING.emulated_rounds and self.emulate(needed, share)
+        taken = taken or self._weigh_draws(needed, share)
         if not taken and self.emulated and self.error <= TUNING.emulated_worst:
             taken = self.ended = True
         if taken and (self.trusted or not thorough):
