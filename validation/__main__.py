@@ -25,6 +25,7 @@ from pathlib import Path
 
 from cavirheo.parallel import cores
 from validation import pages
+from validation.claims.calibration import SETTINGS
 from validation.numbers import Number, Run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -74,7 +75,7 @@ def main() -> None:
     given = parser.parse_args()
     if given.page or given.fill:
         return pages.write(given.page, given.fill)
-    unknown = {claim.partition(":")[0] for claim in given.claims} - set(CLAIMS)
+    unknown = set(given.claims) - {*CLAIMS, *(f"calibration:{setting}" for setting in SETTINGS)}
     if unknown:
         parser.error(f"unknown claims {', '.join(sorted(unknown))}; known: {', '.join(CLAIMS)}")
     found = json.loads(given.out.read_text("utf-8")) if given.out.exists() else {}

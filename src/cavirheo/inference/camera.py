@@ -49,18 +49,9 @@ PER_FRAME = 3.0  # or so many for each frame
 MOST = 4000  # of them
 STEPS = 20  # Gauss-Newton steps, at most,
 ROUGH_GAIN, SHAPE_GAIN, GAIN = 0.1, 0.02, 1e-5  # until one gains less in log density: all, the best of a shape or not
-CLOCKS = (
-    0.0,
-    -2.4,
-    -1.8,
-    -1.2,
-    -0.6,
-    0.6,
-    1.2,
-    1.8,
-    2.4,
-)  # where these steps begin, in standard deviations of the clock,
-CLIMBED = 2  # from so many of them, the most likely
+# where these steps begin, in standard deviations of the clock; it may be far off where R_max is read off noisy frames
+CLOCKS = (0.0, -2.4, -1.8, -1.2, -0.6, 0.6, 1.2, 1.8, 2.4)
+CLIMBED = 2  # clocks that the steps go on from, the most likely
 SIZE_STEP = 0.02  # by which the bubble of the second simulation is larger
 SIZE_EFFECT = 0.15  # RMS change of R* over a relative change of size, about,
 SIZE_SHARE = 0.25  # of the noise, from which such a change counts
