@@ -296,7 +296,7 @@ class Estimation:
             camera_drawn, z = sample is not None and sample.camera is not None, target.camera.z(residuals)
             x, log_camera = target.completed(u, z, best.u, settings.seed, camera_drawn=camera_drawn)
         if sample is not None and len(u) > 1:
-            over_scale = self._moved_modulus(best, *self._integrated(sample, residuals))
+            over_scale = self._moved_modulus(best, u, residuals, sample.log_weight)
         else:
             over_scale = self._moved_gaussian(best)
         log_q = log_weight = None
@@ -363,17 +363,8 @@ class Estimation:
 
     def modulus_over_scale(self, draws: WeightedDraws) -> float | None:
         """Relative change of G over that of R_max, of weighted draws."""
-        return self._moved_modulus(draws.best or draws.modes[0], *self._integrated(draws.sample, draws.residual))
-
-    def _integrated(self, sample: Sample, residual: Floats) -> tuple[Floats, Floats, Floats]:
-        """u, extended residuals and log weights of draws; of those with a camera of their own some, with the most
-        likely one."""
-        if sample.camera is None:
-            return sample.u, residual, sample.log_weight
-        subset = slice(None, TUNING.moved)
-        shapes = self.noise.shapes(residual[subset])
-        frames = self.target.camera.of_shapes(shapes, self.target.noise.frames)
-        return sample.u[subset], np.hstack([frames, shapes]), sample.log_weight[subset]
+        sample = draws.sample
+        return self._moved_modulus(draws.best or draws.modes[0], sample.u, draws.residual, sample.log_weight)
 
     def _moved_gaussian(self, best: Mode) -> float | None:
         """As `_moved_modulus`, of draws of the Gaussian about the maximum, whose frames are linear in u."""
