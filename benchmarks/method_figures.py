@@ -1,6 +1,6 @@
 """Pictures of the method pages, of simulated bubbles alone, which are answered with the field's bubble, as they are.
 
-    python benchmarks/method_figures.py [contents] [laws] [draws] [ridge] [verdicts] [material]    # all: 30 s
+    python benchmarks/method_figures.py [contents] [laws] [draws] [window] [verdicts] [material]    # all: 30 s
 
 Writes docs/method/NAME.png. The numbers in the captions of docs/method are those that it prints.
 """
@@ -30,7 +30,7 @@ G, MU = "shear_modulus", "viscosity"
 G_AXIS, MU_AXIS = "shear modulus G (kPa)", "viscosity µ (Pa s)"
 SEED = {
     "draws": 3,
-    "ridge": 6,
+    "window": 6,
     "verdicts": 2,
     "material": 5,
 }  # in nine of ten shots an interval holds the truth, as in these
@@ -171,10 +171,10 @@ def draws() -> Any:
     return figure
 
 
-def ridge() -> Any:
+def window() -> Any:
     """A simulated shot, read up to one collapse and up to three: viscosity and stretch."""
     _, curve = film(
-        NeoHookeanKelvinVoigt(*10.0**TRUTH), 240e-6, 6.5, 0.01, np.random.default_rng(SEED["ridge"]), "shot"
+        NeoHookeanKelvinVoigt(*10.0**TRUTH), 240e-6, 6.5, 0.01, np.random.default_rng(SEED["window"]), "shot"
     )
     figure, panes = panels(2, 3.1, [("stretch λ", MU_AXIS)] * 2)
     for axes, window in zip(panes, (1, 3), strict=True):
@@ -261,7 +261,7 @@ def main() -> None:
         "contents": contents,
         "laws": laws,
         "draws": draws,
-        "ridge": ridge,
+        "window": window,
         "verdicts": verdicts,
         "material": material,
     }

@@ -62,7 +62,6 @@ ANSWERS = Page(
             "Parts of a Posterior",
             {
                 "cavirheo.posterior": "Checks Diagnostics Evidence Bubble WindowAnswer OtherAnswer",
-                "cavirheo.inference.budget": "Budget",
                 "cavirheo.messages": "Message",
             },
         ),

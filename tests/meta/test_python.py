@@ -20,7 +20,6 @@ from conftest import refused
 
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, RadiusCurve
-from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify import Verification, VerificationOptions, verify
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.loading import KINDS
@@ -73,7 +72,6 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.fit(CURVE, t0_bound="1"), "'1'"),
     (lambda: cavirheo.fit(CURVE, seed=1.5), "1.5"),
     (lambda: verify(CURVE, "nhkv"), "nhkv"),
-    (lambda: verify(CURVE, ANSWER, budget=Budget(draws="many")), "'many'"),
     (lambda: verify(CURVE, ANSWER, ranges=[1, 2]), "[1, 2]"),
     (lambda: rank_laws([CURVE], "nhkv"), "nhkv"),
     (lambda: simulate("nhkv"), "NeoHookeanKelvinVoigt"),

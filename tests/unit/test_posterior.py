@@ -18,12 +18,12 @@ from cavirheo import RadiusCurve, infer, simulate
 from cavirheo.inference import camera, verify
 from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.analysis import Analysis
-from cavirheo.inference.budget import Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.verify import Verification, evidence, predictive, verification, verify_many
+from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, predictive, verification, verify_many
+from cavirheo.inference.verify import mode as mode_module
 from cavirheo.inference.verify.adaptive_sampling import TwoFidelityTarget
 from cavirheo.inference.verify.evidence import models, rank_laws, ranked
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes
@@ -35,7 +35,6 @@ from cavirheo.inference.verify.sampler import (
     adapted,
     effective_size,
     importance_sample,
-    sample,
 )
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
@@ -79,7 +78,7 @@ def fitted():
 def full(fitted):
     """Its verified posterior, the law taken as exact."""
     curve, answer = fitted
-    return verify_many([curve], [answer], discrepancy=False, seed=1, budget=Budget(draws=400))[0]
+    return verify_many([curve], [answer], discrepancy=False, seed=1)[0]
 
 
 # likelihood
@@ -316,29 +315,12 @@ def test_rough_simulations_are_corrected_where_their_error_is_alike():
     assert np.array_equal(found.corrected(PLACES, rough).value, found.exact.log_posterior(PLACES, fine))
 
 
-def test_draws_that_rough_simulations_weigh_wrongly_are_simulated_anew():
-    """Those that have a weight, for the others change nothing."""
-    target, exact = two_modes()
-    rng = np.random.default_rng(0)
-    u = np.concatenate([0.3 * rng.standard_normal((150, 2)), np.full((3, 2), 2.9)])
-    wrong = Sample(u, exact(u) + 0.5 * rng.standard_normal(len(u)), np.zeros(len(u)))
-    found, error = TwoFidelityTarget(target).checked(wrong, 0)
-    assert error > TUNING.mended_enough
-    same_as = found.log_target == pytest.approx(exact(u))
-    assert not same_as  # the last three
-    heavy = exact(u) > np.max(exact(u)) - 4.0
-    assert found.log_target[heavy] == pytest.approx(exact(u)[heavy])
-    assert np.all(found.log_weight[-3:] < np.max(found.log_weight) - 7.0)
-    target.experiment.difference = lambda x, accuracy: np.full(20, np.nan)
-    found, error = TwoFidelityTarget(target).checked(Sample(u, exact(u), np.zeros(len(u))), 0)
-    assert (error, found.ess) == (np.inf, 0)  # none keeps a rough weight where the simulations of all heavy ones fail
-
-
 @pytest.mark.parametrize("most", [2, 12])
-def test_a_climb_ends_with_the_slopes_of_where_it_ends(most):
+def test_a_climb_ends_with_the_slopes_of_where_it_ends(most, monkeypatch):
+    monkeypatch.setattr(mode_module, "TUNING", replace(TUNING, climb_steps=most))
     target, _ = two_modes()
     for start in np.random.default_rng(0).uniform(-2.5, 2.5, (12, 2)):
-        mode = climb(target, start, ROUGH, most=most)
+        mode = climb(target, start, ROUGH)
         assert np.array_equal(mode.jacobian, target.jacobian(mode.u, mode.residual, ROUGH))
 
 
@@ -347,15 +329,11 @@ def test_a_mode_that_no_start_led_to_is_climbed_into():
     (mode,) = modes(target, [np.array([-0.4, -0.2])])
     assert mode.u[0] < 0
     explorer = AdaptiveProposal(target, [mode])
-    found = sample(explorer.weigh, explorer.propose, seed=0, each=200, most=1800, enough=400)
+    near = np.array([0.3, 0.1]) + np.random.default_rng(0).uniform(-0.1, 0.1, (60, 2))
+    assert np.max(exact(near)) > mode.log_posterior + TUNING.other_mode
+    explorer(near)
+    explorer.climb_higher()
     assert max(explorer.modes, key=lambda mode: mode.log_posterior).u[0] > 0
-    grid = np.stack(np.meshgrid(np.linspace(-3, 3, 121), np.linspace(-3, 3, 121)), axis=-1).reshape(-1, 2)
-    density = np.exp(exact(grid))
-    weight = np.exp(found.log_weight)
-    share = np.sum(density[grid[:, 0] > 0]) / np.sum(density)
-    assert 0.6 < share < 0.99
-    assert np.sum(weight[found.u[:, 0] > 0]) / np.sum(weight) == pytest.approx(share, abs=0.05)
-    assert found.log_evidence[0] == pytest.approx(np.log(np.sum(density) * 0.05**2), abs=0.1)
 
 
 def test_a_proposal_that_is_too_narrow_shows_in_size_and_tail():
@@ -393,7 +371,7 @@ def test_verified_posterior_of_a_shot(fitted, full):
 def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
     """log_q + log_weight is the likelihood times the prior of log10 G, log10 mu, stretch."""
     curve, answer = fitted
-    settings = {"free": (), "discrepancy": False, "budget": Budget(draws=200), "seed": 2}
+    settings = {"free": (), "discrepancy": False, "seed": 2}
     found = verify.verify(curve, answer, **settings)
     target = Estimation(Verification(**settings), curve, answer).target
     expectations = found.log_q + found.log_weight
@@ -426,7 +404,7 @@ def test_an_overconfident_answer_is_widened(fitted):
     narrow = replace(answer, theta=middle + 0.1 * (answer.theta - middle))
     settings = {"free": (), "discrepancy": False}
     right = verify.verify(curve, answer, level="map", **settings)
-    mended = verify.verify(curve, narrow, budget=Budget(draws=200), **settings)
+    mended = verify.verify(curve, narrow, **settings)
     width = np.diff(right.interval("viscosity"))[0]
     assert np.diff(mended.interval("viscosity"))[0] == pytest.approx(width, rel=0.3)
 
@@ -569,11 +547,10 @@ def test_against_emcee(seed, monkeypatch):
     emcee = pytest.importorskip("emcee")
     _, curve = calibration.shot(seed)
     known = {"discrepancy": False, "free": "none"}  # a scale would move the viscosity of the answer, not of the chain
-    settings = known | {"ranges": calibration.RANGES, "budget": Budget(draws=6000), "seed": seed}
+    settings = known | {"ranges": calibration.RANGES, "seed": seed}
     answer = fit(curve, window="all")
-    monkeypatch.setattr(verification, "TUNING", replace(TUNING, effective_enough=2500.0))
-    monkeypatch.setattr(verification, "DEFAULT", ROUGH)
-    monkeypatch.setattr(AdaptiveProposal.__call__, "__defaults__", (ROUGH,))
+    monkeypatch.setattr(adaptive_sampling, "TUNING", replace(TUNING, effective_enough=2500.0, draws=6000))
+    monkeypatch.setattr(mode_module, "DEFAULT", ROUGH)
     found = verify.verify(curve, answer, **settings)
     job = Estimation(Verification(**settings), curve, answer)
     target, rng = job.target, np.random.default_rng(seed)

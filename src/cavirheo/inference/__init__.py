@@ -7,7 +7,6 @@ from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference.analysis import AUTO, DEFAULT, KNOWN_BUBBLES, LEVELS, Analysis
-from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior
@@ -83,7 +82,6 @@ def infer_many(
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
-    budget: Budget = POSTERIOR,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
@@ -91,7 +89,6 @@ def infer_many(
 
     Args:
         curves: R(t), s and m.
-        budget: of weighted draws.
         workers: threads; default: all cores. The answers do not depend on it.
         done: called with the index and the answer of each curve as it is found, verified if that is asked.
 
@@ -104,6 +101,6 @@ def infer_many(
     Source: docs/method/posterior.md.
     """
     analysis = Analysis(
-        "infer", model, material, bubble, medium, stretch, window, trust_input, verify, discrepancy, budget, seed
+        "infer", model, material, bubble, medium, stretch, window, trust_input, verify, discrepancy, seed=seed
     )
     return analysis.run(curves, workers, done)

@@ -17,7 +17,6 @@ from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference import input_checks
 from cavirheo.inference.bdt import Amortised
-from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family, softened
 from cavirheo.inference.model import Network, card, path_of
@@ -52,7 +51,6 @@ class Analysis:
             as of `fit_many`.
         bubble: as of `infer`; a tuple of `Bubble` once it is made.
         verify: as of `infer`; of a search "map" (its maximum), or "auto" (weighted draws that begin there).
-        budget: of weighted draws.
         end, free, t0_bound, scale_bound, weights, others: as of `fit_many`; of a search, too.
         ranges: of the priors of a search, as of `Verification`.
 
@@ -70,7 +68,6 @@ class Analysis:
     trust_input: bool = False
     verify: str = "auto"
     discrepancy: bool = True
-    budget: Budget = POSTERIOR
     seed: int = 0
     end: float | None = None
     free: Sequence[str] | str | None = None
@@ -190,7 +187,7 @@ class Analysis:
         from cavirheo.inference.posterior_network import network_of
         from cavirheo.inference.verify import verify_many
 
-        shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges", "budget")
+        shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
         settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
         if self.method == "infer":
             settings["network"] = network_of(str(self.model))

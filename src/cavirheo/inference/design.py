@@ -42,7 +42,6 @@ from cavirheo.physics.simulate import simulate
 from cavirheo.prior import log_normal
 
 ROUNDS = 4  # of the weight of the frames and the maximum
-TURNS = 4  # of the way from the truth to the maximum
 GRID = 8001  # points of a marginal density
 LN10 = float(np.log(10.0))
 GROWTH = 0.8  # t_c before R_max, from which a recording begins
@@ -133,7 +132,7 @@ def expected(
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options, exposure=float(curve.exposure or 0.0))
     target = Target(shot, shot.prior(), shot.noise(discrepancy))
-    mode = climb(target, target.start(shot.from_best(truth)), ROUGH, most=TURNS)
+    mode = climb(target, target.start(shot.from_best(truth)), ROUGH)
     if mode is None:
         raise SolverError(f"{curve.name}: the simulation failed")
     size, (u, covariance) = shot.law, linearised(target.noise, mode.u, mode.residual, mode.jacobian)

@@ -92,7 +92,7 @@ class Noise:
         log_density = np.full(len(residuals), -np.inf)
         good = np.all(np.isfinite(residuals), axis=1)
         if np.any(good):
-            log_density[good] = self._shares(residuals[good])[0]
+            log_density[good] = log_sum(self.joint(self.squares(residuals[good])), axis=0)
         return log_density
 
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:

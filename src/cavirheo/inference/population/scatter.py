@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.population.likelihood import Likelihoods
-from cavirheo.inference.verify.sampler import Mixture, Sample, sample
+from cavirheo.inference.verify.sampler import Mixture, Sample, importance_sample
 from cavirheo.prior import Prior, log_normal
 
 OUTLIERS = 0.05  # of the shots that may not belong, before they are seen
@@ -28,7 +28,7 @@ SPREAD = 0.2  # decades: the half of a normal distribution is the prior of each 
 SLOPE = 1.0  # decades per standard deviation of the column: standard deviation of the prior of each slope
 _LARGEST = 2.0  # decades, of a spread
 _CHUNK = 100_000  # densities at a time
-_EACH, _MOST, _ENOUGH = 1000, 20_000, 2500.0  # draws of a round, of all, effective ones that are enough
+_EACH, _ENOUGH, _ADAPTED = 1000, 2500.0, 2  # draws of a round, effective ones that are enough, rounds that adapt
 _STEP = 0.002  # of differences, in the coordinates of the prior
 _FAR = 30.0  # height below the best mode, from which another is not drawn from
 _STARTS, _CLIMBED = 12, 3  # shots at most, about each of which a search may start; from how many places it does
@@ -93,13 +93,13 @@ class Scatter:
         """Weighted draws; the mean weight is the evidence, but for the sizes of the likelihoods."""
         mixture = self._start()
 
-        def propose(rng: np.random.Generator, previous: Sample | None) -> Mixture:
+        def adapt(draws: Sample, _rng: np.random.Generator) -> Mixture:
             nonlocal mixture
-            if previous is not None:
-                mixture = mixture.fitted(previous.u, previous.log_weight)
+            mixture = mixture.fitted(draws.u, draws.log_weight)
             return mixture.widened()
 
-        return sample(self, propose, seed=seed, each=_EACH, most=_MOST, enough=_ENOUGH, fewest=2)
+        rng = np.random.Generator(np.random.Philox(seed))
+        return importance_sample(self, mixture.widened(), adapt, rng, enough=_ENOUGH, each=_EACH, fewest=_ADAPTED)
 
     def outliers(self, u: Floats) -> Floats:
         """(n,) probability that each shot does not belong, over equally likely u (k, .)."""

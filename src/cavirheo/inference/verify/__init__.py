@@ -13,7 +13,6 @@ import numpy as np
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect
 from cavirheo.inference.alternatives import as_alternative, chosen_among, contenders, judged, model_of
-from cavirheo.inference.budget import Budget
 from cavirheo.inference.input_checks import ERRORS, warned
 from cavirheo.inference.law import Family
 from cavirheo.inference.law_average import averaged_over_laws, comparable
@@ -46,7 +45,6 @@ class VerificationOptions(TypedDict, total=False):
     weights: str | None
     rival: bool
     ranges: Mapping[str, Sequence[float]] | None
-    budget: Budget
     seed: int
     network: PosteriorModel | None
     own_draws: int
@@ -104,21 +102,21 @@ def verify_many(
                 continue
             try:
                 estimation = estimator(settings, curve, model)
-                if verification.level == "auto":
-                    estimations.append(estimation)
+                if verification.level == "map":
+                    posteriors.append(estimation.laplace())
                 else:
-                    posteriors.append(estimation.posterior())
+                    estimations.append(estimation)
             except ERRORS as error:  # of this shot alone
                 problems.append(_failed(verification, model, error))
         independent = bool(verification.weights) or verification.search  # a fit and a searched law are sampled alone
         for batch in [[estimation] for estimation in estimations] if independent else [estimations] * bool(estimations):
             try:
-                posteriors += answers_of(batch, verification.budget)
+                posteriors += answers_of(batch)
             except ERRORS as error:  # of this shot alone
                 problems.append(_failed(verification, batch[0].answer, error))
         if not posteriors:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
-        if len(models) == 1 and verification.level == "auto" and not verification.weights:
+        if len(models) == 1 and verification.level != "map" and not verification.weights:
             (best,) = posteriors
             posteriors = [best, *_damaged(verification, curve, best)]
         best = averaged_over_laws(posteriors) if comparable(posteriors) else _simplest(posteriors)
@@ -140,7 +138,7 @@ def _failed(settings: Verification, answer: Posterior, error: Exception) -> Post
     why = of_error(error)
     if not settings.weights:
         why = Message("answer.unverified", {"reason": why.text})
-    verdict: Verdict = "failed" if settings.level == "auto" else answer.checks.verdict
+    verdict: Verdict = "failed" if settings.level != "map" else answer.checks.verdict
     checks = replace(answer.checks, verdict=verdict, messages=(*answer.checks.messages, why))
     return replace(answer, checks=checks)
 
@@ -179,15 +177,15 @@ def _rival(settings: Verification, curve: RadiusCurve, answer: Posterior) -> lis
 def _verify_with_bubble(
     settings: Verification, curve: RadiusCurve, answer: Posterior, bubble: Bubble, least: float = -np.inf
 ) -> list[Posterior]:
-    """The answer once more, of another bubble; none where that fails, or where Laplace's log evidence of level "auto"
-    is smaller than `least`."""
+    """The answer once more, of another bubble; none where that fails, or where Laplace's log evidence is
+    smaller than `least`."""
     start = replace(answer, bubble=bubble, others=(), windows={}, diagnostics=Diagnostics())
     try:
         estimation = Estimation(settings, curve, start)
         if settings.level == "map":
-            return [estimation.posterior()]
+            return [estimation.laplace()]
         estimation.sampling.search_windows()
-        return answers_of([estimation], settings.budget) if estimation.sampling.log_laplace >= least else []
+        return answers_of([estimation]) if estimation.sampling.log_laplace >= least else []
     except ERRORS as error:
         _log.debug("%s has no answer of the %s", curve.name, bubble.title, exc_info=error)
         return []

@@ -1,15 +1,15 @@
-"""Level "auto": weighted draws from a few hundred simulations where a network's draws show the way.
+"""Weighted draws from a few hundred simulations: modes first, then a surrogate of what is simulated about them.
 
-The network's own draws are simulated first. They lead to the maximum and to what is around it, and their weights give
-an evidence by themselves. A surrogate (surrogate.py) of these simulations is drawn from, and some of its draws are
-simulated by the default solver: rounds of these teach it and check it, until it is as good as the simulations. Its own
-draws are then the answer. They are trusted if the network's own evidence is not larger than theirs: a surrogate does
-not show what no simulation met. (That it is smaller only says that the network misses what they have.) Where no
-surrogate is good enough, draws of it, or of mixtures, are simulated, and their weights count.
+A network's own draws, where there are any, are simulated first. They lead to the maximum and to what is around it, and
+their weights give an evidence by themselves. A surrogate (surrogate.py) of these simulations is drawn from, and some of
+its draws are simulated by the default solver: rounds of these teach it and check it, until it is as good as the
+simulations. Its own draws are then the answer of level "auto". They are trusted if the network's own evidence is not
+larger than theirs: a surrogate does not show what no simulation met; else modes are looked for all over the ranges.
+(That it is smaller only says that the network misses what they have.) Where no surrogate is good enough, and with level
+"full", its draws are simulated by the default solver, and their weights count.
 
-Most of these are rough simulations plus what they miss of the default ones at likely places, for that hardly changes
-across a posterior: the log weights are off by some hundredths, in half the time. Of draws that are simulated, default
-simulations of some tell by how much; if it is too much, all that have a weight are simulated anew.
+All other simulations are rough ones plus what they miss of the default ones at likely places, which hardly changes
+across a posterior: the log weights are off by some hundredths, in half the time.
 """
 
 from __future__ import annotations
@@ -20,13 +20,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cavirheo.arrays import Floats, log_sum, unscaled
+from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
-from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant
-from cavirheo.inference.verify.proposals import AdaptiveProposal, SurrogateDraws
+from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Proposal, Sample, effective_size, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
@@ -36,18 +34,16 @@ from cavirheo.posterior import OtherAnswer
 
 class WeightedDraws(NamedTuple):
     """sample: the weighted draws. residual: (k, size) their extended residuals, of simulations or of a surrogate. best:
-    the maximum beside the highest simulation; None if the default one fails there. modes: all maxima. few: whether few
-    simulations were enough. evidence_gap: how many standard errors the network's own evidence is above that of the
-    others; None if its draws are worth too little. rough: standard deviation of the error of the log weights by rough
-    simulations or by a surrogate."""
+    the maximum beside the highest simulation; None if the default one fails there. modes: all maxima. evidence_gap: how
+    many standard errors the network's own evidence is above that of the others; None if its draws are worth too little.
+    error: standard deviation of the error of the log weights by a surrogate."""
 
     sample: Sample
     residual: Floats
     best: Mode | None
     modes: list[Mode]
-    few: bool
     evidence_gap: float | None
-    rough: float
+    error: float
 
 
 class TwoFidelityTarget(Target):
@@ -57,25 +53,30 @@ class TwoFidelityTarget(Target):
         super().__init__(target.experiment, target.whole, target.noise.frames, target.workers)
         self.camera, self.noise = target.camera, target.noise
         self.exact, self.missed, self.rough = target, np.zeros(target.noise.size), True
-        self.learnt = np.empty((0, len(target.prior.names)))  # u of what taught it
+        self.scatter = 0.0  # standard deviation of what rough simulations are found wrong in log weights
 
     def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
         return self.exact.residuals(u, BRISK) + self.missed if self.rough else self.exact.residuals(u, DEFAULT)
 
+    def checks(self, u: Floats, z: Floats, *_: Any) -> tuple[Simulated, Floats]:
+        """Those of the target, of corrected rough simulations."""
+        return self.exact.checks(u, z, BRISK, self.missed) if self.rough else self.exact.checks(u, z)
+
     def correct(self, at: Simulated) -> None:
         """Learn what rough simulations miss, the mean of it at likely places; where it changes too much, no more of
         them."""
-        fine, self.learnt = self.exact.residuals(at.u, DEFAULT), at.u
+        fine = self.exact.residuals(at.u, DEFAULT)
         good = np.all(np.isfinite(fine - at.residual), axis=1)
-        self.rough = bool(np.count_nonzero(good) > TUNING.mended / 2)
+        self.rough = bool(np.count_nonzero(good) > TUNING.corrected / 2)
         if not self.rough:
             return
         u, fine, rough, value = at.u[good], fine[good], at.residual[good], at.value[good]
         trust = np.exp((value - np.max(value)) / TUNING.nugget_height)
         self.missed = np.average(fine - rough, axis=0, weights=trust)
         wrong = self.log_posterior(u, fine) - self.log_posterior(u, rough + self.missed)
-        self.rough = bool(np.cov(wrong, aweights=trust) < TUNING.mended_begun**2)
+        self.scatter = float(np.sqrt(np.cov(wrong, aweights=trust)))
+        self.rough = self.scatter < TUNING.corrected_scatter
 
     def corrected(self, u: Floats, residual: Floats) -> Simulated:
         """What was known at u (k, d), with rough residuals (k, n), before something was learnt: with it, or by default
@@ -92,39 +93,6 @@ class TwoFidelityTarget(Target):
             replace(mode, residual=residual, log_posterior=float(value))
             for mode, residual, value in zip(modes, now.residual, now.value, strict=True)
         ]
-
-    def checked(self, draws: Sample, seed: int) -> tuple[Sample, float]:
-        """The draws with log targets that default simulations of some agree with, none of which taught the correction,
-        and the standard deviation of what these found wrong; all that have a weight are simulated anew if that is too
-        much, all if one of them fails."""
-        if not self.rough or not np.any(np.isfinite(draws.log_weight)):
-            return draws, 0.0
-        weight = unscaled(draws.log_weight)
-        new = ~np.any(np.all(draws.u[:, None] == self.learnt, axis=2), axis=1)
-        chance = np.where(new, weight, 0.0)
-        count = min(TUNING.mended_checked, int(np.count_nonzero(chance)))
-        rng = np.random.Generator(np.random.Philox(seed))
-        wrong, error = np.array([]), np.inf
-        if count > 1:
-            some = rng.choice(len(weight), count, replace=False, p=chance / np.sum(chance))
-            wrong = self._exact_value(draws, some) - draws.log_target[some]
-            error = float(np.sqrt(np.mean(wrong**2))) if np.all(np.isfinite(wrong)) else np.inf
-        if error <= TUNING.mended_enough:
-            common = float(np.hypot(draws.common, error / np.sqrt(count)))
-            return replace(draws, log_target=draws.log_target + np.mean(wrong), common=common), error
-        heaviest = np.argsort(-weight)
-        counted = 1 + np.searchsorted(np.cumsum(weight[heaviest]), TUNING.mended_heavy * np.sum(weight))
-        inexact, value = heaviest[:counted] if np.isfinite(error) else heaviest, draws.log_target.copy()
-        value[inexact] = self._exact_value(draws, inexact)
-        return replace(draws, log_target=value), error
-
-    def _exact_value(self, draws: Sample, which: NDArray[np.int64]) -> Floats:
-        """Log target of some of the draws by default simulations."""
-        u, camera = draws.u[which], None if draws.camera is None else draws.camera[which]
-        simulated = Simulated.at(self.exact, u)
-        return (
-            self.exact.integrated(simulated).value if camera is None else self.exact.log_joint(*simulated[:2], camera)
-        )
 
     def highest(self, start: Floats, surrogate: Surrogate | None) -> Mode | None:
         """The maximum reached from u (d,), by a surrogate if there is one, with the default simulation there; None if
@@ -176,24 +144,25 @@ class AdaptiveSampling:
     """The posterior of one model from few simulations: its modes first, then draws of what the simulations teach.
 
     network: own_draws of it show the way. starts: where to climb from without one; scanned: the same from all over the
-    ranges; windowed: where a search over windows that grow ends, for modes that leave more than noise. Raises
-    SolverError: no start could be simulated.
+    ranges; windowed: where a search over windows that grow ends, for modes that leave more than noise. exact: what
+    counts in the answer is simulated, and these modes are looked for at once. Raises SolverError: no start could be
+    simulated.
     """
 
     def __init__(
         self, target: Target, network: Proposal | None, starts: Callable[[], list[Floats]],
         scanned: Callable[[], list[Floats]], windowed: Callable[[], list[Floats]] = list, *, seed: int,
-        own_draws: int = TUNING.own_draws,
+        own_draws: int = TUNING.own_draws, exact: bool = False,
     ) -> None:  # fmt: skip
-        self.target, self.network, self.scanned, self.windowed, self.seed = target, network, scanned, windowed, seed
+        self.target, self.scanned, self.windowed, self.seed, self.exact = target, scanned, windowed, seed, exact
         two_fidelity = TwoFidelityTarget(target)
         simulated, maxima = None, list[Mode]()
         if network:
             u, simulated, mode = _start_by_network(two_fidelity, network, own_draws, seed)
             if mode:
                 maxima = [mode, *modes(two_fidelity, _unexpected(mode, simulated))]
-        searched = not maxima
-        if searched:
+        self.ranged, self.windows_grown, found = not maxima, False, bool(maxima)
+        if not found:
             maxima = modes(two_fidelity, starts(), scanned())
         if not maxima:
             raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
@@ -203,17 +172,14 @@ class AdaptiveSampling:
             residuals = two_fidelity.residuals(np.array([mode.u for mode in maxima]))
             maxima = [replace(mode, residual=row) for mode, row in zip(maxima, residuals, strict=True)]
             simulated = Simulated.at(two_fidelity, simulated.u) if simulated else None
-        two_fidelity.correct(_likely_simulations(two_fidelity, maxima[0], None if searched else simulated, seed))
-        self.modes = two_fidelity.corrected_modes(maxima)
-        self.explorer = AdaptiveProposal(
-            two_fidelity, self.modes, TUNING.auto_learning, follow=searched, network=network
-        )
+        two_fidelity.correct(_likely_simulations(two_fidelity, maxima[0], simulated if found else None, seed))
+        self.explorer = AdaptiveProposal(two_fidelity, two_fidelity.corrected_modes(maxima), around=not found)
         self.own: Sample | None = None
         self.sample: Sample | None = None
-        self.evidence_gap: float | None = None
-        self.emulated: SurrogateDraws | None = None
+        self.shapes = np.empty((0, 0))  # (k, numbers) of the draws
+        self.surrogate: Surrogate | None = None  # whose draws they are, if they are not weighed
         self.error, self.turns = 0.0, 0  # turns: rounds of surrogates so far
-        self.trusted = self.searched = self.ended = False
+        self.ended = False
         if network and simulated:
             simulated = two_fidelity.integrated(two_fidelity.corrected(simulated.u, simulated.residual))
             self.explorer.learn(*simulated)
@@ -224,150 +190,142 @@ class AdaptiveSampling:
         """Laplace's log evidence of the modes so far."""
         return float(log_sum(np.array([mode.log_evidence for mode in self.explorer.modes])))
 
+    def _rng(self, jumps: int) -> np.random.Generator:
+        return np.random.Generator(np.random.Philox(self.seed).jumped(jumps))
+
     def emulate(self, enough: float, share: float = 1.0) -> bool:
         """Take draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own
         draws that check it, in a few rounds of these, until it is good enough for a model with this share in the
         answer. Whether there are any."""
-        target, explorer = self.two_fidelity.exact, self.explorer
-        emulation, self.emulated = None, None
-        rng = np.random.Generator(np.random.Philox(self.seed).jumped(self.turns))
-        error, last = self.error, min(self.turns + TUNING.emulated_turns, TUNING.emulated_rounds)
+        explorer, rng = self.explorer, self._rng(self.turns)
+        last = min(self.turns + TUNING.emulated_turns, TUNING.emulated_rounds)
         while self.turns < last:
-            emulation = explorer.emulated(rng)
-            if emulation is None:
+            if (emulation := explorer.emulated(rng)) is None:
                 return False
-            often = TUNING.emulated_more if error > TUNING.emulated_wrong else 1
+            often = TUNING.emulated_more if self.error > TUNING.emulated_wrong else 1
             draws, some = emulation.sample, emulation.chosen(often * TUNING.emulated_checked, rng)
             explorer(draws.u[emulation.chosen(TUNING.emulated_flatter, rng, TUNING.flatter)])
             assert draws.camera is not None
-            checked, value = target.checks(draws.u[some], draws.camera[some])
+            checked, value = self.two_fidelity.checks(draws.u[some], draws.camera[some])
             explorer.learn(*checked)
             explorer.climb_higher()
             efficiency = effective_size(value - draws.log_target[some]) / len(some)
-            error = float(np.sqrt(max(-np.log(efficiency), 0.0))) if efficiency else np.inf
+            self.error = float(np.sqrt(max(-np.log(efficiency), 0.0))) if efficiency else np.inf
             self.turns += 1
-            if error <= tolerance(share) * (1.0 + (self.turns - 1) / TUNING.emulated_patience):
+            if self.error <= tolerance(share) * (1.0 + (self.turns - 1) / TUNING.emulated_patience):
                 break
-        self.error = error
-        return self._draw(enough, share)
-
-    def _draw(self, enough: float, share: float) -> bool:
-        """Take draws of the surrogate of all simulations so far. Whether there are any."""
-        rng = np.random.Generator(np.random.Philox(self.seed).jumped(TUNING.emulated_rounds + 1))
-        emulation = self.explorer.emulated(rng, TUNING.emulated_worth * enough, **sizes(share))
+        rng = self._rng(TUNING.emulated_rounds + 1)
+        emulation = explorer.emulated(rng, TUNING.emulated_worth * enough, **sizes(share))
         if emulation is None:
             return False
-        self.emulated = emulation
         unsure = TUNING.emulated_unsure + 0.5 * self.error**2  # what no draw met is missing, too
-        self.sample = replace(emulation.sample, common=unsure)
-        self.trusted = self._agrees(self.sample)
+        self.surrogate, self.sample = emulation.surrogate, replace(emulation.sample, common=unsure)
+        self.shapes = emulation.surrogate.shapes(emulation.sample.u)
         return True
 
-    def _weigh_draws(self, enough: float, share: float) -> bool:
-        """Take draws of a surrogate that is wrong in places, each simulated and weighed. Whether they are worth
-        enough."""
-        rng = np.random.Generator(np.random.Philox(self.seed).jumped(TUNING.emulated_rounds))
-        emulation = self.explorer.emulated(rng, TUNING.emulated_weighed * share / TUNING.emulated_draws, **sizes(share))
-        if emulation is None:
-            return False
-        order, needed = rng.permutation(len(emulation.sample.u)), min(enough, TUNING.effective_fewest)
-        assert emulation.sample.camera is not None
-        u, log_q, camera = (
-            values[order] for values in (emulation.sample.u, emulation.sample.log_q, emulation.sample.camera)
-        )
-        value = np.empty(0)
-        while len(value) < len(u):
-            some = slice(len(value), len(value) + TUNING.draws_per_round)
-            self.explorer(u[some])
-            residual = self.explorer.residuals_of(u[some])
-            value = np.append(value, self.two_fidelity.log_joint(u[some], residual, camera[some]))
-            draws = Sample(u[: len(value)], value, log_q[: len(value)], camera=camera[: len(value)])
-            if draws.ess >= needed and draws.reliable:
-                self.sample, self.trusted, self.emulated, self.error = draws, self._agrees(draws), None, 0.0
-                return True
-            if draws.ess / len(value) * len(u) < 0.5 * needed:
+    def weigh_draws(self, enough: float, share: float) -> bool:
+        """Take draws of a surrogate that are simulated and weighed, until they are worth `enough`; where they will not
+        be, they teach the next one. Whether they are worth an interval; if not, they replace a surrogate that is too
+        wrong alone."""
+        left, needed = round(TUNING.draws * share), min(enough, TUNING.effective_fewest)
+        rng, taken = self._rng(TUNING.emulated_rounds + 2), False
+        while left > 0 and (emulation := self.explorer.emulated(rng, left / TUNING.emulated_draws, **sizes(share))):
+            every, shapes = emulation.sample, list[Floats]()
+            assert every.camera is not None
+            order = rng.permutation(len(every.u))[:left]
+            u, log_q, camera, value = every.u[order], every.log_q[order], every.camera[order], np.empty(0)
+            for some in np.array_split(np.arange(len(u)), max(len(u) // TUNING.draws_per_round, 1)):
+                simulated, log_target = self.target.checks(u[some], camera[some])
+                self.explorer.learn(*simulated)
+                shapes.append(self.target.noise.shapes(simulated.residual))
+                value, count = np.append(value, log_target), some[-1] + 1
+                draws = Sample(u[:count], value, log_q[:count], camera=camera[:count])
+                done = draws.ess >= enough and draws.reliable
+                if done or draws.ess / count * len(u) < 0.5 * needed:
+                    break
+            left -= count
+            worth = draws.ess >= needed and draws.reliable
+            if worth or not (taken or self.error <= TUNING.emulated_worst):
+                self.sample, self.shapes, self.surrogate, taken = draws, np.concatenate(shapes), None, worth
+            if done:
                 break
-        return False
+        if self.surrogate is None:
+            self.error = 0.0
+        return taken
 
     def search_windows(self) -> None:
         """Look for further modes by windows that grow, where the best one leaves more than noise."""
         frames = self.target.noise.split(max(self.modes, key=lambda mode: mode.log_posterior).residual)[0]
-        if not self.searched and self.target.experiment.misfit(frames) > TUNING.searched_above:
-            self.explorer.also(modes(self.two_fidelity, self.windowed(), maxima=self.explorer.modes))
-        self.searched = True
+        if not self.windows_grown and self.target.experiment.misfit(frames) > TUNING.searched_above:
+            self._also(self.windowed())
+        self.windows_grown = True
+
+    def search_ranges(self) -> None:
+        """Look for further modes all over the ranges."""
+        if not self.ranged:
+            self._also(self.scanned())
+        self.ranged = True
+
+    def _also(self, starts: list[Floats]) -> None:
+        self.explorer.also(modes(self.two_fidelity, starts, maxima=self.modes))
+
+    @property
+    def modes(self) -> list[Mode]:
+        """Those so far."""
+        return self.explorer.modes
 
     def short(self, share: float) -> bool:
         """Whether its draws are fewer, or wrong by more, than a model with this share in the answer needs."""
         if self.sample is None:
-            return True
-        rough = self.error > 2.0 * tolerance(share)
+            return not self.ended
+        rough = self.error > 2.0 * tolerance(share) or (self._to_weigh(share) and self.surrogate is not None)
         return not self.ended and (rough or self.sample.ess < TUNING.effective_fewest * share)
 
-    def weigh(self, share: float, budget: Budget) -> None:
+    def _to_weigh(self, share: float) -> bool:
+        return self.exact and share > TUNING.part_thorough
+
+    def weigh(self, share: float) -> None:
         """Take draws that are worth what a model with this share in the answer needs, or that tell this share better:
-        of a surrogate; where it has not become good enough, of it and simulated; where these are worth too little or
-        not to be trusted, more simulations, of ridges where the share is large, else of a mixture."""
-        thorough = share > TUNING.part_thorough
+        of a surrogate; where it has not become good enough, or all are to be simulated, of it and simulated."""
+        thorough, enough = share > TUNING.part_thorough, max(TUNING.auto_enough * share, TUNING.effective_fewest)
         if thorough:
             self.search_windows()
-        enough = max(TUNING.auto_enough * share, TUNING.part_enough)
-        needed = max(enough, TUNING.effective_fewest)
-        taken = self.turns < TUNING.emulated_rounds and self.emulate(needed, share)
-        taken = taken or self._weigh_draws(needed, share)
-        if not taken and self.emulated and self.error <= TUNING.emulated_worst:
-            taken = self.ended = True
-        if taken and (self.trusted or not thorough):
-            return
-        if thorough:
-            self.thorough(budget)
-        else:
-            most = min(max(round(TUNING.auto_draws * share), TUNING.part_draws), budget.draws)
-            self._simulate(enough, most, budget)
+        if self._to_weigh(share):
+            self.search_ranges()
+        learning = self.turns < TUNING.emulated_rounds
+        if learning:
+            emulated = self.emulate(enough, share)
+            if thorough and not self._trusted and not self.ranged:
+                self.search_ranges()
+                emulated = self.emulate(enough, share)
+            unfinished = self.turns < TUNING.emulated_rounds and self.error > 2.0 * tolerance(share)
+            if not emulated or unfinished or not self._to_weigh(share):
+                self.ended = not emulated
+                return
+        enough = TUNING.effective_enough if self.exact else TUNING.effective_fewest
+        self.ended = not self.weigh_draws(enough * share, share)
 
-    def _simulate(self, enough: float, most: int, budget: Budget) -> None:
-        """Take draws that are simulated, until all are worth `enough` independent ones, or it is plain that they will
-        not be."""
-        how: dict[str, Any] = {"each": budget.each, "fewest": 1, "least": enough, "patience": budget.patience}
-        self.sample = self.explorer.sample(self.seed + 2, most=most, enough=enough, **how)
-        self.trusted, self.emulated, self.error = self.sample.ess >= enough and self.sample.reliable, None, 0.0
+    @property
+    def evidence_gap(self) -> float | None:
+        """How many standard errors the network's own evidence is above that of the draws; None where it says little."""
+        if self.own is None or self.sample is None or self.own.ess < TUNING.own_worth:
+            return None
+        return _standard_errors(self.own, self.sample)
 
-    def _agrees(self, draws: Sample) -> bool:
+    @property
+    def _trusted(self) -> bool:
         """Whether the network's own evidence is not larger than that of the draws."""
-        guard, self.evidence_gap = self._guard, None
-        if guard and guard[1].ess >= TUNING.own_worth:
-            self.evidence_gap = _standard_errors(guard[1], draws)
-        return self.evidence_gap is None or self.evidence_gap <= TUNING.agree
-
-    def thorough(self, budget: Budget) -> None:
-        """Take draws of a surrogate, or as level "full" has them but of rough simulations, where few cannot be trusted:
-        ridges are followed, and modes are looked for all over the ranges."""
-        explorer, self.ended = self.explorer, True
-        explorer.thorough(budget.learning)
-        explorer.also(modes(self.two_fidelity, [], self.scanned()))
-        enough = max(min(budget.enough, budget.draws / 4), TUNING.effective_fewest)
-        self.turns = TUNING.emulated_rounds - TUNING.emulated_turns
-        good = self.emulate(enough) and self.error <= 2.0 * TUNING.emulated_enough
-        if not (good and self.trusted) and not self._weigh_draws(enough, 1.0):
-            self.emulated, self.error = None, 0.0
-            how = {"each": budget.each, "fewest": budget.fewest, "least": budget.least, "enough": enough}
-            self.sample = explorer.sample(self.seed + 1, self._guard, most=budget.draws, **how)
+        gap = self.evidence_gap
+        return gap is None or gap <= TUNING.agree
 
     @cached_property
     def weighted(self) -> WeightedDraws:
-        """The draws, compared with default simulations. For the last call."""
+        """The draws, with the maximum by a default simulation. For the last call."""
         assert self.sample is not None
-        explorer, emulation = self.explorer, self.emulated
-        draws, error = (self.sample, self.error) if emulation else self.two_fidelity.checked(self.sample, self.seed)
-        residual = explorer.residuals_of(draws.u)
-        if draws.camera is not None:
-            shapes = emulation.surrogate.shapes(draws.u) if emulation else self.target.noise.shapes(residual)
-            residual = self.target.extended(shapes, draws.camera)
-        best = self.two_fidelity.highest(explorer.highest, emulation.surrogate if emulation else None)
-        return WeightedDraws(draws, residual, best, explorer.modes, self.trusted, self.evidence_gap, error)
-
-    @property
-    def _guard(self) -> tuple[Proposal, Sample] | None:
-        return (self.network, self.own) if self.network and self.own is not None else None
+        assert self.sample.camera is not None
+        residual = self.target.extended(self.shapes, self.sample.camera)
+        best = self.two_fidelity.highest(self.explorer.highest, self.surrogate)
+        return WeightedDraws(self.sample, residual, best, self.modes, self.evidence_gap, self.error)
 
 
 def _start_by_network(
@@ -387,11 +345,11 @@ def _likely_simulations(target: TwoFidelityTarget, mode: Mode, simulated: Simula
     """Rough simulations at a mode and where the posterior is: some of the known ones, for it may be curved and
     the Gaussian about its mode then leads far from it."""
     if simulated is None:
-        return Simulated.at(target, np.concatenate([mode.u[None], mode.draws(TUNING.mended, seed)]))
+        return Simulated.at(target, np.concatenate([mode.u[None], mode.draws(TUNING.corrected, seed)]))
     top = np.argmax(simulated.value)
-    weight = np.exp(tempered(simulated.value - simulated.value[top], TUNING.mended_spread))
+    weight = np.exp(tempered(simulated.value - simulated.value[top], TUNING.corrected_spread))
     weight[top] = 0.0
-    rng, most = np.random.Generator(np.random.Philox(seed)), min(TUNING.mended, int(np.count_nonzero(weight)))
+    rng, most = np.random.Generator(np.random.Philox(seed)), min(TUNING.corrected, int(np.count_nonzero(weight)))
     chosen = np.append(top, rng.choice(len(weight), most, replace=False, p=weight / np.sum(weight)))
     return Simulated(simulated.u[chosen], simulated.residual[chosen], simulated.value[chosen])
 

@@ -20,7 +20,6 @@ from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference.alternatives import LAPLACE, as_alternative, chosen_among, contenders, judged, model_of
 from cavirheo.inference.analysis import DEFAULT, Analysis
-from cavirheo.inference.budget import EVIDENCE
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.population import Population, with_slope_if_any
@@ -177,7 +176,6 @@ def plans(
 ) -> dict[str, Analysis]:  # fmt: skip
     """What is asked for the evidence of each of `models`, by name: of the network where it knows the model
     (`by_network`), of a search for the others. options: of `Analysis`; ranges as `rank_laws` has them."""
-    options.setdefault("budget", EVIDENCE)
     plain = not ranges and options.keys().isdisjoint(("free", "t0_bound", "scale_bound"))
     analyses: dict[str, Analysis] = {}
     for name, (law, bubble) in chosen.items():

@@ -110,16 +110,18 @@ class Target:
         rest = np.full((len(z), 1), -0.5 * z.shape[1] * np.log(2.0 * np.pi))
         return np.hstack([self.camera.difference_of_shapes(shapes, z), z, rest, shapes])
 
-    def checks(self, u: Floats, z: Floats) -> tuple[Simulated, Floats]:
-        """Default simulations at u (k, d), and their log posterior with a camera z (k, m), which their shapes do not
-        decide."""
+    def checks(
+        self, u: Floats, z: Floats, accuracy: Accuracy = DEFAULT, correction: Floats | float = 0.0
+    ) -> tuple[Simulated, Floats]:
+        """Simulations at u (k, d), and their log posterior with a camera z (k, m), which their shapes do not decide.
+        correction: (size,) of the extended residuals by this accuracy."""
         shot, frames, camera = self.experiment, self.noise.frames, self.camera
 
         def simulate(pair: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-            curve = shot.sampled(pair[0], camera, DEFAULT)
+            curve = shot.sampled(pair[0], camera, accuracy)
             if curve is None:
                 return np.full(camera.size, np.nan), np.full(frames.size, np.nan)
-            return camera.extended(curve, frames)[0], camera.missed_by_shape(curve, pair[1])
+            return camera.extended(curve, frames)[0] + correction, camera.missed_by_shape(curve, pair[1])
 
         rows = each(simulate, list(zip(self.with_camera(u), z, strict=True)), self.workers)
         residual, missed = (np.array(part) for part in zip(*rows, strict=True))
@@ -219,22 +221,13 @@ def answer_at(target: Target, mode: Mode) -> OtherAnswer:
     return OtherAnswer(shot.family.name, shot.options.bubble, best, quantiles, Evidence(mode.log_evidence), rmse)
 
 
-def climb(
-    target: Target,
-    start: Floats,
-    accuracy: Accuracy,
-    held: Floats | None = None,
-    most: int = 12,
-    maxima: Sequence[Mode] = (),
-) -> Mode | None:
+def climb(target: Target, start: Floats, accuracy: Accuracy, maxima: Sequence[Mode] = ()) -> Mode | None:
     """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
-    comes to one of the `maxima` or promises to end far below the best of them. `held` (d,) is a direction along which u
-    stays near its start."""
+    comes to one of the `maxima` or promises to end far below the best of them."""
     u, noise = start, target.noise
-    rope = np.zeros(len(u)) if held is None else held
 
     def value_of(residual: Floats, u: Floats) -> float:
-        return float(target.log_posterior(u[None], residual[None])[0]) - 0.5 * float(rope @ (u - start)) ** 2
+        return float(target.log_posterior(u[None], residual[None])[0])
 
     residual = target.residuals(u[None], accuracy)[0]
     value = value_of(residual, u)
@@ -244,17 +237,16 @@ def climb(
     lowest = max((mode.log_posterior for mode in maxima), default=-np.inf)
     lowest -= TUNING.climb_hopeless * TUNING.lowest_mode
     gain = np.inf
-    for turn in range(most + 1):
+    for turn in range(TUNING.climb_steps + 1):
         if any((u - mode.u) @ np.linalg.solve(mode.covariance, u - mode.u) < TUNING.same_mode**2 for mode in maxima):
             return None
         jacobian = target.jacobian(u, residual, accuracy)
         gradient, curvature = noise.newton(residual, jacobian)
-        free = curvature + np.eye(len(u))
-        gradient, curvature = gradient + u + rope * (rope @ (u - start)), free + np.outer(rope, rope)
+        gradient, curvature = gradient + u, curvature + np.eye(len(u))
         predicted_gain = 0.5 * float(gradient @ np.linalg.solve(curvature, gradient))
         if turn > 2 and value + predicted_gain < lowest:
             return None
-        if turn == most or min(predicted_gain, gain) < TUNING.climb_gain:
+        if turn == TUNING.climb_steps or min(predicted_gain, gain) < TUNING.climb_gain:
             break
         for _ in range(5):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
@@ -268,8 +260,7 @@ def climb(
             break
         gain, u, residual, value = next_value - value, next_u, next_residual, next_value
         damping = max(damping / 8.0, 1e-6)
-    value += 0.5 * float(rope @ (u - start)) ** 2
-    return Mode(u, value, np.asarray(np.linalg.inv(free), dtype=float), residual, jacobian)
+    return Mode(u, value, np.asarray(np.linalg.inv(curvature), dtype=float), residual, jacobian)
 
 
 class Simulated(NamedTuple):
@@ -313,27 +304,6 @@ def secant(target: Target, simulated: Simulated) -> tuple[Mode, Simulated]:
         gain = float(np.max(simulated.value) - simulated.value[top])
     covariance = np.asarray(np.linalg.inv(curvature), dtype=float)
     return Mode(simulated.u[top], float(simulated.value[top]), covariance, simulated.residual[top], jacobian), simulated
-
-
-def ridge(target: Target, mode: Mode) -> list[Mode]:
-    """Places on either side of a mode along its longest axis, each the maximum across it: posteriors are curved."""
-    values, vectors = np.linalg.eigh(mode.covariance)
-
-    def along(side: float) -> list[Mode]:
-        places: list[Mode] = []
-        u, axis, length = mode.u, side * vectors[:, -1], np.sqrt(values[-1])
-        for _ in range(4):
-            start = np.clip(u + TUNING.ridge_stride * length * axis, -3.0, 3.0)
-            place = climb(target, start, ROUGH, held=axis * TUNING.ridge_held / length, most=2)
-            if place is None or place.log_posterior < mode.log_posterior - TUNING.ridge_depth:
-                break
-            places.append(place)
-            local, turned = np.linalg.eigh(place.covariance)
-            axis = turned[:, -1] * np.sign(turned[:, -1] @ axis)
-            u, length = place.u, min(np.sqrt(local[-1]), 2.0 * length)
-        return places
-
-    return [place for places in each(along, (1.0, -1.0), target.workers) for place in places]
 
 
 def same(first: Mode, second: Mode) -> bool:

@@ -14,7 +14,6 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
 from cavirheo.inference.alternatives import LAPLACE, LEAST_PROBABILITY, LIMIT
-from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
@@ -55,7 +54,7 @@ def shares(parts: Sequence[Part]) -> Floats:
     return np.asarray(np.exp(logs - log_sum(logs)))
 
 
-def sample_parts(parts: Sequence[Part], budget: Budget) -> None:
+def sample_parts(parts: Sequence[Part]) -> None:
     """Sample each part whose share may be seen, the likeliest first, and those again whose share has become larger."""
     rounds = {id(part): _ROUNDS for part in parts}
     while True:
@@ -71,11 +70,11 @@ def sample_parts(parts: Sequence[Part], budget: Budget) -> None:
             return
         share, part = max(waiting, key=lambda pair: pair[0])
         rounds[id(part)] -= 1
-        part.sampling.weigh(share, budget)
+        part.sampling.weigh(share)
 
 
-def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Posterior]:
-    """The answer of each law by a level of few simulations; one that is far from the likeliest has no interval.
+def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
+    """The answer of each law; one that is far from the likeliest has no interval.
 
     Raises SolverError: none of them could be simulated.
     """
@@ -102,7 +101,7 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
         if real and (unlike or rival is not None):
             part.prior = np.log(1.0 - LIMIT)
     counted = [part for part in (*laws, *limits.values()) if np.isfinite(part.prior)]
-    sample_parts(counted, budget)
+    sample_parts(counted)
     answers = []
     whole = dict(zip(map(id, counted), shares(counted), strict=True))
     for i, part in enumerate(laws):
@@ -111,7 +110,13 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
         if part.sampling.sample is None and of_law < LEAST_PROBABILITY:
             continue
         if part.sampling.sample is None:
-            part.sampling.weigh(float(share), budget)
+            part.sampling.weigh(float(share))
+        if part.sampling.sample is None:
+            why = f"too few bubbles of {part.estimation.shot.family.name} about its maximum can be simulated"
+            problems.append(SolverError(why))
+            continue
         needed = TUNING.effective_fewest * float(share) * (1.0 - 1e-9)
         answers.append(part.estimation.weighted_answer(part.sampling.weighted, needed, limits.get(i)))
+    if not answers:
+        raise problems[0]
     return answers

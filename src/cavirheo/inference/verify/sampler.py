@@ -1,11 +1,7 @@
-"""Adaptive importance sampling of any density: draws with weights, evidence, and how far to trust them.
+"""Adaptive importance sampling of a density that is quick to know: draws with weights, evidence, how far to trust them.
 
 Mixtures of Student's t (heavy tails bound the weights) are fitted to the weighted draws of the rounds before, by some
-steps of expectation maximisation (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). Each draw is weighted against the
-mixture of all rounds' proposals, so that a place that one round overlooked gets no huge weight: the balance heuristic
-(Veach and Guibas 1995, doi:10.1145/218380.218498) in adaptive multiple importance sampling (Cornuet et al. 2012,
-doi:10.1111/j.1467-9469.2011.00756.x). Mixtures that follow the draws they weigh make tails too light; the last one is
-therefore drawn from anew (AdaptiveProposal.after). A density that costs little is drawn from by `importance_sample`.
+steps of expectation maximisation (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x).
 """
 
 from __future__ import annotations
@@ -202,48 +198,7 @@ class Proposal(Protocol):
 
 
 Density = Callable[[Floats], Floats]  # log, (k,) at (k, d)
-Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
 Adapt = Callable[["Sample", np.random.Generator], Proposal]
-
-
-def sample(
-    target: Density, propose: Propose, *, seed: int, first: tuple[Proposal, Sample] | None = None, each: int, most: int,
-    enough: float, fewest: int = TUNING.fewest_rounds, least: float = 0.0, patience: int = 0,
-) -> Sample:  # fmt: skip
-    """Weighted draws of a log density that costs a simulation each; they depend on seed, target and proposals alone.
-
-    Rounds of `each` draws (less where few are missing), `fewest` at least, until the effective size of all is `enough`
-    (and their tail index in order), there are `most`, or (after `patience` draws) so many are not likely to be worth
-    `least`. `first` is a proposal whose draws count already, and no more are taken from it: it guards against what the
-    proposals of `propose` never meet. A good proposal stays: one that is made from the draws that it then weighs loses
-    a few per cent of the tails.
-    """
-    rng = np.random.Generator(np.random.Philox(seed))
-    proposals, counts, densities = [], [], []  # densities: of each proposal, log, at all draws so far
-    u, log_target, weighted = np.empty(0), np.empty(0), None
-    if first:
-        proposals, counts, densities = [first[0]], [len(first[1].u)], [first[1].log_q]
-        u, log_target, weighted = first[1].u, first[1].log_target, first[1]
-    before = sum(counts)
-    while True:
-        adapting = sum(counts) > before
-        good = weighted is not None and weighted.ess >= TUNING.good_proposal * len(u) and weighted.reliable
-        if not (adapting and good):
-            proposals.append(propose(rng, weighted if adapting else None))
-            counts.append(0)
-            densities.append(proposals[-1].log_density(u) if weighted else np.empty(0))
-        size = _missing(weighted, each, enough) if weighted and adapting else each
-        new = proposals[-1].draw(min(size, most - sum(counts) + before), rng)
-        counts[-1] += len(new)
-        densities = [np.append(q, p.log_density(new)) for q, p in zip(densities, proposals, strict=True)]
-        u, log_target = np.concatenate([u, new]) if weighted else new, np.append(log_target, target(new))
-        log_share = np.log(np.array(counts) / len(u))[:, None]
-        weighted = Sample(u, log_target, log_sum(log_share + densities, axis=0))
-        count = len(u) - before
-        good = weighted.ess >= enough and weighted.reliable
-        hopeless = count >= patience and weighted.ess * most < least * count
-        if count >= most or (count >= fewest * each and (good or hopeless)):
-            return weighted
 
 
 def importance_sample(
@@ -338,13 +293,6 @@ def _normal_points(count: int, d: int) -> Floats:
         ratio = (1.0 + ratio) ** (1.0 / (d + 1.0))
     steps = ratio ** -np.arange(1.0, d + 1.0)
     return np.asarray(ndtri((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0))
-
-
-def _missing(weighted: Sample, each: int, enough: float) -> int:
-    """Draws that are likely to bring the effective size to `enough`, a fifth of `each` at least and `each` at most."""
-    if not each / len(weighted.u) * weighted.ess > enough - weighted.ess > 0:
-        return each
-    return max(int(np.ceil((enough / weighted.ess - 1.0) * len(weighted.u))), each // 5)
 
 
 def generalised_pareto(x: Floats) -> tuple[float, float]:

@@ -105,7 +105,7 @@ class Surrogate:
     def __call__(self, w: Floats) -> Floats:
         """(k,) at w (k, d + m), u and z beside each other, in blocks that do not depend on the number of threads: last
         digits would."""
-        blocks = np.array_split(w, max(len(w) // 250, 1))
+        blocks = np.array_split(w, max(len(w) // 500, 1))
         return np.concatenate(each(self._expected, blocks, self.target.workers))
 
     def _expected(self, w: Floats) -> Floats:

@@ -10,14 +10,13 @@ class Tuning:
     """Chosen on simulated shots (validation/claims/calibration.py); lengths are in u, where each prior is the standard
     normal, heights are differences of log posterior."""
 
-    # how many draws count
-    draws: int = 1800  # most simulations whose weights count
+    # draws that are simulated and weighed
+    draws: int = 1800  # at most
     draws_per_round: int = 200
-    fewest_rounds: int = 3  # two that look good may only not have met the tails yet
-    effective_enough: float = 400.0  # effective draws at which sampling ends
+    effective_enough: float = 400.0  # effective draws at which level "full" ends
     effective_fewest: float = 100.0  # below which no interval is given
 
-    # level "auto": as few simulations as a good start allows, else those of "full"
+    # the network's draws
     own_draws: int = 48  # of a network's draws that are simulated: the way to the maximum, and an evidence
     own_draws_each: int = 24  # the same of each of several laws
     own_unexpected: float = 6.0  # height of one over the Gaussian about the maximum, from which it is on another hill
@@ -25,17 +24,10 @@ class Tuning:
     own_error: float = 0.6  # whose log has this standard error at least
     secant_steps: int = 4  # to the maximum, at most
     secant_firm: float = 0.03  # how firmly a direction that the draws do not tell stays
-    auto_draws: int = 1600  # most further simulations whose weights count,
-    auto_learning: int = 0  # after so many rounds of rough ones
-    auto_enough: float = 300.0  # effective draws at which it ends
-    lost: float = 0.06  # effective draws over draws, below which the search
-    lost_after: int = 120  # of them begins anew, along ridges
-    mended: int = 6  # likely places where default simulations tell what rough ones miss
-    mended_spread: float = 12.0  # effective size of the network's draws that they are chosen among
-    mended_begun: float = 0.15  # standard deviation of what they find wrong in log weights: else no rough ones
-    mended_checked: int = 6  # draws that are simulated by both at the end
-    mended_enough: float = 0.25  # standard deviation of what these find wrong in log weights: 6 % of the effective size
-    mended_heavy: float = 0.998  # share of the weight whose draws are then simulated anew
+    auto_enough: float = 300.0  # effective draws of the whole answer of level "auto"
+    corrected: int = 6  # likely places where default simulations tell what rough ones miss
+    corrected_spread: float = 12.0  # effective size of the network's draws that they are chosen among
+    corrected_scatter: float = 0.15  # standard deviation of what they find wrong in log weights: else no rough ones
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
     # draws of a surrogate
@@ -43,9 +35,7 @@ class Tuning:
     emulated_turns: int = 4  # so many before the shares of all models are compared anew
     emulated_checked: int = 20  # of its draws in each, by default simulations,
     emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
-    emulated_weighed: int = 1200  # of its draws that are simulated where it is never trusted, at most
     pool: float = 40.0  # effective draws of one while it is taught,
-    pool_followed: float = 200.0  # of one that a mixture follows,
     emulated_taught: int = 1000  # in rounds of so many,
     emulated_each: int = 5000  # of so many where they are the whole answer,
     emulated_fewest: int = 2  # which takes so many adapted proposals at least,
@@ -79,9 +69,7 @@ class Tuning:
     part_seen: float = 0.01  # below which it changes the answer too little to be told better,
     part_unsure: float = 2.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on
     part_known: float = 1.0  # standard error of a log evidence, above which a part is sampled, however small it seems
-    part_enough: float = 25.0  # effective draws of any other part, at least
-    part_draws: int = 160  # most further simulations of any part, at least
-    part_thorough: float = 0.2  # of the answer, above which ridges are followed where few simulations are not trusted
+    part_thorough: float = 0.2  # of the answer, above which other modes are looked for
 
     # where searches start
     scanned: int = 96  # coarse simulations all over the ranges
@@ -95,20 +83,14 @@ class Tuning:
     # damage is tried
 
     # climbing to a mode, damped Gauss-Newton
+    climb_steps: int = 12  # at most
     climb_gain: float = 0.03  # expected gain of height at which it ends
     climb_hopeless: float = 3.0  # times the depth of the lowest mode: expected height below the best at which it ends
     same_mode: float = 1.0  # Mahalanobis distance below which modes are one
     lowest_mode: float = 10.0  # height below the best at which one is dropped
 
-    # following the ridge through a mode, for posteriors are curved
-    ridge_stride: float = 1.5  # standard deviations
-    ridge_depth: float = 4.0  # fall of the height at which it ends
-    ridge_worth: float = 0.5  # log evidence below the best place, from which the ridge of a mode is not followed
-    ridge_held: float = 5.0  # how firmly a place stays; 1: as the posterior itself holds it
-
     # mixtures of Student's t
     freedom: float = 8.0  # degrees
-    good_proposal: float = 0.4  # effective draws over draws, from which one stays as it is
     wide_share: float = 0.2  # of the draws, for what the fitted shape misses
     wide_factor: float = 2.0  # how much wider these are
     smallest_share: float = 0.005  # of a component, below which it is dropped
@@ -118,9 +100,7 @@ class Tuning:
     tail_reliable: float = 0.7  # tail index above which the mean weight is not to be trusted,
     tail_unseen: float = 0.02  # unless at most this share is expected beyond the largest
 
-    # learning where to draw, by rough simulations
-    learning_rounds: int = 3  # before any draw counts
-    learnt_per_round: int = 80
+    # mixtures that are drawn from
     flat_share: float = 0.5  # of a mixture through its draws that is
     flat_factor: float = 4.0  # so much wider, where the next ones begin
     joint_guard: float = 0.2  # of the draws that begin where u is wide, and the camera as wide as its prior
@@ -136,10 +116,6 @@ class Tuning:
     shelf_end: float = 2.0  # at such an end of the prior
     shelf_reach: float = 4.0  # standard deviations at most from where the frames are,
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
-    wrong_scatter: float = 1.0  # of surrogate minus log posterior of its own draws, from which it is wrong,
-    wrong_fewest: int = 8  # told by so many draws
-    wrong_surrogates: int = 4  # so many may be; then mixtures that follow the weighted draws are proposed,
-    guard_share: float = 0.15  # with so many of the draws from the network,
     adapted: float = 6.0  # effective draws for each coordinate that a mixture is then fitted to,
     adapted_components: int = 10  # with so many components at most,
     adapted_each: float = 2.0  # for each of its coordinates,
@@ -165,7 +141,6 @@ class Tuning:
     systematic: float = 0.03  # of R_max: misfit beyond noise that rejects a law
     systematic_seen: float = 5e-4  # of R_max: misfit below which none is stated
     pulled: float = 2.3  # a nuisance that far from its middle has 1 % of its prior beyond it
-    moved: int = 600  # draws that tell what another scale would change
     nearest_steps: int = 12  # of least squares from the maximum, where a misfit is no noise
     replicates: int = 2000  # of the predictive check
     rejected: float = 0.01  # probability of its rejection where the law is right

@@ -14,7 +14,6 @@ from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.alternatives import LAPLACE, LEAST_PROBABILITY, averaged, model_of
-from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.inference.experiment import Experiment, Simulations
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
@@ -23,7 +22,6 @@ from cavirheo.inference.search import LIMITS, STARTS, LeastSquares, Scan, Search
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview, WeightedDraws
 from cavirheo.inference.verify.mode import INSIDE, Mode, Target, answer_at, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
-from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Proposal, Sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.messages import Message
@@ -56,16 +54,16 @@ class Verification:
         free: as in `fit_many`; clock, scale and R_max are free by default.
         t0_bound: as in `fit_many`.
         scale_bound: as in `fit_many`.
-        level: "map" (maximum and Laplace's Gaussian), "full" (weighted draws), or "auto".
+        level: "map" (maximum and Laplace's Gaussian), "auto" (draws of a surrogate that simulations agree with), or
+            "full" (draws that are simulated).
         medium: as in `fit_many`.
         discrepancy: allow for what no simulation follows (noise.py); without it the law is taken as exact.
         search: whether the answer gives law, bubble and window alone, and searches over windows that grow begin it.
         weights: of a fit, "learnt" or "equal" (fitting.py); None: no fit.
         rival: of a fit, whether the other of the real and the field's bubble stands beside.
         ranges: of the priors, {"shear_modulus": [low, high] in SI}; default those that a fit searches.
-        budget: of weighted draws.
         seed: of the draws.
-        network: of level "auto", whose draws show the way where it can read the curve.
+        network: whose draws show the way where it can read the curve.
         own_draws: of the network that are simulated.
         scanned: coarse simulations that look for other modes.
         workers: threads for one curve.
@@ -85,7 +83,6 @@ class Verification:
     weights: str | None = None
     rival: bool = False
     ranges: Mapping[str, Sequence[float]] | None = None
-    budget: Budget = POSTERIOR
     seed: int = 0
     network: PosteriorModel | None = None
     own_draws: int = TUNING.own_draws
@@ -127,35 +124,28 @@ class Estimation:
         self.noise = self.target.noise  # by which the answer is judged
         self.messages: list[Message] = []
 
-    def posterior(self) -> Posterior:
-        """The answer of level "map" or "full"."""
+    def laplace(self) -> Posterior:
+        """The answer of level "map"."""
         climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
         maxima = modes(self.target, self.starts(), [] if climbed else self.scanned())
-        most, seed = self.settings.budget.draws, self.settings.seed
         if not maxima:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
-        if self.settings.level == "map":
-            best = self._best(maxima)
-            u = best.draws(TUNING.draws, seed)
-            evidence = Evidence(float(log_sum([mode.log_evidence for mode in maxima])))
-            return self._answer((u, np.tile(best.residual, (len(u), 1))), None, best, evidence, maxima, {})
-        enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
-        self.target.follow(maxima[0])
-        proposal = AdaptiveProposal(self.target, maxima)
-        each = min(TUNING.draws_per_round, most)
-        sample = proposal.sample(seed, each=each, most=most, enough=enough)
-        best = climb(self.target, proposal.highest, DEFAULT) or self._best(proposal.modes)
-        draws = self._trusted_draws(sample, proposal.residuals_of(sample.u), best)
-        return self._answer(draws, sample, best, Evidence(*sample.log_evidence), proposal.modes, {})
+        best = self._best(maxima)
+        u = best.draws(TUNING.draws, self.settings.seed)
+        evidence = Evidence(float(log_sum([mode.log_evidence for mode in maxima])))
+        return self._answer((u, np.tile(best.residual, (len(u), 1))), None, best, evidence, maxima, {})
 
     @cached_property
     def sampling(self) -> AdaptiveSampling:
-        """The few simulations of level "auto". Raises SolverError: no start could be simulated."""
+        """The simulations of levels "auto" and "full". Raises SolverError: no start could be simulated."""
         climbed = self.answer.method == "laplace"
         windowed = list if climbed or self.answer.method == "least_squares" else self.windowed  # its windows have grown
         scanned = list if climbed else self.scanned
-        how = {"seed": self.settings.seed, "own_draws": self.settings.own_draws}
-        return AdaptiveSampling(self.target, self.network, self.starts, scanned, windowed, **how)
+        settings = self.settings
+        return AdaptiveSampling(
+            self.target, self.network, self.starts, scanned, windowed, seed=settings.seed,
+            own_draws=settings.own_draws, exact=settings.level == "full",
+        )  # fmt: skip
 
     def rival(self) -> Estimation | None:
         """That of the field's bubble for the real one, or the other way round; None where the network does not know
@@ -164,17 +154,15 @@ class Estimation:
         if settings.network is None or rival is None:
             return None
         names, ranges = (*self.shot.family.parameters, "stretch"), settings.ranges or {}
-        settings = replace(settings, ranges={name: pair for name, pair in ranges.items() if name in names})
+        ranges = {name: pair for name, pair in ranges.items() if name in names}
+        settings = replace(settings, ranges=ranges, own_draws=min(settings.own_draws, TUNING.own_draws_each))
         estimation = Estimation(settings, self.shot.curve, replace(self.answer, bubble=rival))
         return estimation if estimation.network else None
 
     def weighted_answer(self, draws: WeightedDraws, needed: float, limit: Part | None) -> Posterior:
-        """The answer of level "auto". needed: effective draws that an interval takes. limit: of the rival."""
+        """The answer of weighted draws. needed: effective draws that an interval takes. limit: of the rival."""
         best, sample = draws.best or self._best(draws.modes), draws.sample
-        summary = {
-            "few_simulations": draws.few, "evidences_apart_in_standard_errors": draws.evidence_gap,
-            "log_weight_error": draws.rough,
-        }  # fmt: skip
+        summary = {"evidences_apart_in_standard_errors": draws.evidence_gap, "log_weight_error": draws.error}
         trusted = self._trusted_draws(sample, draws.residual, best, needed)
         return self._answer(trusted, sample, best, Evidence(*sample.log_evidence), draws.modes, summary, limit)
 
