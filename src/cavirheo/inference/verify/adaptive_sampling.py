@@ -196,11 +196,12 @@ class AdaptiveSampling:
     def emulate(self, enough: float, share: float = 1.0) -> bool:
         """Take draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own
         draws that check it, in a few rounds of these, until it is good enough for a model with this share in the
-        answer. Whether there are any."""
+        answer, and what it learnt last has not moved it. Whether there are any."""
         explorer, rng = self.explorer, self._rng(self.turns)
         last = min(self.turns + TUNING.emulated_turns, TUNING.emulated_rounds)
         while self.turns < last:
-            if (emulation := explorer.emulated(rng)) is None:
+            emulation = explorer.emulated(rng)
+            if emulation is None:
                 return False
             often = TUNING.emulated_more if self.error > TUNING.emulated_wrong else 1
             draws, some = emulation.sample, emulation.chosen(often * TUNING.emulated_checked, rng)
@@ -209,19 +210,26 @@ class AdaptiveSampling:
             checked, value = self.two_fidelity.checks(draws.u[some], draws.camera[some])
             explorer.learn(*checked)
             explorer.climb_higher()
-            efficiency = effective_size(value - draws.log_target[some]) / len(some)
+            wrong = value - draws.log_target[some]
+            efficiency = effective_size(wrong) / len(some)
             self.error = float(np.sqrt(max(-np.log(efficiency), 0.0))) if efficiency else np.inf
             self.turns += 1
-            if self.error <= tolerance(share) * (1.0 + (self.turns - 1) / TUNING.emulated_patience):
+            patience = 1.0 + (self.turns - 1) / TUNING.emulated_patience
+            if self.error > tolerance(share) * patience and self.turns < last:
+                continue
+            emulation = explorer.emulated(self._rng(self.turns), TUNING.emulated_worth * enough, **sizes(share))
+            if emulation is None:
+                return False
+            expected = draws.log_evidence[0] + float(log_sum(wrong)) - np.log(len(some))
+            moved = abs(emulation.sample.log_evidence[0] - expected)
+            settled = moved < TUNING.emulated_moved / share
+            self.error = self.error if settled else max(self.error, moved)
+            unsure = TUNING.emulated_unsure + 0.5 * self.error**2  # what no draw met is missing, too
+            self.surrogate, self.sample = emulation.surrogate, replace(emulation.sample, common=unsure)
+            self.shapes = emulation.surrogate.shapes(emulation.sample.u)
+            if settled:
                 break
-        rng = self._rng(TUNING.emulated_rounds + 1)
-        emulation = explorer.emulated(rng, TUNING.emulated_worth * enough, **sizes(share))
-        if emulation is None:
-            return False
-        unsure = TUNING.emulated_unsure + 0.5 * self.error**2  # what no draw met is missing, too
-        self.surrogate, self.sample = emulation.surrogate, replace(emulation.sample, common=unsure)
-        self.shapes = emulation.surrogate.shapes(emulation.sample.u)
-        return True
+        return self.sample is not None
 
     def weigh_draws(self, enough: float, share: float) -> bool:
         """Take draws of a surrogate that are simulated and weighed, until they are worth `enough`; where they will not

@@ -47,7 +47,8 @@ class Tuning:
     emulated_worst: float = 1.0  # or, of a model with a small share, this over its share, at most this; that much where
     # all rounds have not made it better, and weights of simulated draws are worth too little,
     emulated_patience: float = 8.0  # or after so many more rounds twice as much
-    emulated_wrong: float = 1.2  # the same, from which
+    emulated_moved: float = 0.6  # change of its log evidence by the last check, over the share: then one more round
+    emulated_wrong: float = 1.2  # standard deviation of what is found wrong, from which
     emulated_more: int = 3  # times as many draws check the next one
 
     # draws of a density that is quick to know
