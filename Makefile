@@ -48,7 +48,7 @@ pages: $(VENV)/test.done
 CHALLENGE = build/challenge
 challenge: $(VENV)/demo.done
 	$(BIN)/python -m validation.challenge.make $(CHALLENGE) --seed $(SEED)
-	$(BIN)/python -m validation.challenge.run_cavirheo $(CHALLENGE)/recordings $(CHALLENGE)/infer.csv -- infer --material auto
+	$(BIN)/python -m validation.challenge.run_cavirheo $(CHALLENGE)/recordings $(CHALLENGE)/infer.csv -- infer
 	$(BIN)/python -m validation.challenge.run_cavirheo $(CHALLENGE)/recordings $(CHALLENGE)/fit.csv -- fit
 	$(BIN)/python -m validation.challenge.run_cavirheo $(CHALLENGE)/recordings $(CHALLENGE)/infer-field.csv -- infer --bubble field
 	$(BIN)/python -m validation.challenge.run_scipy $(CHALLENGE)/recordings $(CHALLENGE)/scipy.csv

@@ -153,7 +153,7 @@ def draws() -> Any:
     _, curve = film(
         NeoHookeanKelvinVoigt(*10.0**TRUTH), 240e-6, 6.5, 0.01, np.random.default_rng(SEED["draws"]), "shot"
     )
-    network, answer = (infer(curve, bubble="field", verify=level) for level in ("none", "auto"))
+    network, answer = (infer(curve, material="nhkv", bubble="field", verify=level) for level in ("none", "auto"))
     for name, one in (("network", network), ("weighted", answer)):
         ends = [f"{what} {one.median(what):.3g} {np.round(one.interval(what), 4)}" for what in (G, MU)]
         print(f"{name}: {', '.join(ends)}; {len(one.theta)} draws, worth {one.diagnostics.effective_sample_size}")
@@ -178,7 +178,7 @@ def window() -> Any:
     )
     figure, panes = panels(2, 3.1, [("stretch λ", MU_AXIS)] * 2)
     for axes, window in zip(panes, (1, 3), strict=True):
-        answer = infer(curve, bubble="field", verify="full", window=window)
+        answer = infer(curve, material="nhkv", bubble="field", verify="full", window=window)
         ends = [f"{what} {np.round(answer.interval(what), 4)}" for what in (MU, "stretch")]
         print(f"window {window}: {', '.join(ends)}; {answer.checks.verdict}")
         scattered(axes, answer, (answer.draws("stretch"), answer.draws(MU)), "weighted draws")
@@ -196,7 +196,7 @@ def material() -> Any:
     for k, logs in enumerate(truths, 1):
         law, size, stretch = NeoHookeanKelvinVoigt(*10.0**logs), rng.uniform(180e-6, 320e-6), rng.uniform(5.5, 7.5)
         curves.append(film(law, size, stretch, 0.005, rng, f"shot {k}")[1])
-    answers = infer_many(curves, bubble="field")
+    answers = infer_many(curves, material="nhkv", bubble="field")
     found = population(answers, names=[curve.name for curve in curves])
     print(found)
     figure, (left, right) = panels(2, 3.6, [(G_AXIS, MU_AXIS)] * 2)
@@ -235,7 +235,7 @@ def verdicts() -> Any:
     rng = np.random.default_rng(SEED["verdicts"])
     for axes, law, bubble in zip(panes, (gel, stiff, liquid), (FIELD, breaks, FIELD), strict=True):
         _, curve = film(law, 240e-6, 6.0, 0.005, rng, "shot", bubble=bubble)
-        answer = infer(curve, bubble="field")
+        answer = infer(curve, material="nhkv", bubble="field")
         checks = answer.checks
         ends = [f"{what} {np.round(answer.interval(what), 4)}" for what in (G, MU)]
         print(f"{checks.verdict}: RMSE {100 * checks.rmse_over_rmax:.2g} %, {', '.join(ends)}")

@@ -331,7 +331,7 @@ def test_odd_input_is_taken_where_the_visitor_vouches_for_it(session, tmp_path):
 def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
     (tmp_path / "short.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
     session.add([single(tmp_path / "one.csv"), tmp_path / "short.csv"], PageSettings())
-    for settings in (PageSettings(material="auto"), PageSettings(model="bdt-viscous"), PageSettings(verify="none")):
+    for settings in (PageSettings(bubble="auto"), PageSettings(model="bdt-viscous"), PageSettings(verify="none")):
         session.prepare(settings)
         preview(session, ["one"])
         assert session.previews == {}  # these wait for their answers
@@ -368,7 +368,7 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
         ({"density": "1,050", "stretch": "0.5"}, ["density", "stretch"]),
         ({"density": "1.05"}, ["density"]),
         ({"density": "1.05", "trust_input": True}, []),
-        ({"material": "auto", "verify": "none"}, [""]),  # neither is wrong alone
+        ({"bubble": "auto", "verify": "none"}, [""]),  # neither is wrong alone
     ],
 )
 def test_the_fields_of_the_page_are_settings_or_say_why_not(typed, wrong):

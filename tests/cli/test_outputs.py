@@ -315,7 +315,7 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
     assert "Traceback" not in err
     written = json.loads((out / "result.json").read_text())
     kept = len(list(out.glob("unfinished/[!.]*.npz")))
-    assert 2 <= len(written["curves"]) <= kept + 1 < 40  # one may be interrupted while it is kept
+    assert 1 <= len(written["curves"]) <= kept + 1 < 40  # one may be interrupted while it is kept, or before it counts
     assert f"{len(written['curves'])} of 40" in written["notes"][0]
     assert {path.name for path in out.iterdir()} == {"result.json", "result.csv", LIST, "unfinished"}
 

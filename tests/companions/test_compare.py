@@ -84,10 +84,10 @@ def fake(monkeypatch):
 
     monkeypatch.setattr(comparison, "write_report", write_report)
     monkeypatch.setattr(Analysis, "answer", answer)
-    for module in (comparison, posterior_network):
-        monkeypatch.setattr(module, "network_of", lambda name: SimpleNamespace(sha256="", card=card(name)))
-    monkeypatch.setattr(analysis, "path_of", Path)
-    monkeypatch.setattr(analysis, "card", card)
+    monkeypatch.setattr(posterior_network, "network_of", lambda name: SimpleNamespace(sha256="", card=card(name)))
+    for module in (analysis, comparison):
+        monkeypatch.setattr(module, "path_of", Path)
+        monkeypatch.setattr(module, "card", card)
     return calls
 
 
@@ -310,6 +310,14 @@ def test_other_mistakes(fake, folder, tmp_path):
     ]:
         with refused(code):
             compare(*arguments, **options)
+
+
+def test_a_set_that_is_no_name_of_a_file_has_no_recording(fake, folder, tmp_path):
+    """Least of all one outside the folder."""
+    (folder / "odd.csv").write_text(f"{HEAD}\n" + "".join(f"{name},,,IMR,G_kPa,8,1\n" for name in ("..", "/")))
+    made, *_ = compare(folder, folder / "odd.csv", tmp_path / "c")
+    assert [group.n for group in made.groups] == [0, 0]
+    assert not made.curves
 
 
 def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, tmp_path):

@@ -35,15 +35,16 @@ def quantile_95(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def measure(run: Run) -> Iterator[Number]:
     made = [one[0] for i in range(3 * TOGETHER) if (one := recording("calibration", i))][:TOGETHER]
     infer_many(made[:1])  # what is loaded once does not count
-    alone, busy = [], []
-    for one in made:
-        began = time.process_time()
-        alone.append(seconds(lambda one=one: infer_many([one], trust_input=True)))
-        busy.append(time.process_time() - began)
+    for law, material in (("one_law", "nhkv"), ("one", None)):
+        alone, busy = [], []
+        for one in made:
+            began = time.process_time()
+            alone.append(seconds(lambda one=one, how=material: infer_many([one], material=how, trust_input=True)))
+            busy.append(time.process_time() - began)
+        yield statistic(f"{law}.processor_seconds", busy, "s", seed=STREAM)
+        yield statistic(f"{law}.seconds", alone, "s", seed=STREAM)
+        yield statistic(f"{law}.seconds.95", alone, "s", quantile_95, STREAM)
     together = [seconds(lambda: infer_many(made, trust_input=True)) for _ in range(run.count(1, 5))]
-    yield statistic("one.processor_seconds", busy, "s", seed=STREAM)
-    yield statistic("one.seconds", alone, "s", seed=STREAM)
-    yield statistic("one.seconds.95", alone, "s", quantile_95, STREAM)
     yield statistic("twenty.seconds", together, "s", seed=STREAM)
     yield statistic("twenty.ratio", np.array(together) / np.sum(alone), "1", seed=STREAM)
     with TemporaryDirectory() as folder:

@@ -113,7 +113,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         stretch: float | str | None = None,
         window: int | None = None,
         verify: str = "auto",
-        material: str = "nhkv",
+        material: str = "auto",
         bubble: str = "real",
         trust_input: bool = False,
     ) -> dict:

@@ -104,7 +104,7 @@ class Page(film.FilmPart):
                 self.fields[name] = line(label=label, placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
-        self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Law of the material")
+        self.fields["material"] = gr.Radio(words.materials(), value="auto", label="Law of the material")
         with gr.Accordion("More about the method", open=False):
             self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
             self.fields["bubble"] = gr.Radio(words.BUBBLES, value="real", label="Bubble")
@@ -234,7 +234,7 @@ class Page(film.FilmPart):
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
             values = {name: value for name, value in vars(session.settings).items() if value is not None}
-            choices = {"window": 0, "material": "nhkv"} | values
+            choices = {"window": 0, "material": "auto"} | values
             shown_values = [choices.get(name, gr.skip()) for name in self._field_names]
             settings = [f"{value:.10g}" if isinstance(value, float) else value for value in shown_values]
             checked = gr.Dropdown(choices=names, value=next(iter(names), None))

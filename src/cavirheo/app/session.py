@@ -72,7 +72,7 @@ class PageSettings:
     window: int | None = None
     group: str = "auto"  # whose shots are one material
     model: str = DEFAULT
-    material: str | None = "nhkv"  # None for a network that knows one law
+    material: str | None = "auto"  # None for a network that knows one law
     bubble: str = "real"
     verify: str = "auto"
     trust_input: bool = False  # scale, frame rate and medium are as they are given, however odd they look
@@ -126,8 +126,9 @@ class PageSettings:
     @property
     def analysis(self) -> Analysis:
         """What is asked of each curve. Raises InputError."""
-        names = ("model", "material", "bubble", "stretch", "window", "trust_input", "verify")
-        return Analysis(medium=self.liquid, **{name: getattr(self, name) for name in names})
+        names = ("model", "bubble", "stretch", "window", "trust_input", "verify")
+        material = None if self.material == "auto" else self.material  # the network alone weighs no laws
+        return Analysis(material=material, medium=self.liquid, **{name: getattr(self, name) for name in names})
 
 
 @dataclass(eq=False)

@@ -79,7 +79,7 @@ def preview(session: Session, names: Sequence[str]) -> None:
     """What the network itself says of the chosen shots, into `session.previews` until verification replaces it. A shot
     of which it says nothing waits, and so do all where another way to answer is asked. Raises InputError."""
     settings = session.settings
-    if settings.model == DEFAULT and settings.verify != "none" and "auto" not in (settings.material, settings.bubble):
+    if settings.model == DEFAULT and settings.verify != "none" and settings.bubble != "auto":
         _answer(session, names, "none")
 
 

@@ -120,9 +120,9 @@ def models() -> list[tuple[str, str]]:
 
 
 def materials() -> list[tuple[str, str]]:
-    """(label, name) of the laws that the default answers."""
+    """(label, name) of the laws that the default answers, all of them first."""
     words = {law: digits.MATERIALS.get(law, law).partition(" (")[0] for law in AUTO}
-    return [(word, law) for law, word in words.items()] + [("whichever the evidence prefers (slower)", "auto")]
+    return [("all of these, each by its evidence", "auto"), *((word, law) for law, word in words.items())]
 
 
 def table(session: Session) -> list[tuple[str, tuple[str, ...]]]:

@@ -14,8 +14,7 @@ from cavirheo.companions.published_values import ReferenceSet, by_group, read_re
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
-from cavirheo.inference.model import Network
-from cavirheo.inference.posterior_network import network_of
+from cavirheo.inference.model import card, path_of
 from cavirheo.io.files import expand
 from cavirheo.io.shots import read_shots, shot_numbers
 from cavirheo.parallel import run_in_thread
@@ -36,8 +35,8 @@ _OF_LIQUIDS = {"bdt-viscoelastic": "bdt-viscous"}  # by the network of gels
 class Answering:
     """How sets are answered that do not say so themselves: as `infer` does.
 
-    bubble: the field's is that which published values assume. material: a law; by default that of `infer`, Newtonian
-    of a set whose published values have no modulus. Raises InputError: no such law or network.
+    bubble: the field's is that which published values assume. material: a law; by default nhkv, Newtonian of a
+    set whose published values have no modulus. Raises InputError: no such law or network.
     """
 
     model: str = DEFAULT
@@ -62,8 +61,8 @@ class Answering:
         if not reference.solid:  # of the paper's two networks the one for liquids
             model = _OF_LIQUIDS.get(model, model)
         model = str(reference.settings.get("model") or model)
-        if law is None and not reference.solid and not isinstance(network_of(model), Network):
-            law = "newtonian"
+        if law is None and card(path_of(model)).get("kind") != "point":
+            law = "nhkv" if reference.solid else "newtonian"
         how: dict[str, Any] = {name: reference.settings.get(name) for name in ("stretch", "window")}
         how |= {"medium": reference.medium, "trust_input": self.trust_input, "bubble": self.bubble}
         return Analysis("infer", model, law, **how)
@@ -218,7 +217,7 @@ def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> Shots:
     matches, files = list[Path](), list[Path]()
     try:
         matches = [folder / name] if (folder / name).exists() else sorted(folder.glob(name))
-        matches = [path for path in matches if path.name[0] != "."]
+        matches = [path for path in matches if path.name[:1] not in ("", ".")]
         files = [file for file in expand(matches) if file.resolve() != references.resolve()]
     except (InputError, ValueError, NotImplementedError, OSError):  # an absolute pattern, a name that no file can have
         pass

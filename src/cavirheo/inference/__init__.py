@@ -34,8 +34,8 @@ def infer(
         curve: R(t), s and m.
         model: a shipped model (`cavirheo models`) or the path of an .onnx file with its card. "posterior" gives draws
             and needs no other; "bdt-viscoelastic" and "bdt-viscous" are the paper's networks, which give one value.
-        material: a law of `cavirheo laws`, default "nhkv"; "auto": the simplest of nhkv, newtonian, power-law and
-            fung + newtonian that the evidence does not reject.
+        material: a law of `cavirheo laws`; default "auto": the average over nhkv, newtonian, power-law and fung +
+            newtonian, each by its evidence ("nhkv" with verify "none").
         medium: constants of the liquid or gel, or the name of a set; its density sets G of soft gels as much as
             anything.
         stretch: R_max/R_0 if it is known; otherwise fitted, and what the file states of it is its prior; "free":

@@ -95,7 +95,8 @@ class Analysis:
             settings["verify"] = "none" if self.verify == "auto" else self.verify
             message = f"the model {self.model} answers {kind['material']}: leave out material {self.material!r}, or "
             require(self.material in (None, kind["material"]), f"{message}the model", "option.material")
-        settings["material"] = self.material or (kind["material"] if point else "nhkv")
+        usual = "auto" if self._networked and self.verify != "none" else "nhkv"
+        settings["material"] = self.material or (kind["material"] if point else usual)
         for name, value in settings.items():
             object.__setattr__(self, name, value)
         for bubble in self.bubbles:

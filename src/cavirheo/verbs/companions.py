@@ -28,7 +28,7 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
     references: Annotated[Path, option("CSV of sets and published values, see docs/how-to/compare.md")]
     reference_method: Annotated[list[str] | None, option(_REFERENCE, metavar="METHOD")] = None
     model: options.ModelName = "posterior"
-    material: options.Material = None
+    material: options.MaterialOfSets = None
     out: options.Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:

@@ -79,8 +79,10 @@ Growing = Annotated[Path, folder("folder, which may hold a part")]  # of work th
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
 _MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
 ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=completion.model_names)]
-_LAW = "a law of `cavirheo laws`, or auto  [default: nhkv]"
-Material = Annotated[str | None, option(_LAW, autocompletion=completion.law_names)]
+_LAW = "a law of `cavirheo laws`; auto: four laws, each by its evidence"
+Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=completion.law_names)]
+_LAW_OF_SETS = option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=completion.law_names)
+MaterialOfSets = Annotated[str | None, _LAW_OF_SETS]
 Fps = Annotated[Any, number("frames per second, of videos and of files that number their frames")]
 UmPerPx = Annotated[Any, number("micrometres per pixel of a video")]
 Exclude = Annotated[str | None, option("frames of a video to leave out, such as '12,40-45' (the first is 1)", INPUT)]

@@ -17,10 +17,11 @@ from cavirheo.inference.alternatives import LAPLACE, LEAST_PROBABILITY, LIMIT
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
+from cavirheo.parallel import each
 from cavirheo.physics.bubble import REAL
 from cavirheo.posterior import Evidence, Posterior
 
-_ROUNDS = 6  # in which a part is sampled, at most
+_ROUNDS = 6  # in which parts are sampled, at most
 
 
 class Part:
@@ -48,6 +49,14 @@ class Part:
         return self.evidence.log + self.prior
 
 
+def _part(estimation: Estimation, prior: float) -> Part | SolverError:
+    """A model, or why it could not be simulated."""
+    try:
+        return Part(estimation, prior)
+    except SolverError as error:
+        return error
+
+
 def shares(parts: Sequence[Part]) -> Floats:
     """(n,) probabilities of the parts, as far as they are known."""
     logs = np.array([part.log for part in parts])
@@ -55,22 +64,19 @@ def shares(parts: Sequence[Part]) -> Floats:
 
 
 def sample_parts(parts: Sequence[Part]) -> None:
-    """Sample each part whose share may be seen, the likeliest first, and those again whose share has become larger."""
-    rounds = {id(part): _ROUNDS for part in parts}
-    while True:
+    """Sample all parts whose share may be seen, at once, and those again whose share has become larger."""
+    for _ in range(_ROUNDS):
         probabilities, top = shares(parts), max(part.log for part in parts)
         waiting = []
         for part, share in zip(parts, probabilities, strict=True):
             error = part.evidence.error or 0.0
             in_reach = part.log + min(error, TUNING.part_unsure) > top + np.log(TUNING.part_seen)
             large_or_unsure = share > TUNING.part_small or error > TUNING.part_known
-            if rounds[id(part)] and in_reach and large_or_unsure and part.sampling.short(float(share)):
-                waiting.append((float(share), part))
+            if in_reach and large_or_unsure and part.sampling.short(float(share)):
+                waiting.append((float(share), part.sampling))
         if not waiting:
             return
-        share, part = max(waiting, key=lambda pair: pair[0])
-        rounds[id(part)] -= 1
-        part.sampling.weigh(share)
+        each(lambda pair: pair[1].weigh(pair[0]), waiting, parts[0].estimation.target.workers)
 
 
 def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
@@ -78,13 +84,10 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
 
     Raises SolverError: none of them could be simulated.
     """
-    laws: list[Part] = []
-    problems: list[SolverError] = []
-    for estimation in estimations:
-        try:
-            laws.append(Part(estimation, 0.0))
-        except SolverError as error:
-            problems.append(error)
+    workers = estimations[0].target.workers
+    looked_at = each(lambda estimation: _part(estimation, 0.0), estimations, workers)
+    laws = [part for part in looked_at if isinstance(part, Part)]
+    problems = [error for error in looked_at if isinstance(error, SolverError)]
     if not laws:
         raise problems[0]
     limits: dict[int, Part] = {}
@@ -93,12 +96,10 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
         part, real = laws[i], laws[i].estimation.answer.bubble == REAL
         unlike = any(laws[k].log - limit.log > TUNING.part_unlike for k, limit in limits.items())
         rival = part.estimation.rival() if share > TUNING.part_small and not unlike else None
-        if rival is not None:
-            try:
-                limits[i] = Part(rival, np.log(LIMIT) if real else -np.inf)
-            except SolverError:
-                continue
-        if real and (unlike or rival is not None):
+        limit = _part(rival, np.log(LIMIT) if real else -np.inf) if rival else None
+        if isinstance(limit, Part):
+            limits[i] = limit
+        if real and (unlike or i in limits):
             part.prior = np.log(1.0 - LIMIT)
     counted = [part for part in (*laws, *limits.values()) if np.isfinite(part.prior)]
     sample_parts(counted)
