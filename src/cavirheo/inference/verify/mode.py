@@ -81,24 +81,23 @@ class Target:
             x[:, :law] = rescaled(self.experiment.family.parameters, x[:, :law], size)
         return x
 
-    def completed(
-        self, u: Floats, z: Floats, at: Floats, seed: int, *, camera_drawn: bool = False
-    ) -> tuple[Floats, Floats]:
-        """x (k, all) of u (k, d) whose most likely camera is z (k, m), the camera drawn from its distribution given
-        each, whose spread is that at u `at` (d,), and the log density (k,) of these draws over x. camera_drawn: z is
-        drawn already, and its density over z is not counted."""
+    def drawn(self, u: Floats, z: Floats) -> tuple[Floats, Floats]:
+        """x (k, all) of draws u (k, d) and z (k, m) of the camera, and what the log density (k,) of z changes by in
+        x."""
         free, shot = self.camera.free, self.experiment
-        middle, log_width = np.nan_to_num(z), 0.0
-        if len(free):
-            widths = np.array([shot.free[NAMES[i]][1] for i in free]) / self.camera.widths[free]
-            log_width = float(np.sum(np.log(widths)))
-        if camera_drawn:
-            return self.with_camera(u, middle), np.full(len(u), log_width)
+        widths = np.array([shot.free[NAMES[i]][1] for i in free]) / self.camera.widths[free]
+        return self.with_camera(u, np.nan_to_num(z)), np.full(len(u), float(np.sum(np.log(widths))))
+
+    def completed(self, u: Floats, z: Floats, at: Floats, seed: int) -> tuple[Floats, Floats]:
+        """x (k, all) of u (k, d) whose most likely camera is z (k, m), the camera drawn from its distribution given
+        each, whose spread is that at u `at` (d,), and the log density (k,) of these draws over x."""
+        middle, shot = np.nan_to_num(z), self.experiment
         curvature = shot.extended(self.with_camera(at[None])[0], self.camera, self.noise.frames)[1]
-        if not len(free) or not np.all(np.isfinite(curvature)):
+        if not len(self.camera.free) or not np.all(np.isfinite(curvature)):
             return self.with_camera(u, middle), np.zeros(len(u))
         z, log_density = self.camera.draw(middle, curvature, np.random.Generator(np.random.Philox(seed).jumped(2)))
-        return self.with_camera(u, z), log_density + log_width
+        x, log_width = self.drawn(u, z)
+        return x, log_density + log_width
 
     def log_posterior(self, u: Floats, residual: Floats) -> Floats:
         """(k,) of u (k, d), where the extended residuals are (k, size); -inf where one is not finite."""

@@ -169,8 +169,7 @@ class Estimation:
     def as_part(self, draws: WeightedDraws) -> Preview:
         """Weighted draws in the form of a preview."""
         sample, best = draws.sample, draws.best or draws.modes[0]
-        z, camera_drawn = self.target.camera.z(draws.residual), sample.camera is not None
-        x, _ = self.target.completed(sample.u, z, best.u, self.settings.seed, camera_drawn=camera_drawn)
+        x, _ = self.target.drawn(sample.u, self.target.camera.z(draws.residual))
         quantiles, evidence = intervals(*self.shot.answer(x), sample.log_weight), Evidence(*sample.log_evidence)
         answer = replace(answer_at(self.target, best), intervals=quantiles, evidence=evidence)
         return Preview(answer, x, sample.log_weight)
@@ -281,8 +280,8 @@ class Estimation:
         (at,) = target.with_camera(best.u[None], z[None])
         x, log_camera = at[None], np.zeros(1)
         if len(u) > 1:
-            camera_drawn, z = sample is not None and sample.camera is not None, target.camera.z(residuals)
-            x, log_camera = target.completed(u, z, best.u, settings.seed, camera_drawn=camera_drawn)
+            z = target.camera.z(residuals)
+            x, log_camera = target.drawn(u, z) if sample else target.completed(u, z, best.u, settings.seed)
         if sample is not None and len(u) > 1:
             over_scale = self._moved_modulus(best, u, residuals, sample.log_weight)
         else:
