@@ -15,11 +15,13 @@ has a weight above 0.95.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 from scipy.special import softmax
 
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, QuadraticKelvinVoigt, RadiusCurve, infer_many
+from cavirheo.errors import SolverError
 from cavirheo.inference import AUTO
 from cavirheo.inference.alternatives import DECISIVE
 from cavirheo.inference.law import Family
@@ -68,11 +70,13 @@ def averaged(job: tuple[str, int]) -> dict:
     """The weights of the laws of one shot by `infer`, and their log evidences."""
     law, seed = job
     rng = np.random.default_rng([seed, AUTO.index(law), 7])
-    ranges = [AVERAGED[name] for name in Family(law).parameters]
-    values = np.array([rng.uniform(*np.log10(pair)) for pair in ranges])
-    stretch, top = rng.uniform(5.0, 9.0), rng.uniform(150e-6, 350e-6)
-    bubble = Bubble("kinetic", 10.0 ** rng.uniform(-1.5, -0.5), confinement_damping=rng.uniform(0.0, 0.4))
-    curve = film(Family(law).material(values), top, stretch, 0.01, rng, f"{law}, {seed}", bubble=bubble)[1]
+    ranges = np.log10([AVERAGED[name] for name in Family(law).parameters])
+    while True:
+        values, stretch, top = rng.uniform(*ranges.T), rng.uniform(5.0, 9.0), rng.uniform(150e-6, 350e-6)
+        bubble = Bubble("kinetic", 10.0 ** rng.uniform(-1.5, -0.5), confinement_damping=rng.uniform(0.0, 0.4))
+        with suppress(SolverError):  # a gel that stiffens so much cannot be so large
+            curve = film(Family(law).material(values), top, stretch, 0.01, rng, f"{law}, {seed}", bubble=bubble)[1]
+            break
     answer = infer_many([curve], trust_input=True, workers=1)[0]
     logs = {name: part.evidence.log for name, part in answer.laws.items() if part.evidence} or {answer.material: 0.0}
     logs |= {rival.material: rival.evidence.log for rival in answer.others
