@@ -237,7 +237,10 @@ class AdaptiveSampling:
         wrong alone."""
         left, needed = round(TUNING.draws * share), min(enough, TUNING.effective_fewest)
         rng, taken = self._rng(TUNING.emulated_rounds + 2), False
-        while left > 0 and (emulation := self.explorer.emulated(rng, left / TUNING.emulated_draws, **sizes(share))):
+        for _ in range(TUNING.weighed_rounds):
+            emulation = self.explorer.emulated(rng, left / TUNING.emulated_draws, **sizes(share))
+            if emulation is None:
+                break
             every, shapes = emulation.sample, list[Floats]()
             assert every.camera is not None
             order = rng.permutation(len(every.u))[:left]
@@ -255,7 +258,7 @@ class AdaptiveSampling:
             worth = draws.ess >= needed and draws.reliable
             if worth or not (taken or self.error <= TUNING.emulated_worst):
                 self.sample, self.shapes, self.surrogate, taken = draws, np.concatenate(shapes), None, worth
-            if done:
+            if done or left <= 0:
                 break
         if self.surrogate is None:
             self.error = 0.0

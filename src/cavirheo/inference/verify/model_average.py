@@ -21,7 +21,7 @@ from cavirheo.parallel import each
 from cavirheo.physics.bubble import REAL
 from cavirheo.posterior import Evidence, Posterior
 
-_ROUNDS = 6  # in which parts are sampled, at most
+_REPEATED = 4  # times at most that a part is sampled anew after the last round of its surrogates
 
 
 class Part:
@@ -65,7 +65,7 @@ def shares(parts: Sequence[Part]) -> Floats:
 
 def sample_parts(parts: Sequence[Part]) -> None:
     """Sample all parts whose share may be seen, at once, and those again whose share has become larger."""
-    for _ in range(_ROUNDS):
+    for _ in range(TUNING.emulated_rounds + _REPEATED):
         probabilities, top = shares(parts), max(part.log for part in parts)
         waiting = []
         for part, share in zip(parts, probabilities, strict=True):

@@ -13,6 +13,7 @@ class Tuning:
     # draws that are simulated and weighed
     draws: int = 1800  # at most
     draws_per_round: int = 200
+    weighed_rounds: int = 4  # surrogates, at most, that these are of
     effective_enough: float = 400.0  # effective draws at which level "full" ends
     effective_fewest: float = 100.0  # below which no interval is given
 
