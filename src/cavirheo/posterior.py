@@ -12,7 +12,7 @@ import numpy as np
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, require
 from cavirheo.messages import Message
-from cavirheo.parameters import LOG10, Bound, bound_of, natural, natural_name, scaled, searched_bound
+from cavirheo.parameters import LOG10, Bound, bound_of, natural, natural_name, of_the_law, scaled, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 
@@ -270,14 +270,20 @@ class Posterior:
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
         """Central credible interval of this probability, in natural units; None for a point or failed answer (no width
-        is made up). Raises InputError: as `draws`, or a level outside 0 to 1."""
+        is made up). Where a parameter of the law is only bounded from above, the upper end is `upper_limit`. Raises
+        InputError: as `draws`, or a level outside 0 to 1."""
         percent = f": did you mean {level / 100:g}?" if isinstance(level, Real) and 1 < level < 100 else ""
         message = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
         require(isinstance(level, Real) and 0 < level < 1, message, "posterior.level")
-        draws = self.draws(name)
+        ends, tail = self._central(name, level), (1.0 - level) / 2.0
+        if ends and of_the_law(name) and LOG10 + name in self.names and self.bound(name) == "upper":
+            return ends[0], upper_limit(self.draws(name), 1.0 - tail, self.log_weight)
+        return ends
+
+    def _central(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
+        draws, tail = self.draws(name), (1.0 - level) / 2.0
         if len(draws) < 2:
             return None
-        tail = (1.0 - level) / 2.0
         low, high = weighted_quantile(draws, np.array([tail, 1.0 - tail]), self.log_weight)
         return float(low), float(high)
 
@@ -285,7 +291,7 @@ class Posterior:
         """Where the central 90 % interval reaches an end of the range of `prior`, else of the search: "upper" (the
         value is below the interval's upper end), "lower" (above its lower end) or "undetermined" (nothing is known);
         None for an interval within the range, or none. Raises InputError: as `draws`."""
-        ends, scaled_name = self.interval(name), LOG10 + name if LOG10 + name in self.names else name
+        ends, scaled_name = self._central(name), LOG10 + name if LOG10 + name in self.names else name
         if ends and scaled_name in self.prior:
             low, high, *_ = self.prior[scaled_name]
             return bound_of(scaled(scaled_name, ends[0]), scaled(scaled_name, ends[1]), (low, high))
@@ -355,6 +361,17 @@ def intervals(
         low, middle, high = weighted_quantile(natural(name, values), np.array([0.05, 0.5, 0.95]), log_weight).tolist()
         ends[natural_name(name)] = low, middle, high
     return ends
+
+
+def upper_limit(values: Floats, level: float, log_weight: Floats | None) -> float:
+    """The value below which a parameter is with this probability if its prior is uniform in the value, of draws
+    (draws,) whose prior is uniform in its logarithm.
+
+    A recording that tells no lower end bounds it from above. With the prior of the draws that bound would depend on how
+    far down the prior reaches.
+    """
+    log_weight = np.log(values) + (0.0 if log_weight is None else log_weight)
+    return float(weighted_quantile(values, np.array([level]), log_weight)[0])
 
 
 def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None = None) -> dict[str, float]:

@@ -46,7 +46,7 @@ from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.simulation import Simulation
-from cavirheo.posterior import Checks, Verdict, weighted_quantile
+from cavirheo.posterior import Checks, Verdict, upper_limit, weighted_quantile
 from cavirheo.prior import Prior
 
 FORWARD = 1e-3  # step of forward differences of x, decades or the like
@@ -495,7 +495,10 @@ class Experiment:
                 continue
             ends = weighted_quantile(values, np.array([0.05, 0.5, 0.95]), log_weight)
             if bound := bound_of(ends[0], ends[2], (a, b)):
-                messages.append(of_bound(name, bound, tuple((10.0**ends).tolist())))
+                low_end, median, high_end = (10.0**ends).tolist()
+                if bound == "upper" and name != "stretch":
+                    high_end = upper_limit(10.0**values, 0.95, log_weight)
+                messages.append(of_bound(name, bound, (low_end, median, high_end)))
         return messages
 
     @property
