@@ -30,6 +30,7 @@ class Part:
 
     def __init__(self, estimation: Estimation, prior: float) -> None:
         self.estimation, self.prior = estimation, prior
+        self._looked: Floats | None = None  # u of another one, last looked at
         self.sampling: AdaptiveSampling = estimation.sampling
 
     @property
@@ -47,6 +48,17 @@ class Part:
     def log(self) -> float:
         """Of the evidence times the prior probability."""
         return self.evidence.log + self.prior
+
+    def look_where(self, other: Part) -> None:
+        """Climb from where another model is best, if that is above all that is known of this one: laws contain each
+        other, and a search may have missed there what the other's has found."""
+        highest = other.sampling.explorer.highest
+        if other.sampling.explorer.height - self.sampling.explorer.height < TUNING.other_law or highest is self._looked:
+            return
+        self._looked = highest
+        best = other.estimation.shot.best(other.estimation.target.with_camera(highest[None])[0])
+        self.sampling.explorer(self.estimation.start_at(best)[None])
+        self.sampling.explorer.climb_higher()
 
 
 def _part(estimation: Estimation, prior: float) -> Part | SolverError:
@@ -66,6 +78,9 @@ def shares(parts: Sequence[Part]) -> Floats:
 def sample_parts(parts: Sequence[Part]) -> None:
     """Sample all parts whose share may be seen, at once, and those again whose share has become larger."""
     for _ in range(TUNING.emulated_rounds + _REPEATED):
+        highest = max(parts, key=lambda part: part.sampling.explorer.height)
+        for part in parts:
+            part.look_where(highest)
         probabilities, top = shares(parts), max(part.log for part in parts)
         waiting = []
         for part, share in zip(parts, probabilities, strict=True):

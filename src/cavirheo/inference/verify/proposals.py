@@ -146,6 +146,11 @@ class AdaptiveProposal:
         self.value = np.concatenate([self.value, value[good]])
 
     @property
+    def height(self) -> float:
+        """The largest log posterior that was met."""
+        return float(max(*(mode.log_posterior for mode in self.modes), np.max(self.value, initial=-np.inf)))
+
+    @property
     def highest(self) -> Floats:
         """(d,) u of the largest log posterior that was met, at a mode or a simulation."""
         mode = max(self.modes, key=lambda mode: mode.log_posterior)

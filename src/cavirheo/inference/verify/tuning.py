@@ -71,6 +71,7 @@ class Tuning:
     part_seen: float = 0.01  # below which it changes the answer too little to be told better,
     part_unsure: float = 2.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on
     part_known: float = 1.0  # standard error of a log evidence, above which a part is sampled, however small it seems
+    other_law: float = 3.0  # height of another model above this one, from which it is looked at where that is best
     part_thorough: float = 0.2  # of the answer, above which other modes are looked for
 
     # where searches start

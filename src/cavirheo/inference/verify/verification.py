@@ -231,6 +231,13 @@ class Estimation:
         require(bool(starts), f"the answer that is to be verified must give {', '.join(needed)}; it gives {available}")
         return starts
 
+    def start_at(self, best: Mapping[str, float]) -> Floats:
+        """u (d,) where this model is as near as it can be to another one with these natural values: without the other's
+        parameters, and with its own at nothing."""
+        viscosity = best.get("viscosity", best.get("reference_viscosity", 1.0))
+        nothing = {"viscosity": viscosity, "reference_viscosity": viscosity, "stiffening": 1e-9, "shear_modulus": 1e-9}
+        return self.target.start(self.shot.from_best({**nothing, **best}))
+
     def scanned(self) -> list[Floats]:
         """u where coarse simulations all over the ranges are most likely: the answer need not be the highest mode."""
         fit = LeastSquares(self.shot, self.target.workers)
