@@ -409,6 +409,16 @@ def test_an_overconfident_answer_is_widened(fitted):
     assert np.diff(mended.interval("viscosity"))[0] == pytest.approx(width, rel=0.3)
 
 
+@pytest.mark.parametrize("low", [-4.0, -2.0])
+def test_a_bound_from_above_does_not_depend_on_how_far_down_the_prior_reaches(low):
+    """Frames that follow any viscosity below 0.1 Pa s, and none above."""
+    logs = np.random.default_rng(0).uniform(low, -1.0, (20_000, 1))
+    prior = {"log10_viscosity": (low, 1.0)}
+    found = Posterior(("log10_viscosity",), ("Pa s",), logs, Checks("ok"), "newtonian", "verified", prior=prior)
+    assert found.bound("viscosity") == "upper"
+    assert found.interval("viscosity")[1] == pytest.approx(0.095, rel=0.02)
+
+
 # the predictive check
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from answers import simulated
 from conftest import ROOT, refused
 
 import cavirheo
-from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve
 from cavirheo.inference.bins import BINS, CHANNELS, SCALARS, SIZE, binned
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import CAMERA, COORDINATES, damping, damping_to_latent, from_latent, to_latent, used
@@ -19,14 +20,17 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_network import load_posterior
-from cavirheo.inference.verify import adaptive_sampling, verify_many
+from cavirheo.inference.verify import Verification, adaptive_sampling, verify_many
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.mode import Target
+from cavirheo.inference.verify.model_average import Part, sample_parts
 from cavirheo.inference.verify.sampler import Mixture
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.inference.verify.verification import Estimation
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.media import WATER
+from cavirheo.posterior import Evidence
 
 NHKV = {"material": "nhkv", "trust_input": True}
 LAWS = ("newtonian", "power-law", "nhkv", "fung + newtonian")
@@ -221,6 +225,36 @@ def test_evidences_that_disagree_are_not_signed():
 
     found = planted(of_another_prior)
     assert found.evidence_gap > TUNING.agree
+
+
+def test_a_law_is_looked_at_where_a_better_one_is_best():
+    """A law that contains another one follows the same frames there, wherever the search for it went."""
+    curve, network, parts = shot(Newtonian(0.05)), load_posterior(), []
+    for law in ("newtonian", "nhkv"):
+        start = Networked(network, law, FIELD, checked=False, trust_input=True).infer(curve)
+        settings = Verification(network=network, level="auto")
+        parts.append(Part(Estimation(settings, curve, start), 0.0))
+    lost, best = parts
+    explorer = lost.sampling.explorer
+    explorer.modes = [replace(mode, u=mode.u + 1.5, log_posterior=mode.log_posterior - 50.0) for mode in explorer.modes]
+    explorer.value -= 50.0
+    lost.look_where(best)
+    assert explorer.height > best.sampling.explorer.height - TUNING.other_law
+
+
+def test_a_hard_law_is_sampled_to_its_end_whatever_others_take():
+    def part(rounds):
+        sampling = SimpleNamespace(left=rounds, short=lambda _: sampling.left > 0, explorer=SimpleNamespace(height=0.0))
+        sampling.weigh = lambda _: setattr(sampling, "left", sampling.left - 1)
+        target = SimpleNamespace(workers=1)
+        return SimpleNamespace(
+            sampling=sampling, evidence=Evidence(0.0), log=0.0, look_where=lambda _: None,
+            estimation=SimpleNamespace(target=target),
+        )  # fmt: skip
+
+    parts = [part(TUNING.emulated_rounds + 1), part(2)]
+    sample_parts(parts)
+    assert [one.sampling.left for one in parts] == [0, 0]
 
 
 def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):
