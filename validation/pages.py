@@ -71,8 +71,8 @@ CLAIMS = (
     ),
     Claim(
         "evidence",
-        "`which-law` prefers the true law, or a simpler one that cannot be told from it; excludes the true law",
-        (("right", "right_law", ".0%", "%"), ("wrong", "wrong_certainty", ".0%", "%")),
+        "The true law has a weight in the average of `infer`, or a simpler one does; a wrong one has 95 % or more",
+        (("right", "average.held", ".0%", "%"), ("wrong", "average.certain", ".0%", "%")),
     ),
     Claim(
         "challenge",
@@ -86,7 +86,7 @@ CLAIMS = (
     ),
     Claim(
         "times",
-        "Processor time of an answer, median; clock time of 20 shots in one call over that of 20 calls",
+        "Processor time of an answer (four laws), median; clock time of 20 shots in one call over that of 20 calls",
         (("", "one.processor_seconds", ".1f", "s"), ("ratio", "twenty.ratio", ".2f", "")),
     ),
 )
