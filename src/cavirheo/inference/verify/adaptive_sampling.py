@@ -53,7 +53,6 @@ class TwoFidelityTarget(Target):
         super().__init__(target.experiment, target.whole, target.noise.frames, target.workers)
         self.camera, self.noise = target.camera, target.noise
         self.exact, self.missed, self.rough = target, np.zeros(target.noise.size), True
-        self.scatter = 0.0  # standard deviation of what rough simulations are found wrong in log weights
 
     def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
@@ -75,8 +74,7 @@ class TwoFidelityTarget(Target):
         trust = np.exp((value - np.max(value)) / TUNING.nugget_height)
         self.missed = np.average(fine - rough, axis=0, weights=trust)
         wrong = self.log_posterior(u, fine) - self.log_posterior(u, rough + self.missed)
-        self.scatter = float(np.sqrt(np.cov(wrong, aweights=trust)))
-        self.rough = self.scatter < TUNING.corrected_scatter
+        self.rough = bool(np.cov(wrong, aweights=trust) < TUNING.corrected_scatter**2)
 
     def corrected(self, u: Floats, residual: Floats) -> Simulated:
         """What was known at u (k, d), with rough residuals (k, n), before something was learnt: with it, or by default
