@@ -359,8 +359,23 @@ class RadiusCurve:
         """Whether R_max may have been before the first frame: no growth is recorded, and no time of R_max stated."""
         if self.late is not None or self.maximum or self.stated_time_of_max is not None:
             return bool(self.late)
+        return not self._grows
+
+    @property
+    def _grows(self) -> bool:
+        """Whether frames before R_max show the growth."""
         (time, radius), (start, top) = self._finite, self._maximum
-        return bool(radius[time < start].min(initial=np.inf) > AT_MAXIMUM * top)
+        return bool(radius[time < start].min(initial=np.inf) <= AT_MAXIMUM * top)
+
+    @cached_property
+    def time_of_max_span(self) -> tuple[float, float]:
+        """(earliest, latest) time of R_max, s, as far as the frames near it tell (landmarks.py); of a recording that
+        shows no growth its first frame may be R_max or not. One time twice where it was stated. Raises InputError: the
+        curve has no R_max."""
+        start, top = self._maximum
+        if self.late is None and (self.maximum or (self.stated_time_of_max is not None and not self._grows)):
+            return start, start
+        return landmarks.maximum_span(*self._finite, (start, top), self.noise)
 
     @cached_property
     def frames_missed(self) -> float:

@@ -30,6 +30,9 @@ _KNEE = 0.005  # of R_max: residuals of the fit of the maximum beyond it count l
 _STEEP, _FEWEST = 0.7, 6  # of the first radii: samples above it tell whether these fall; so many are needed
 _SERIES = 0.004  # of R_max: what the series leaves of a fall in a viscous material
 _SKEW = 0.5  # of the time of the fall to _STEEP: some agarose, recorded from R_max, falls as if it began at 0.36
+_PARAMETERS = 3  # of the series of a maximum
+_SPAN = 9.0  # squared standard deviations of its time that are possible,
+_CENTRES = 41  # looked for at so many
 _EVIDENCE = 12.0  # chi-square of a maximum a frame before the first sample over that of the best one
 _SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
@@ -89,6 +92,28 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     why = "no maximum can be fitted to the samples round the largest; they scatter too much"
     require(0.9 < top < 1.15, why, "curve.scatters")
     return float(time[peak] + centre * unit), float(top * smooth[peak])
+
+
+def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noise: float) -> tuple[float, float]:
+    """(earliest, latest) time of the maximum, s, as far as the samples (n,) near it tell: the series about a time
+    outside leaves more than _SPAN variances above the best one. maximum: (t_max, R_max) of `fit_maximum`. noise:
+    standard deviation of the radius, m."""
+    start, top = maximum
+    peak = int(np.argmin(np.abs(time - start)))
+    below = np.flatnonzero(_median_of_three(radius) <= _NEAR_MAXIMUM * top)
+    first, last = int(below[below < peak].max(initial=-1)) + 1, int(below[below > peak].min(initial=len(time)))
+    frame = float(np.median(np.diff(time)))
+    if last - first <= _PARAMETERS:  # between the samples that are not near it
+        return float(time[first]) - frame, float(time[min(last, len(time) - 1)])
+    unit = time[last - 1] - time[first]
+    x, y, deviation = (time[first:last] - start) / unit, radius[first:last] / top, noise / top
+    centres = np.linspace(x[0] - frame / unit, x[-1], _CENTRES)
+    knee = max(_KNEE, 3.0 * deviation)
+    cost = np.array([_fit_series(x, y, centre=centre, knee=knee)[2] for centre in centres])
+    variance = max(float(np.min(cost)) / (len(x) - _PARAMETERS), deviation**2)
+    possible = centres[cost < np.min(cost) + _SPAN * variance]
+    half = 0.5 * (centres[1] - centres[0])
+    return start + float(possible[0] - half) * unit, start + float(possible[-1] + half) * unit
 
 
 def scatter(radius: Floats) -> float:

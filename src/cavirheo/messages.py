@@ -131,7 +131,7 @@ def _other_bubble(p: Mapping[str, Any]) -> str:
 
 
 def _missed(p: Mapping[str, Any]) -> str:
-    return f" by {100 * p['rms']:.2g} % of R_max RMS (limit {100 * p['limit']:g} %)"
+    return f" by {100 * p['rms']:.2g} % of R_max RMS (limit {100 * p['limit']:.2g} %)"
 
 
 def _bound_title(name: str, bound: str) -> str:

@@ -269,33 +269,31 @@ class Posterior:
         raise InputError(message, "posterior.parameter")
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
-        """Central credible interval of this probability, in natural units; None for a point or failed answer (no width
-        is made up). Where a parameter of the law is only bounded from above, the upper end is `upper_limit`. Raises
-        InputError: as `draws`, or a level outside 0 to 1."""
+        """Credible interval of this probability, in natural units, with as much below as above it; None for a point or
+        failed answer (no width is made up). Its ends have two priors (`ends`). Raises InputError: as `draws`, or a
+        level outside 0 to 1."""
         percent = f": did you mean {level / 100:g}?" if isinstance(level, Real) and 1 < level < 100 else ""
         message = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
         require(isinstance(level, Real) and 0 < level < 1, message, "posterior.level")
-        ends, tail = self._central(name, level), (1.0 - level) / 2.0
-        if ends and of_the_law(name) and LOG10 + name in self.names and self.bound(name) == "upper":
-            return ends[0], upper_limit(self.draws(name), 1.0 - tail, self.log_weight)
-        return ends
+        values = self.draws(name)
+        return ends(self._scaled(name), values, (1.0 - level) / 2.0, self.log_weight) if len(values) > 1 else None
 
-    def _central(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
-        draws, tail = self.draws(name), (1.0 - level) / 2.0
-        if len(draws) < 2:
-            return None
-        low, high = weighted_quantile(draws, np.array([tail, 1.0 - tail]), self.log_weight)
-        return float(low), float(high)
+    def _scaled(self, name: str) -> str:
+        """The name in the prior's scale."""
+        return LOG10 + name if LOG10 + name in self.names else name
 
     def bound(self, name: str) -> Bound | None:
-        """Where the central 90 % interval reaches an end of the range of `prior`, else of the search: "upper" (the
+        """Where the central 90 % of the draws reach an end of the range of `prior`, else of the search: "upper" (the
         value is below the interval's upper end), "lower" (above its lower end) or "undetermined" (nothing is known);
-        None for an interval within the range, or none. Raises InputError: as `draws`."""
-        ends, scaled_name = self._central(name), LOG10 + name if LOG10 + name in self.names else name
-        if ends and scaled_name in self.prior:
-            low, high, *_ = self.prior[scaled_name]
-            return bound_of(scaled(scaled_name, ends[0]), scaled(scaled_name, ends[1]), (low, high))
-        return searched_bound(name, *ends) if ends else None
+        None for draws within the range, or none. Raises InputError: as `draws`."""
+        values, scaled_name = self.draws(name), self._scaled(name)
+        if len(values) < 2:
+            return None
+        low, high = weighted_quantile(values, np.array([0.05, 0.95]), self.log_weight).tolist()
+        if scaled_name in self.prior:
+            least, largest, *_ = self.prior[scaled_name]
+            return bound_of(scaled(scaled_name, low), scaled(scaled_name, high), (least, largest))
+        return searched_bound(name, low, high)
 
     def quantity(self, name: str) -> Quantity:
         """Median, interval and bound in natural units; empty if the answer failed. Raises InputError: as `draws`."""
@@ -337,7 +335,7 @@ class Posterior:
         return inference_data(groups, self.parameters, self._attributes)
 
     def plot(self) -> Figure:
-        """The marginals of the draws and their pairs (library corner); lines mark the median and the central 90 %.
+        """The marginals of the draws and their pairs (library corner), with the median and the central 90 % of them.
 
         Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing.
         """
@@ -355,23 +353,30 @@ class Posterior:
 def intervals(
     names: Sequence[str], theta: Floats, log_weight: Floats | None = None
 ) -> dict[str, tuple[float, float, float]]:
-    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters); none of a single one."""
-    ends: dict[str, tuple[float, float, float]] = {}
-    for name, values in zip(names, theta.T, strict=True) if len(theta) > 1 else ():
-        low, middle, high = weighted_quantile(natural(name, values), np.array([0.05, 0.5, 0.95]), log_weight).tolist()
-        ends[natural_name(name)] = low, middle, high
-    return ends
+    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters), the outer two as `ends`; none of a single
+    one."""
+    found: dict[str, tuple[float, float, float]] = {}
+    for name, column in zip(names, theta.T, strict=True) if len(theta) > 1 else ():
+        values = natural(name, column)
+        middle = float(weighted_quantile(values, np.array([0.5]), log_weight)[0])
+        low, high = ends(name, values, 0.05, log_weight)
+        found[natural_name(name)] = low, middle, high
+    return found
 
 
-def upper_limit(values: Floats, level: float, log_weight: Floats | None) -> float:
-    """The value below which a parameter is with this probability if its prior is uniform in the value, of draws
-    (draws,) whose prior is uniform in its logarithm.
+def ends(name: str, values: Floats, tail: float, log_weight: Floats | None) -> tuple[float, float]:
+    """Ends of an interval beyond each of which lies the probability `tail`, of draws (draws,) in natural values of a
+    parameter by its name in the prior's scale.
 
-    A recording that tells no lower end bounds it from above. With the prior of the draws that bound would depend on how
-    far down the prior reaches.
+    The draws of a law's parameter have a prior that is uniform in the logarithm. Where a recording hardly tells small
+    values from none, the upper end would depend on how far down that prior reaches: it is that of a prior which is
+    uniform in the value. Where the recording tells the value, both priors have the same ends.
     """
-    log_weight = np.log(values) + (0.0 if log_weight is None else log_weight)
-    return float(weighted_quantile(values, np.array([level]), log_weight)[0])
+    low, high = weighted_quantile(values, np.array([tail, 1.0 - tail]), log_weight)
+    if name.startswith(LOG10) and of_the_law(name):
+        with_uniform = np.log(values) + (0.0 if log_weight is None else log_weight)
+        high = weighted_quantile(values, np.array([1.0 - tail]), with_uniform)[0]
+    return float(low), float(high)
 
 
 def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None = None) -> dict[str, float]:

@@ -48,6 +48,16 @@ def refusal(use):
     return error.value.code.removeprefix("curve."), str(error.value)
 
 
+@pytest.mark.parametrize("noise", [0.003, 0.01, 0.025])
+@pytest.mark.parametrize("start", [-0.7, -0.25, -0.15, 0.0])
+def test_the_time_of_the_maximum_lies_between_those_that_the_frames_leave_possible(start, noise):
+    """A recording that begins up to a quarter of t_c before R_max shows no growth beyond 3 %."""
+    curves = [measured(start, step=0.04, noise=noise, seed=seed) for seed in range(40)]
+    spans = np.array([curve.time_of_max_span for curve in curves]) / T_C
+    assert np.mean((spans[:, 0] <= 0.02) & (spans[:, 1] >= -0.02)) > 0.95
+    assert np.median(np.diff(spans)) < 0.05 + 25 * noise
+
+
 @pytest.mark.parametrize("step", [0.04, 0.1])
 @pytest.mark.parametrize("start", [-0.7, 0.0])
 @pytest.mark.parametrize("material", [{"reynolds": 1000.0, "cauchy": 1000.0}, {}, {"reynolds": 20.0, "stretch": 5.0}])

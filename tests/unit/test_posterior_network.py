@@ -324,12 +324,3 @@ def test_the_slot_of_the_damping_has_its_prior():
     assert 0 <= values.min() < values.max() <= 1.0
     assert np.sqrt(np.mean(values**2)) == pytest.approx(0.3, rel=0.02)
     assert damping_to_latent(0.0) == -3.0
-
-
-def test_a_recording_that_begins_at_its_maximum_has_a_clock_of_a_frame():
-    """One that shows the growth has half a frame."""
-    curve = shot(frame=2e-6)
-    growth = 245e-6 * np.linspace(0.3, 0.98, 20)
-    grown = RadiusCurve(np.append(-2e-6 * np.arange(20, 0, -1), curve.time), np.append(growth, curve.radius))
-    bounds = [experiment(one).free["time_origin"][1] for one in (curve, grown)]
-    assert bounds == pytest.approx([2e-6, 1e-6], rel=0.01)

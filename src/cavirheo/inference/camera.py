@@ -103,7 +103,8 @@ class CameraNuisances:
     f; 0 for one that is exact. exposure: s of a frame.
     step: s between the instants at which a simulation is needed. collapses: in these frames. sized: whether the frames
     tell what the size of each bubble changes besides time. by_size: (numbers,) what a bubble that is SIZE_STEP larger
-    has more in its shape, of all bubbles alike, where each has not its own; empty where it is not known.
+    has more in its shape, of all bubbles alike, where each has not its own; empty where it is not known. clock: s, the
+    middle of the prior of t_0.
     """
 
     time: Floats
@@ -114,6 +115,7 @@ class CameraNuisances:
     collapses: int = 0
     sized: bool = False
     by_size: Floats = field(default_factory=lambda: NOTHING)
+    clock: float = 0.0
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
@@ -143,12 +145,12 @@ class CameraNuisances:
     def _frames(self, count: int) -> Frames:
         """With so many instants in an exposure."""
         instants, shares = exposed(self.exposure, count)
-        return Frames(self.time, self.measured, self.widths, self.free, instants, shares, self.step)
+        return Frames(self.time - self.clock, self.measured, self.widths, self.free, instants, shares, self.step)
 
     @cached_property
     def grid(self) -> Floats:
         """(k,) s after R_max at which a simulation is needed, all frames with any clock and scale between them."""
-        end = (float(np.max(self.time)) + 3.0 * self.widths[0] + 0.5 * self.exposure) * 1.05
+        end = (float(np.max(self.time)) - self.clock + 3.0 * self.widths[0] + 0.5 * self.exposure) * 1.05
         return np.asarray(self.step * np.arange(int(np.ceil(end / self.step)) + 3))
 
     def resolves_size(self, noise: Noise) -> bool:
@@ -172,7 +174,7 @@ class CameraNuisances:
         counted = _shape(run, self.step, self.collapses)[: self.collapses] * self.grid[-1]
         views = z + np.array(CLOCKS)[:, None] * (self.free == 0)
         best, least = self, np.inf
-        for count in range(int(np.count_nonzero(counted < np.max(self.time))), MOST_COLLAPSES + 1):
+        for count in range(int(np.count_nonzero(counted < np.max(self.time) - self.clock)), MOST_COLLAPSES + 1):
             camera = replace(self, collapses=count)
             missed = np.array([camera.missed_by_shape(run, view) for view in views]) / noise.typical
             rms = float(np.sqrt(np.mean(missed**2)))
@@ -222,7 +224,7 @@ class CameraNuisances:
 
     def natural(self, z: Floats) -> dict[str, Floats]:
         """time_origin (s), radius_scale and max_radius_factor from z (..., m)."""
-        values = {name: np.full(z.shape[:-1], 0.0 if name == NAMES[0] else 1.0) for name in NAMES}
+        values = {name: np.full(z.shape[:-1], self.clock if name == NAMES[0] else 1.0) for name in NAMES}
         for k, i in enumerate(self.free):
             values[NAMES[i]] = values[NAMES[i]] + self.widths[i] * z[..., k]
         return values

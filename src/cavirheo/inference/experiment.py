@@ -46,7 +46,7 @@ from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.simulation import Simulation
-from cavirheo.posterior import Checks, Verdict, upper_limit, weighted_quantile
+from cavirheo.posterior import Checks, Verdict, intervals, weighted_quantile
 from cavirheo.prior import Prior
 
 FORWARD = 1e-3  # step of forward differences of x, decades or the like
@@ -146,11 +146,10 @@ class Experiment:
         if self.stretch_prior:
             value, deviation = self.stretch_prior
             self.plateau = float(np.log10(value)), deviation / (value * _LN10)
-        usual, read = self.usual_half_widths
-        clock, read = options.t0_bound or usual * self.time_scale, max(options.scale_bound, read)
+        read = max(options.scale_bound, self.usual_half_widths[1])
         # (middle, half-width, unit of the steps of finite differences) of clock and scales, and which are free
         widths = {
-            "t0": (0.0, clock, self.time_scale),
+            "t0": (*self._clock, self.time_scale),
             "scale": (1.0, options.scale_bound, 1.0),
             "rmax": (1.0, read, 1.0),
         }
@@ -239,6 +238,17 @@ class Experiment:
         curve, frame = self.curve, self.frame / self.time_scale
         clock, read = half_widths(*map(np.array, (frame, curve.noise / self.max_radius, float(curve.begins_late))))
         return float(clock), float(read)
+
+    @property
+    def _clock(self) -> tuple[float, float]:
+        """Middle and half-width, s, of the prior of the clock: the usual one, and all times of R_max that the frames
+        near it leave possible."""
+        if self.options.t0_bound:
+            return 0.0, self.options.t0_bound
+        usual = self.usual_half_widths[0] * self.time_scale
+        earliest, latest = (time - self.curve.time_of_max for time in self.curve.time_of_max_span)
+        low, high = min(earliest, -usual), max(latest, usual)
+        return 0.5 * (low + high), 0.5 * (high - low)
 
     def natural(self, x: Floats) -> dict[str, Any]:
         """stretch, time_origin (s), radius_scale and max_radius_factor from x (d,), or from (d, draws)."""
@@ -383,7 +393,8 @@ class Experiment:
         time, measured = self.since[self.counted], self.measured[self.counted]
         step = min(self.frame / PER_FRAME, FINEST * self.time_scale)
         step = max(step, float(np.max(time, initial=0.0)) / MOST)
-        return CameraNuisances(time, measured, np.array(widths), self.exposure, step, self.view.collapses)
+        clock = self.free[NAMES[0]][0] if NAMES[0] in self.free else 0.0
+        return CameraNuisances(time, measured, np.array(widths), self.exposure, step, self.view.collapses, clock=clock)
 
     def extended(
         self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = DEFAULT
@@ -493,12 +504,9 @@ class Experiment:
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
             if name not in (*self.family.parameters, "stretch") or len(x) < 2:
                 continue
-            ends = weighted_quantile(values, np.array([0.05, 0.5, 0.95]), log_weight)
-            if bound := bound_of(ends[0], ends[2], (a, b)):
-                low_end, median, high_end = (10.0**ends).tolist()
-                if bound == "upper" and name != "stretch":
-                    high_end = upper_limit(10.0**values, 0.95, log_weight)
-                messages.append(of_bound(name, bound, (low_end, median, high_end)))
+            low_end, high_end = weighted_quantile(values, np.array([0.05, 0.95]), log_weight)
+            if bound := bound_of(low_end, high_end, (a, b)):
+                messages.append(of_bound(name, bound, intervals([LOG10 + name], values[:, None], log_weight)[name]))
         return messages
 
     @property

@@ -48,7 +48,8 @@ def fit_many(
             with the stretch that the file states, if it does, as prior.
         free: of "t0" (the clock: true time of R_max minus fitted one), "scale" (radius calibration: true radius over
             measured one) and "rmax" (R_max of the motion over that read off the curve, the calibration being right).
-        t0_bound: s, largest |t0|; default half a frame interval. scale_bound: largest deviation of the others from 1.
+        t0_bound: s, largest |t0|; default: all times of R_max that the frames near it leave possible.
+        scale_bound: largest deviation of the others from 1.
         weights: "learnt" (the residuals tell how much less frames count where the wall moves fast) or "equal".
         bubble: "real" (vapour condenses at a finite rate, and the surroundings damp the motion), "field" (equilibrium
             contents, unbounded liquid), "auto" (both, and the evidence chooses as for materials), or a `Bubble`.

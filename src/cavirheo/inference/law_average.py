@@ -63,8 +63,7 @@ def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
     checks, bounds = answer.checks, list[Message]()
     for name, ends in intervals(answer.names, answer.theta, answer.log_weight).items():
         if (of_the_law(name) or name == "stretch") and (bound := answer.bound(name)):
-            low, high = answer.interval(name) or (ends[0], ends[2])
-            bounds.append(of_bound(name, bound, (low, ends[1], high)))
+            bounds.append(of_bound(name, bound, ends))
     without_bounds = [message for message in checks.messages if not message.code.startswith("bound.")]
     verdict = checks.verdict
     if verdict in ("ok", "undetermined"):

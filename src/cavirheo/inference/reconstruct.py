@@ -100,8 +100,9 @@ class Reconstruction:
     def checks(
         self, view: Window, time_scale: float, verdict: Verdict, messages: Sequence[Message], limit: float = MISFIT
     ) -> Checks:
-        """The Checks of an answer: this verdict, unless the simulation misses the measurement by more than the limit.
-        time_scale is t_c in s."""
+        """The Checks of an answer: this verdict, unless the simulation misses the measurement by more than the limit
+        and the noise from frame to frame. time_scale is t_c in s."""
+        limit = float(np.hypot(limit, view.curve.noise / view.curve.max_radius))
         if self.rmse > limit:
             missed = Message("misfit.rms", {"rms": self.rmse, "limit": limit})
             verdict, messages = "model_does_not_fit", [missed, *messages]

@@ -93,7 +93,7 @@ class _FitOptions:
     window: options.Window = None
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
     free: Annotated[str | None, option(_FREE, INTERVAL)] = None
-    t0_us: Annotated[float | None, option("largest |t0|, us  [default: half a frame]", INTERVAL)] = None
+    t0_us: Annotated[float | None, option("largest |t0|, us  [default: what the frames leave open]", INTERVAL)] = None
     scale_percent: Annotated[float, option("limit of the change of scale and rmax, %", INTERVAL)] = 1.5
     weights: Annotated[Literal["learnt", "equal"], option(_WEIGHTS, INTERVAL)] = "learnt"
     others: Annotated[bool, option(_OTHER_BUBBLE, INTERVAL, "--others/--no-others")] = True

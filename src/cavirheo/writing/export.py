@@ -56,7 +56,7 @@ def inference_data(
 
 
 def pairs(columns: Mapping[str, Floats], weights: Floats) -> Figure:
-    """The marginals of draws (draws,) by label and their pairs; lines mark the median and the central 90 %.
+    """The marginals of draws (draws,) by label and their pairs; lines mark their median and their central 90 %.
 
     Raises InputError without matplotlib or corner."""
     from cavirheo.writing.style import BLUE, new_figure
