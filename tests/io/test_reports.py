@@ -83,6 +83,7 @@ def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):
     first, _, last = rows_of(tmp_path / "result.csv")
     assert float(first["shear_modulus_Pa"]) == pytest.approx(6100.0)
     assert (first["shear_modulus_Pa_q05"], first["collapses"], last["shear_modulus_Pa"]) == ("", "2", "")
+    assert (first["message"], last["message"]) == ("", "cell 3 of 5 is empty")
 
 
 def test_what_no_json_can_hold_becomes_null_or_plain(tmp_path):

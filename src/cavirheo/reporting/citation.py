@@ -90,7 +90,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
         *_rivals(answers),
         *_prior(answers),
         "Values are medians with central 90 % intervals." if intervals else "",
-        _POPULATION if any(group.population and group.population.has_material for group in result.groups) else "",
+        _POPULATION if any(group.material for group in result.groups) else "",
     ]
     words = dict.fromkeys(re.findall(r"\w+", " ".join(sentences)))
     sources = [references()[word] for word in words if word in references()]
@@ -202,7 +202,7 @@ def _prior(answers: list[CurveRecord]) -> list[str]:
     if not any(curve.method in ("verified", "laplace", "amortised") for curve in answers):
         return stated
     ranges = []
-    names = [name for curve in answers for name in ("shear_modulus", "viscosity") if curve.quantity(name).median]
+    names = [name for curve in answers for name in ("shear_modulus", "viscosity") if curve.value(name).median]
     names += [] if all(curve.stretch_prior for curve in answers) else ["stretch"]
     for name in dict.fromkeys(names):
         parameter = PARAMETERS[name]
@@ -227,9 +227,9 @@ def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -
     values = []
     for name in parameters_of(trusted):
         symbol, factor, unit = in_unit(name, result.modulus_unit)
-        text = digits.quantity(trusted[0].quantity(name), factor, unit=unit)
+        text = digits.quantity(trusted[0].value(name), factor, unit=unit)
         if n > 1:
-            text = f"{digits.spread(group.spread(name), factor).replace('±', '+-')} {unit}".rstrip()
+            text = f"{digits.spread(group.value(name), factor).replace('±', '+-')} {unit}".rstrip()
         values += [f"{symbol} = {text}"] if digits.MISSING not in text else []
     over = f" (mean and standard deviation of {n} shots)" if n > 1 else ""
     first = f"{group.warning}; " if group.warning else ""

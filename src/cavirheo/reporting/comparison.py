@@ -78,19 +78,19 @@ class Comparison:
 def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:
     """One for each parameter that is published or inferred; a liquid has no G."""
     answers = [shot for shot in shots if shot.has_answer]
-    medians = {name: [shot.quantity(name).median for shot in answers] for name in (G, MU)}
-    inferred = [name for name in medians if group.spread(name).mean is not None or any(medians[name])]
+    medians = {name: [shot.value(name).median for shot in answers] for name in (G, MU)}
+    inferred = [name for name in medians if group.value(name).mean is not None or any(medians[name])]
     published = [name for values in group.published.values() for name in values]
     for name in sorted({*inferred, *published}, key=[G, MU, *published].index) or [""]:
         values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
-        values[TRUSTED] = group.spread(name)
+        values[TRUSTED] = group.value(name)
         values[ALL] = spread_of([shot.determined(name) for shot in answers])
         yield ComparedParameter(group, shots, name, values)
 
 
 def remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """The material, doubtful and failed shots."""
-    lines = [group.population.line] if group.population and group.population.has_material else []
+    lines = [group.material.line] if group.material else []
     if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
     reasons = terminal.by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)

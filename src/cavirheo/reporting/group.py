@@ -17,7 +17,7 @@ from cavirheo.parameters import AT_RATE, CAMERA, parameter_of
 from cavirheo.physics.bubble import title_of
 from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.answer import Answer, CurveRecord, OtherModel, evidence
-from cavirheo.reporting.material import PopulationRecord, over_size
+from cavirheo.reporting.material import KEYS, ParameterValues, PopulationRecord, over_size
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
 
@@ -58,12 +58,6 @@ class Slope(Quantity):
 
     n: int
     n_trusted: int = 0
-
-    @property
-    def sign(self) -> int:
-        """1 or -1 where the interval excludes zero, else 0."""
-        low, high = self.q05 or 0.0, self.q95 or 0.0
-        return (low > 0) - (high < 0)
 
     @property
     def words(self) -> str:
@@ -123,7 +117,7 @@ class GroupModel(Record):
         return not averaged and self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)
 
 
-class GroupRecord(Record):
+class GroupRecord(Record, ParameterValues[Spread]):
     """The shots of one file or folder.
 
     Models are over the n_trusted, and the mean of each parameter over those of them that determine it. Slopes are over
@@ -174,7 +168,7 @@ class GroupRecord(Record):
     @property
     def by_method(self) -> dict[str, Mapping[str, Spread]]:
         """All values of other methods, then our means if this has shots."""
-        means = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
+        means = {name: self.value(name) for name in KEYS}
         return {**self.published, **({OURS: means} if self.n and self.published else {})}
 
     def add_published(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
@@ -189,16 +183,6 @@ class GroupRecord(Record):
                 errors = {name: error_of(values[name], of_reference[name]) for name in shared}
                 if numbers := {name: error for name, error in errors.items() if error is not None}:
                     self.errors[reference][method] = numbers
-
-    def spread(self, name: str) -> Spread:
-        """Of a parameter by its natural name."""
-        means = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
-        return (means | self.other_parameters).get(name, Spread())
-
-    @property
-    def viscosity(self) -> Spread:
-        """Or that at 1e5 1/s, where it is not one number."""
-        return self.spread("viscosity" if self.viscosity_Pa_s.mean is not None else AT_RATE)
 
     def mean(self, value: Spread, factor: float = 1.0) -> str:
         """'6.4 ± 1.6'; '0.041 ± 0.006 (n = 3)' where fewer shots determine it than are trusted."""
@@ -230,14 +214,14 @@ class GroupRecord(Record):
         return [*self.remarks, *(self.population.below if self.population else [])]
 
     @property
-    def shots(self) -> str:
-        """'5 shots, 1 failed'."""
-        return digits.counted(self.n, "shot") + (f", {self.n_failed} failed" if self.n_failed else "")
+    def material(self) -> PopulationRecord | None:
+        """The material behind the shots, if there is one."""
+        return self.population if self.population and self.population.has_material else None
 
     @property
     def n_counted(self) -> int:
         """Shots that the material rests on, or else the means."""
-        return self.population.n if self.population and self.population.has_material else self.n_trusted
+        return self.material.n if self.material else self.n_trusted
 
     @property
     def basis(self) -> str:
@@ -277,8 +261,7 @@ class GroupRecord(Record):
     @property
     def headline(self) -> str:
         """The line for a paper, after what must be known before it is used; nothing without a material."""
-        material = self.population and self.population.has_material
-        return "; ".join(filter(None, [self.warning, self.population.line])) if self.population and material else ""
+        return "; ".join(filter(None, [self.warning, self.material.line])) if self.material else ""
 
 
 def error_of(value: Spread, reference: Spread) -> float | None:
@@ -286,6 +269,11 @@ def error_of(value: Spread, reference: Spread) -> float | None:
     if value.mean is None or not reference.mean:
         return None
     return abs(value.mean - reference.mean) / reference.mean
+
+
+def spread_over(answers: Iterable[Answer], name: str) -> Spread:
+    """Of a parameter, over the answers that determine it."""
+    return spread_of([answer.determined(name) for answer in answers])
 
 
 def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:
@@ -334,7 +322,7 @@ def _slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str
     """By the name of what should be a constant."""
     radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
     for name in CONSTANTS:
-        values = [power.quantity(name).determined for power in answers]
+        values = [answer.value(name).determined for answer in answers]
         trusted = sum(power.trusted and value is not None for power, value in zip(shots, values, strict=True))
         if power := slope(radii, values, trusted):
             slopes[name] = power
@@ -363,9 +351,7 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         n=n,
         n_trusted=len(trusted),
         n_failed=len(members) - n,
-        shear_modulus_Pa=spread_of([record.determined("shear_modulus") for record in trusted]),
-        viscosity_Pa_s=spread_of([record.determined("viscosity") for record in trusted]),
-        other_parameters={key: spread_of([shot.determined(key) for shot in trusted]) for key in more},
+        **GroupRecord.fields_of({name: spread_over(trusted, name) for name in (*KEYS, *more)}),
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
         preferred=dict(Counter(shot.in_words for record in members if (shot := record.preferred))),
@@ -396,7 +382,7 @@ def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list
                 material=first.material,
                 bubble=first.bubble.name,
                 n=len(pairs),
-                shear_modulus_Pa=spread_of([answer.quantity("shear_modulus").determined for answer in answers]),
+                shear_modulus_Pa=spread_over(answers, "shear_modulus"),
                 viscosity_Pa_s=spread_of([answer.viscosity.determined for answer in answers]),
                 log_evidence=float(np.sum(gains)) if gains else None,
                 weight=float(np.mean([answer.weight for answer in answers])),

@@ -92,7 +92,7 @@ def _answers(
     y, mean_y, y_label = _along(upper, records, group, unit)
     trusted = np.array([record.trusted for record in records])
     finite = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
-    over_size = across == _SIZE
+    over_size, material = across == _SIZE, group.material
     layers = [
         Layer("bars", "interval", x[finite], y[finite], tones=tones[finite]),
         Layer("dots", "estimate", x[finite, 1], y[finite, 1], tones=tones[finite]),
@@ -104,11 +104,12 @@ def _answers(
         level = np.median(np.log(y[some, 1]) - power * np.log(x[some, 1]))
         line = np.linspace(x[:, 1].min(), x[:, 1].max(), 60)
         layers.append(Layer("line", "centre", line, np.exp(level) * line**power, f"{RMAX}^{slope.words}"))
-    elif (material := _material(group, unit)) and (across, upper) == ("shear_modulus", "viscosity"):
-        contour, centre_x, centre_y = material
-        layers.append(Layer("line", "contour", contour[:, 0], contour[:, 1], "90 % of shots"))
-        marks.append(("centre", "material", centre_x, centre_y))
-    elif mean_y is not None and group.spread(upper).std is not None and (over_size or mean_x is not None):
+    elif (across, upper) == ("shear_modulus", "viscosity") and material and (contour := material.contour()) is not None:
+        of_modulus = in_unit("shear_modulus", unit)[1]
+        layers.append(Layer("line", "contour", of_modulus * contour[:, 1], contour[:, 0], "90 % of shots"))
+        centre = _ends([material.value(across)], of_modulus)[0], _ends([material.value(upper)])[0]
+        marks.append(("centre", "material", *centre))
+    elif mean_y is not None and group.value(upper).std is not None and (over_size or mean_x is not None):
         marks.append(("centre", "mean ± std", None if over_size else mean_x, mean_y))
     if not (over_size and group.shear_modulus_Pa.mean is not None):  # once
         marks += _published(group, unit, across, upper)
@@ -121,16 +122,6 @@ def _answers(
             layers.append(Layer("line", look, width, np.full(2, middle), name))
             layers.append(Layer("band", f"{look}-range", width, np.array([low, high])))
     return Panel(*axes, tuple(layer for layer in layers if len(layer.x)))
-
-
-def _material(group: GroupRecord, unit: Unit) -> tuple[Floats, Floats, Floats] | None:
-    """(k, 2) G and µ of the contour that holds 90 % of the shots, and (3,) of the centre along both."""
-    contour = group.population.contour() if group.population else None
-    if group.population is None or contour is None:
-        return None
-    factor, centre = in_unit("shear_modulus", unit)[1], group.population.centre
-    modulus, viscosity = _ends([centre("shear_modulus")], factor)[0], _ends([centre("viscosity")])[0]
-    return np.column_stack([factor * contour[:, 1], contour[:, 0]]), modulus, viscosity
 
 
 def _published(group: GroupRecord, unit: Unit, across: str, upper: str) -> list[Mark]:
@@ -152,8 +143,8 @@ def _along(
         return np.column_stack([radii] * 3), None, f"{RMAX} (µm)"
     symbol, factor, written = in_unit(name, unit)
     viscous = name in ("viscosity", AT_RATE)
-    values = _ends([record.viscosity if viscous else record.quantity(name) for record in records], factor)
-    return values, _mean(group.spread(name), factor), f"{symbol} ({written})" if written else symbol
+    values = _ends([record.viscosity if viscous else record.value(name) for record in records], factor)
+    return values, _mean(group.value(name), factor), f"{symbol} ({written})" if written else symbol
 
 
 def _mean(value: Spread, factor: float) -> Floats | None:

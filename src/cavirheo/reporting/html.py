@@ -164,7 +164,7 @@ def live_page(
     if curve and answer and record:
         with suppress(InputError):
             picture = svg.curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
-    material = group.population if group and group.population and group.population.has_material else None
+    material = group.material if group else None
     needed = material.still_needed([result.curves[i] for i in members], half_width) if material else None
     return template(LIVE).render(
         record=record,

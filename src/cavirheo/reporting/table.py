@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.input_remarks import causes, next_step
 from cavirheo.reporting.record import Result
-from cavirheo.writing import digits, terminal
+from cavirheo.writing import digits, export, terminal
 from cavirheo.writing.document import spread_of, write_rows
 
 if TYPE_CHECKING:
@@ -64,12 +65,11 @@ def print_table(
         key += "; [ , ]: central 90 % interval"
     if any(value.bound for record in result.curves for value in (record.shear_modulus_Pa, record.viscosity)):
         key += "; below, above: a bound (95 %) and no value"
-    for line in (key, *result.model_key):
-        console.print(Text(line, "dim"))
+    console.print("\n".join([key, *result.model_key]), style="dim")
     if (parameters := parameters_table(result)) is not None:
         console.print(parameters)
         for line in parameter_key(result.parameters):
-            console.print(Text(line, "dim"))
+            console.print(line, style="dim")
     if (windows := windows_table(result)) is not None:
         console.print(windows)
     terminal.print_warnings(console, warnings(result.curves))
@@ -182,20 +182,18 @@ def write_csv(path: str | Path, result: Result) -> None:
 
 def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(names of the columns, a row for each curve)."""
-    quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]
-    plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
-    units = {name: digits.described(name)[1].replace(" ", "_") for name in result.parameters}
-    columns = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
+    first = ["stretch", "shear_modulus", "viscosity"]
+    columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *result.parameters)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
-    head = ["name", "group", "source", "material", "method"]
-    for name in (*plain, *columns.values()):
-        head += [name + end for end in ends.values()] if name in (*quantities, *columns.values()) else [name]
+    of_columns = {name: [column + end for end in ends.values()] for name, column in columns.items()}
+    head = ["name", "group", "source", "material", "method", "max_radius_m", *chain(*map(of_columns.pop, first))]
+    head += ["rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble", *chain(*of_columns.values())]
     rows = []
     for record in result.curves:
-        by_column = {key: getattr(record, key) for key in quantities}
-        by_column |= {columns[name]: value for name, value in record.other_parameters.items()}
-        values = {key + end: getattr(value, part) for key, value in by_column.items() for part, end in ends.items()}
-        rows.append(vars(record) | {"bubble": record.bubble.name} | vars(record.window) | values)
+        values = {column: record.value(name) for name, column in columns.items()}
+        cells = {column + end: getattr(value, part) for column, value in values.items() for part, end in ends.items()}
+        words = {"message": record.message, "bubble": record.bubble.name}
+        rows.append(vars(record) | words | vars(record.window) | cells)
     return head, rows
 
 
@@ -209,7 +207,7 @@ def parameters_table(result: Result) -> Table | None:
     table = terminal.table("curve", ["\n".join(filter(None, digits.described(name))) for name in names])
     having = [record for record in result.curves if any(name in record.other_parameters for name in names)]
     terminal.add_rows(
-        table, [(record.name, [digits.quantity(record.quantity(name)) for name in names], "") for record in having]
+        table, [(record.name, [digits.quantity(record.value(name)) for name in names], "") for record in having]
     )
     return table
 
