@@ -54,25 +54,22 @@ class ComparedParameter:
 
 
 class Comparison:
-    """What the tables and the picture of a result have in common."""
+    """What the tables of a result have in common."""
 
     def __init__(self, result: Result) -> None:
         groups = [(group, [result.curves[k] for k in of]) for group, of in result.members()]
         self.result: Result = result
         self.rows: list[ComparedParameter] = [row for group, shots in groups for row in _rows(group, shots)]
-        self.methods: list[str] = list(dict.fromkeys(method for group, _ in groups for method in group.published))
-        self.references: list[str] = list(dict.fromkeys(method for group, _ in groups for method in group.errors))
-        self.answers: list[str] = max((row.answers for row in self.rows), key=len, default=[]) or [OURS]
-        bubbles = dict.fromkeys(shot.bubble.title for _, shots in groups for shot in shots if shot.has_answer)
-        self.bubbles: str = ", ".join(bubbles)
-        means = [value.mean for row in self.rows if row.name == G for value in row.values.values()]
-        factor, unit = digits.modulus_unit([0.0, *means])
-        self.units: dict[str, tuple[float, str]] = {G: (factor, f"G ({unit})"), MU: (1.0, "µ (Pa s)")}
+        self.methods: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.published))
+        self.references: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.errors))
 
     def unit(self, name: str) -> tuple[float, str]:
         """(factor from SI, what stands over a column): one unit of G for all rows."""
+        means = [value.mean for row in self.rows if row.name == G for value in row.values.values()]
+        factor, unit = digits.modulus_unit([0.0, *means])
+        units = {G: (factor, f"G ({unit})"), MU: (1.0, "µ (Pa s)"), "": (1.0, digits.MISSING)}
         words = name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
-        return self.units.get(name, (1.0, words or digits.MISSING))
+        return units.get(name, (1.0, words))
 
 
 def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:
@@ -128,7 +125,8 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
         counts = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(row)]
         for method in [method for method in row.values if method not in (TRUSTED, ALL)] + row.answers:
             texts = [*head, method, digits.spread(row.value(method), factor)]
-            texts += [_error(row, reference, method) for reference in comparison.references]
+            errors = {to: digits.percent(row.error(to, method)) for to in comparison.references if to != method}
+            texts += [errors.get(to, "") for to in comparison.references]  # no method is its own reference
             ours = method in row.answers
             table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != ALL else None)
             head, counts = ["", ""], [] if ours else counts
@@ -166,11 +164,6 @@ def _misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
     return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
 
 
-def _error(row: ComparedParameter, reference: str, method: str) -> str:
-    """In per cent; nothing where a method is its own reference."""
-    return "" if method == reference else digits.percent(row.error(reference, method))
-
-
 def _counts(row: ComparedParameter) -> list[str]:
     """Answered of all shots; the trusted ones; RMSE: median (smallest–largest), % of R_max."""
     middle, low, high = map(digits.percent, _misfits(row.shots))
@@ -181,10 +174,12 @@ def _counts(row: ComparedParameter) -> list[str]:
 
 def _key(comparison: Comparison) -> str:
     words = "Mean ± standard deviation over the trusted shots that determine it. "
-    if len(comparison.answers) > 1:
+    if any(len(row.answers) > 1 for row in comparison.rows):
         words = f"{TRUSTED}: {words[0].lower()}{words[1:]}"
         words += f"{ALL}: over all answered shots, doubtful ones included. "
     if comparison.references:
         words += f"Error to {' or '.join(comparison.references)}: |mean − its mean| / its mean, in %. "
     words += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
-    return words + (f" Our answers assume the {comparison.bubbles}." if comparison.bubbles else "")
+    shots = (shot for row in comparison.rows for shot in row.shots if shot.has_answer)
+    bubbles = ", ".join(dict.fromkeys(shot.bubble.title for shot in shots))
+    return words + (f" Our answers assume the {bubbles}." if bubbles else "")

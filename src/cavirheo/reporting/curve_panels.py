@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -99,20 +99,18 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
     """
     if checks.verdict == "failed":
         checks = Checks("failed")
-    origin, per_second, x_label = _clock(curve)
-    per_metre, y_label = _scale(curve)
-    time, radius = (curve.time - origin) * per_second, curve.radius * per_metre
-    line, difference = _simulation(curve, checks, "simulated", simulated_as)
-    compared_time = difference.x
+    units = _Units.of(curve)
+    time, radius = units.points(curve.time, curve.radius)
+    line, difference = _simulation(units, checks, "simulated", simulated_as)
     has_answer, rmse = checks.verdict != "failed", 100.0 * (checks.rmse_over_rmax or 0.0)
     compared = np.full(len(time), not has_answer)
-    if len(compared_time):
+    if len(difference.x):
         slack = 1e-6 * (time[-1] - time[0])
-        compared = (time >= compared_time[0] - slack) & (time <= compared_time[-1] + slack)
-    low, high = _view(time, compared_time)
+        compared = (time >= difference.x[0] - slack) & (time <= difference.x[-1] + slack)
+    low, high = _view(time, difference.x)
     measured = np.isfinite(radius) & (time >= low) & (time <= high)
     remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
-    x = Axis(x_label, low, high, remark)
+    x = Axis(units.time, low, high, remark)
     top = 1.05 * float(np.max([*radius[measured], *line.y], initial=0.0)) or 1.05
     share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # as much as the simulation has
     dots = [
@@ -123,11 +121,11 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
         )
     ]
     note = "" if has_answer else "no answer: no line is drawn"
-    t_c = (checks.time_scale or 0.0) * per_second
+    t_c = (checks.time_scale or 0.0) * units.per_second
     panels = [
         Panel(
             x,
-            Axis(y_label, 0.0, top),
+            Axis(units.radius, 0.0, top),
             tuple(layer for layer in (*dots, line) if len(layer.y)),
             Axis("t*", low / t_c, high / t_c) if t_c else None,
             note if measured.any() else "no measured radius",
@@ -143,23 +141,18 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
     return panels
 
 
-def _simulation(curve: RadiusCurve, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
+def _simulation(units: _Units, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
     """The line of a simulation, and what is left between; without values where there are none. Raises ValueError."""
-    (origin, per_second, _), (per_metre, _) = _clock(curve), _scale(curve)
-    time, compared_time = (
-        np.empty(0) if values is None else (values - origin) * per_second
-        for values in (checks.reconstruction_time, checks.compared_time)
-    )
-    radius, residual = (
-        np.empty(0) if values is None else factor * values
-        for values, factor in ((checks.reconstruction_radius, per_metre), (checks.residual_over_rmax, 100.0))
-    )
+    names = ("reconstruction_time", "reconstruction_radius", "compared_time", "residual_over_rmax")
+    arrays = [getattr(checks, name) for name in names]
+    time, radius, compared_time, residual = (np.empty(0) if values is None else values for values in arrays)
     for values, times in ((radius, time), (residual, compared_time)):
         if values.size and values.shape != times.shape:
             raise ValueError(f"{len(values)} values at {len(times)} times")
+    compared_time, _ = units.points(compared_time, compared_time)
     return (
-        Layer("line", look, time, radius, name, share=0.4),
-        Layer("dots", "residual", compared_time, residual, share=0.2),
+        Layer("line", look, *units.points(time, radius), name, share=0.4),
+        Layer("dots", "residual", compared_time, 100.0 * residual, share=0.2),
     )
 
 
@@ -180,15 +173,14 @@ def check_panels(
 ) -> list[Panel]:
     """Those of an answer with the simulations of a conventional fit and of other values, and with the band in which the
     draws' simulations run: times (s), lower and upper radius (m)."""
-    radius, *residual = curve_panels(curve, checks, simulated_as)
+    units, (radius, *residual) = _Units.of(curve), curve_panels(curve, checks, simulated_as)
     below, lines, differences = list[Layer](), list[Layer](), list[Layer]()
     if band:
-        (origin, per_second, _), (per_metre, _) = _clock(curve), _scale(curve)
-        ends = per_metre * np.column_stack(band[1:])
-        below.append(Layer("area", "draws", per_second * (band[0] - origin), ends, "90 % of the draws", share=0.2))
+        ends = units.points(band[0], np.column_stack(band[1:]))
+        below.append(Layer("area", "draws", *ends, "90 % of the draws", share=0.2))
     for look, name, simulation in (("fit", "least squares", fit), ("what-if", "sliders", what_if)):
         if simulation and simulation.reconstruction_time is not None:
-            line, difference = _simulation(curve, simulation, look, name)
+            line, difference = _simulation(units, simulation, look, name)
             lines.append(line)
             differences.append(replace(difference, shape="line", look=look))
     radius_ends = [0.0, *(1.05 * layer.y.max() for layer in (*below, *lines))]
@@ -209,8 +201,7 @@ def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
     """The panel of a curve before it is answered: which frames are compared (those of `window`), which stand out, and
     which have no radius. Raises InputError: the curve has no R_max."""
     (panel,) = curve_panels(curve, Checks("unverified", compared_time=window.time))
-    origin, per_second, _ = _clock(curve)
-    time, radius = (curve.time - origin) * per_second, curve.radius * _scale(curve)[0]
+    time, radius = _Units.of(curve).points(curve.time, curve.radius)
     within = (time >= panel.x.low) & (time <= panel.x.high)
     outliers = np.isin(np.arange(len(time)), curve.spikes()) & within
     missing = np.isnan(radius) & within
@@ -221,20 +212,30 @@ def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
     return [replace(panel, layers=(*panel.layers, *(layer for layer in layers if len(layer.x))))]
 
 
-def _clock(curve: RadiusCurve) -> tuple[float, float, str]:
-    """Origin (s), units per second, and name of the axis of time."""
-    if curve.time_unscaled:
-        return 0.0, 1.0, "time (no scale)"
-    with suppress(InputError):  # no maximum
-        return curve.time_of_max, 1e6, f"time after {RMAX} (µs)"
-    return 0.0, 1e6, "time of the recording (µs)"
+class _Units(NamedTuple):
+    """How the axes of a curve count: names of both, origin (s), units per second and per metre."""
 
+    time: str
+    radius: str
+    origin: float
+    per_second: float
+    per_metre: float
 
-def _scale(curve: RadiusCurve) -> tuple[float, str]:
-    """Units per metre, and name of the axis of radius."""
-    if curve.unscaled:
-        return 1.0 / float(np.nanmax(curve.radius, initial=1e-300)), "R / largest R"
-    return 1e6, "R (µm)"
+    @classmethod
+    def of(cls, curve: RadiusCurve) -> _Units:
+        """µs after R_max and µm, as far as the scales of the curve are known."""
+        radius, per_metre = "R (µm)", 1e6
+        if curve.unscaled:
+            radius, per_metre = "R / largest R", 1.0 / float(np.nanmax(curve.radius, initial=1e-300))
+        if curve.time_unscaled:
+            return cls("time (no scale)", radius, 0.0, 1.0, per_metre)
+        with suppress(InputError):  # no maximum
+            return cls(f"time after {RMAX} (µs)", radius, curve.time_of_max, 1e6, per_metre)
+        return cls("time of the recording (µs)", radius, 0.0, 1e6, per_metre)
+
+    def points(self, time: Floats, radius: Floats) -> tuple[Floats, Floats]:
+        """Along both axes, of seconds and metres."""
+        return (time - self.origin) * self.per_second, radius * self.per_metre
 
 
 def _view(time: Floats, window: Floats) -> tuple[float, float]:

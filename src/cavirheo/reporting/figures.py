@@ -96,23 +96,18 @@ def write(
     stems = names([row.name for row in rows], [group.name for group in document.groups])
     for stem, (name, draw) in zip(stems, drawings, strict=True):
         with drawing(f"figure of {name}", failed):
-            if (figure := draw()) is not None:
-                _save(folder, stem, figure, figures)
+            figure = draw()
+            for kind in figures if figure else ():
+                folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
         if advance:
             advance()
     return failed
 
 
-def _save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str]) -> None:
-    """As a file of each kind."""
-    for kind in kinds:
-        folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
-
-
 def curve_figure(panels: Sequence[Panel]) -> Figure:
     """A column: the measured points, the simulation over them, and below what is left between."""
     height = 68.0
-    figure = _figure((_WIDTH, height))
+    figure = style.new_figure(height / _MM, _WIDTH / _MM)
     left, bottom, across = 6.4 * _EM, 3.6 * _EM, _WIDTH - 7.1 * _EM
     radius, *residual = panels
     lower = 0.18 * height * len(residual)
@@ -127,7 +122,7 @@ def curve_figure(panels: Sequence[Panel]) -> Figure:
 def group_figure(panels: Sequence[Panel]) -> Figure:
     """A page: all shots over each other, and their answers with the material; rings do not count."""
     height = 62.0
-    figure = _figure((_PAGE, height))
+    figure = style.new_figure(height / _MM, _PAGE / _MM)
     bottom, tall = 3.9 * _EM, height - 7.4 * _EM  # two lines of the key above
     half = (_PAGE - 12.0 * _EM) / 2.0
     shots, answers, *_ = panels
@@ -138,13 +133,6 @@ def group_figure(panels: Sequence[Panel]) -> Figure:
         _legend(right, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
     for axes, letter in ((left, "a"), (right, "b")):
         axes.set_title(letter, loc="left", fontsize=_LARGE, fontweight="bold")
-    return figure
-
-
-def _figure(size: tuple[float, float]) -> Figure:
-    """Width and height in mm."""
-    figure = style.new_figure(1.0)
-    figure.set_size_inches(size[0] / _MM, size[1] / _MM)
     return figure
 
 

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,10 +59,8 @@ def write(
         articles.append(article(record, *unit, picture, **options) + part("frames", sheet))
     page = template("report.html").render(
         result=result,
-        style=style(),
         unit=unit,
         group_pictures=group_pictures,
-        script=_resource("report.js") if len(curves) > FOLDED else "",
         articles=articles,
         pictured=bool(pictures),
         shared=shared,
@@ -106,12 +103,7 @@ def _text(origin: Mapping[str, Any]) -> Markup:
 
 def style() -> str:
     """How tables, articles, verdicts and pictures look."""
-    badges = "".join(f".badge.{verdict} {{ background: {look.colour}; }}\n" for verdict, look in digits.LOOKS.items())
-    return _resource("report.css") + badges + _resource("picture.css")
-
-
-def _resource(name: str) -> str:
-    return files("cavirheo.reporting").joinpath(name).read_text(encoding="utf-8")
+    return template("report.css").render()
 
 
 def article(
@@ -174,7 +166,6 @@ def live_page(
         percent=100.0 * half_width,
         unit=result.modulus_unit,
         picture=picture,
-        style=_resource("picture.css"),
         shots=len(result.curves),
         trusted=sum(row.trusted for row in result.curves),
         failed=sum(not row.has_answer for row in result.curves),

@@ -124,14 +124,16 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
     """The record of all curves and of their groups (the files they came from), in the order given. The answers are read
     group by group."""
     pairs = CurveAnswers.of(pairs)
-    curves, answers = pairs.curves, pairs.answers
+    curves, answers, title = pairs.curves, pairs.answers, _title(pairs.curves)
+    material = kept_material_of if len(curves) <= CACHED else material_of
     rows: dict[int, CurveRecord] = {}
     materials: list[Population | None] = []
     for indices in _members(curves).values():
-        of_group = [answers[i] for i in indices]
+        of_group = tuple(answers[i] for i in indices)
         shots = [curve_record(curves[i], answer) for i, answer in zip(indices, of_group, strict=True)]
         rows |= zip(indices, shots, strict=True)
-        materials.append(_material(shots, of_group, _title(curves), keep=len(curves) <= CACHED))
+        along = tuple(shot.column.get(title, np.nan) for shot in shots) if title else None
+        materials.append(material(of_group, tuple(shot.name for shot in shots), along))
     return result_of([rows[i] for i in range(len(rows))], command, materials, date=date, notes=notes)
 
 
@@ -153,16 +155,9 @@ def result_of(
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
     differing = differences(dict(zip(names, materials, strict=True)))
-    head: Any = {"command": command, "date": date, "notes": list(notes)}
-    return Result(**head, curves=list(rows), groups=groups, differences=differing)
-
-
-def _material(
-    shots: Sequence[CurveRecord], answers: Sequence[Posterior], column: str, *, keep: bool = True
-) -> Population | None:
-    """Of a group, with its slope along the column where there is one. keep: hold it in memory for the next call."""
-    along = tuple(shot.column.get(column, np.nan) for shot in shots) if column else None
-    return (kept_material_of if keep else material_of)(tuple(answers), tuple(shot.name for shot in shots), along)
+    return Result(
+        command=command, date=date, notes=list(notes), curves=list(rows), groups=groups, differences=differing
+    )
 
 
 def _title(curves: Iterable[CurveRecord | RadiusCurve]) -> str:
