@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import BeforeValidator, PlainSerializer
 from pydantic_core import to_jsonable_python
 
-from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
@@ -76,7 +75,14 @@ StoredMedium = Annotated[Medium, BeforeValidator(_medium), PlainSerializer(_plai
 
 
 class Answer(ParameterValues[Quantity]):
-    """What the row of a curve and the answer of another model have in common."""
+    """What the row of a curve and the answer of another model have in common.
+
+    Attributes:
+        material: the law.
+        bubble: what is assumed of it: its numbers, or "free".
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        stretch: R_max/R_0, inferred or given.
+    """
 
     if TYPE_CHECKING:
         material: str
@@ -102,15 +108,8 @@ class OtherModel(Record, Answer):
     """What another model answers for the same frames; one of the answer's own material and bubble is another mode.
 
     Attributes:
-        material: the law.
-        bubble: what is assumed of it: its numbers, or "free".
         log_evidence: natural logarithm of p(frames | model), to be compared with that of the answer.
         evidence_error: its standard error; null where it has none.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s; null where it is not one number.
-        stretch: R_max/R_0.
-        other_parameters: all others by natural name, SI, as in a row.
         weight: share of it in the answer, where that is an average over both models.
     """
 
@@ -149,18 +148,12 @@ class CurveRecord(Record, Answer):
         max_radius_m: R_max, m.
         time_of_max_s: time of R_max on the clock of the file, s.
         strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
-        stretch: R_max/R_0, inferred or given.
-        material: the law.
-        bubble: what is assumed of it: its numbers, or "free".
         medium: the constants of what surrounds it, SI; null in a document of an older version.
         method: how the answer was found: "bdt", "amortised", "verified", "laplace" or "least_squares".
-        shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s; null of a law whose viscosity is not one number.
         other_parameters: what was inferred besides G, mu and the stretch, or given of the bubble, by natural name,
             SI; of a law whose viscosity is not one number also that at a shear rate of 1e5 1/s.
         best: values, SI, of the simulation that is drawn and compared: the law's parameters, the stretch, and what the
             bubble, the clock, the radius scale and R_max were taken to be; no medians.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         mae_over_rmax: mean absolute difference, over R_max.
         max_difference_over_rmax: largest absolute difference, over R_max.
         window: the frames that were compared.
@@ -259,12 +252,6 @@ class CurveRecord(Record, Answer):
     def remarks(self) -> list[Sentence]:
         """The messages without such warnings, which are said before all others."""
         return [message for message in self.messages if message not in self.warnings]
-
-    def logs(self, names: Sequence[str]) -> Floats:
-        """(l, 3) log10 of q05, median and q95 of these parameters, SI; NaN where it has none."""
-        values = [self.value(name) for name in names]
-        ends = np.array([[value.q05, value.median, value.q95] for value in values], dtype=float)
-        return np.log10(np.where(ends > 0, ends, np.nan))
 
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:

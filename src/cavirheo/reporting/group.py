@@ -128,9 +128,6 @@ class GroupRecord(Record, ParameterValues[Spread]):
         n: shots that were answered.
         n_trusted: those with a verdict that counts (ok, undetermined, other_model_preferred).
         n_failed: shots without an answer.
-        shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s.
-        other_parameters: all others by natural name, SI.
         verdicts: how many curves have each.
         models: how many answers have each, by "law, bubble".
         preferred: how many shots there are whose evidence prefers each other model to that of the answer, by "law,
@@ -193,20 +190,16 @@ class GroupRecord(Record, ParameterValues[Spread]):
     def remarks(self) -> list[str]:
         """On the models that are mixed, on the slopes of the answers, on the scale that G rests on, and on what each
         other model answers."""
-        models = ", ".join(f"{count} {model}" for model, count in self.models.items())
-        mixed = [f"the means are over answers of different models: {models}"] if len(self.models) > 1 else []
-        alternatives = [model.words for model in self.other_models]
-        first = [self.warning] if self.warning and not self.headline else []
-        return first + mixed + ([in_words(self.slopes)] if self.slopes else []) + self._scale + alternatives
-
-    @property
-    def _scale(self) -> list[str]:
-        """How far G rests on what nobody infers."""
-        slope = self.modulus_over_scale
-        if slope is None or abs(slope) < SENSITIVE:
-            return []
-        by_radius, by_density = f"{slope:+.0f} %", f"{slope / 2.0:+.0f} %"
-        return [f"1 % more in R_max or in the frame rate would change G by {by_radius}, in the density by {by_density}"]
+        lines = [self.warning] if self.warning and not self.material else []
+        if len(self.models) > 1:
+            models = ", ".join(f"{count} {model}" for model, count in self.models.items())
+            lines.append(f"the means are over answers of different models: {models}")
+        if self.slopes:
+            lines.append(in_words(self.slopes))
+        if abs(slope := self.modulus_over_scale or 0.0) >= SENSITIVE:
+            more = "1 % more in R_max or in the frame rate would change"
+            lines.append(f"{more} G by {slope:+.0f} %, in the density by {slope / 2.0:+.0f} %")
+        return lines + [model.words for model in self.other_models]
 
     @property
     def lines(self) -> list[str]:
@@ -290,17 +283,22 @@ def slope(radius: Sequence[float | None], values: Sequence[float | None], truste
     return Slope(median=median, q05=low, q95=high, n=len(pairs), n_trusted=min(trusted, len(pairs)))
 
 
-def slopes(members: Sequence[CurveRecord]) -> dict[str, Slope]:
-    """Of the answers of a group, by the name of what should be a constant."""
-    sloped = _sloped(members)
-    return _slopes(sloped, sloped)
-
-
-def _sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
-    """The trusted; where these are too few, also those that the model does not fit."""
+def sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
+    """The trusted; where these are too few for a slope, also those that the model does not fit."""
     trusted = [record for record in members if record.trusted]
     followed = [record for record in members if record.trusted or record.verdict == "model_does_not_fit"]
     return trusted if len(trusted) >= FEWEST else followed
+
+
+def slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str, Slope]:
+    """Of one answer for each of these shots, by the name of what should be a constant."""
+    radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
+    for name in CONSTANTS:
+        values = [answer.value(name).determined for answer in answers]
+        trusted = sum(shot.trusted and value is not None for shot, value in zip(shots, values, strict=True))
+        if power := slope(radii, values, trusted):
+            slopes[name] = power
+    return slopes
 
 
 def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
@@ -318,17 +316,6 @@ def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
     return float(np.median(slopes)), float(slopes[low]), float(slopes[high])
 
 
-def _slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str, Slope]:
-    """By the name of what should be a constant."""
-    radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
-    for name in CONSTANTS:
-        values = [answer.value(name).determined for answer in answers]
-        trusted = sum(power.trusted and value is not None for power, value in zip(shots, values, strict=True))
-        if power := slope(radii, values, trusted):
-            slopes[name] = power
-    return slopes
-
-
 def in_words(slopes: dict[str, Slope]) -> str:
     """One line: what rises or falls with R_max, and what does not."""
     clauses = [over_size(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
@@ -341,7 +328,7 @@ def in_words(slopes: dict[str, Slope]) -> str:
 def group_of(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
     """The material, the mean of each parameter over the trusted curves that determine it, their slopes, and how many
     have which verdict."""
-    trusted = [record for record in members if record.trusted]
+    trusted, followed = [record for record in members if record.trusted], sloped(members)
     n = sum(record.has_answer for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
     firm = [record.diagnostics for record in trusted if record.determined("shear_modulus") is not None]
@@ -355,18 +342,18 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
         preferred=dict(Counter(shot.in_words for record in members if (shot := record.preferred))),
-        slopes=slopes(members),
-        other_models=_other_models(trusted, _sloped(members)),
+        slopes=slopes(followed, followed),
+        other_models=_other_models(trusted, followed),
         population=population,
         modulus_over_scale=float(np.median(slopes_of_scale)) if slopes_of_scale else None,
     )
 
 
-def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list[GroupModel]:
+def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> list[GroupModel]:
     """Of each model that a trusted shot has besides its answer, of each shot the mode with the largest evidence; the
-    slopes are over `sloped`."""
+    slopes are over those that are followed."""
     alternatives = [(record, _by_model(record.other_models)) for record in trusted]
-    of_sloped = [_by_model(record.other_models) for record in sloped]
+    of_followed = [_by_model(record.other_models) for record in followed]
     first_answers = _by_model(answer for _, models in alternatives for answer in models.values())
     summaries = []
     for model, first in first_answers.items():
@@ -376,7 +363,7 @@ def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list
         answers = [answer for _, answer in pairs]
         logs = [(answer.log_evidence, record.evidence) for record, answer in pairs]
         gains = [log - evidence.log for log, evidence in logs if log is not None and evidence is not None]
-        complete = all(model in models for models in of_sloped)
+        complete = all(model in models for models in of_followed)
         summaries.append(
             GroupModel(
                 material=first.material,
@@ -386,7 +373,7 @@ def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list
                 viscosity_Pa_s=spread_of([answer.viscosity.determined for answer in answers]),
                 log_evidence=float(np.sum(gains)) if gains else None,
                 weight=float(np.mean([answer.weight for answer in answers])),
-                slopes=_slopes(sloped, [models[model] for models in of_sloped]) if complete else {},
+                slopes=slopes(followed, [models[model] for models in of_followed]) if complete else {},
             )
         )
     return summaries

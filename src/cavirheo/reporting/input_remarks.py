@@ -29,12 +29,12 @@ WIDE = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has l
 
 def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
     """R_max, frame rate, frames with a radius, time that was recorded, collapses."""
-    rate, top, collapses = curve.frame_rate, digits.MISSING, digits.MISSING
+    top, collapses = digits.MISSING, digits.MISSING
     with suppress(InputError):
         top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
     frames = f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}"
     recorded = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
-    return top, digits.significant(rate / 1000) if rate else digits.MISSING, frames, recorded, collapses
+    return top, digits.number(curve.frame_rate, 1e-3), frames, recorded, collapses
 
 
 def warnings(curves: Sequence[RadiusCurve]) -> list[tuple[str, str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
@@ -27,7 +27,13 @@ Value = TypeVar("Value", Quantity, Spread)
 
 
 class ParameterValues(Generic[Value]):
-    """What has parameters: those of `_keys` in fields of their own, all others by natural name."""
+    """What has parameters: those of `_keys` in fields of their own, all others by natural name.
+
+    Attributes:
+        shear_modulus_Pa: G, Pa.
+        viscosity_Pa_s: mu, Pa s; null where it is not one number.
+        other_parameters: all others by natural name, SI.
+    """
 
     if TYPE_CHECKING:
         shear_modulus_Pa: Value
@@ -55,6 +61,12 @@ class ParameterValues(Generic[Value]):
         return self.viscosity_Pa_s if self.viscosity_Pa_s != none else self.value(AT_RATE)
 
 
+def log_ends(values: Iterable[Quantity]) -> Floats:
+    """(n, 3) log10 of q05, median and q95, SI; NaN where there is none."""
+    ends = np.array([[value.q05, value.median, value.q95] for value in values], dtype=float)
+    return np.log10(np.where(ends > 0, ends, np.nan))
+
+
 class PopulationRecord(Record, ParameterValues[Quantity]):
     """The material behind n shots.
 
@@ -63,9 +75,6 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         remarks: what is to be known besides.
         model: law and model of the bubble, "nhkv, kinetic".
         n: shots that count.
-        shear_modulus_Pa: G of the material, Pa.
-        viscosity_Pa_s: mu of the material, Pa s.
-        other_parameters: its other parameters by natural name, SI.
         spread_decades: standard deviation of the shots about the material, in log10: root of the mean square over
             the law's parameters.
         spreads_decades: that of each parameter, by natural name.
@@ -119,8 +128,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         intervals alone, and the covariance (l, l) of its shots about it, at the medians."""
         from cavirheo.inference.design import variance
 
-        centre = [self.value(name) for name in names]
-        ends = np.log10(np.array([[value.q05, value.median, value.q95] for value in centre], dtype=float))
+        ends = log_ends(map(self.value, names))
         spread = np.array([self.spreads_decades[name].median for name in names], dtype=float)
         both = {frozenset(pair.split(", ")): value.median or 0.0 for pair, value in self.correlation.items()}
         rho = [[1.0 if a == b else both.get(frozenset((a, b)), 0.0) for b in names] for a in names]
@@ -132,7 +140,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         from cavirheo.inference.design import shared, shots_wanted, variance
 
         names = [name for name in KEYS if self.value(name).determined is not None]
-        logs = [row.logs(names) for row in shots if row.trusted]
+        logs = [log_ends(map(row.value, names)) for row in shots if row.trusted]
         if not (names and (logs := [intervals for intervals in logs if np.all(np.isfinite(intervals))])):
             return None
         _, covariance, scatter = self.log_moments(names)
