@@ -12,6 +12,7 @@ from cavirheo.reporting.answer import CurveRecord, Unit, evidence, in_unit, para
 from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.input_remarks import causes, next_step
+from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, export, terminal
 from cavirheo.writing.document import spread_of, write_rows
@@ -55,7 +56,7 @@ def print_table(
     terminal.add_rows(table, rows)
     for group in result.groups:
         if group.headline:
-            console.print(Text(f"{group.name}: {group.headline}", "bold"), soft_wrap=False)
+            console.print(f"{group.name}: {group.headline}", style="bold")
     table.add_section()
     blank = [""] * bool(mixed)
     terminal.add_rows(table, [(row.name, [*blank, *_group_cells(row, factor)], "bold") for row in result.groups])
@@ -199,10 +200,9 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
 
 def parameters_table(result: Result) -> Table | None:
     """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
-    of_law = parameters_of(result.curves)
-    names = [name for name in result.parameters if name in of_law or not of_the_law(name)]
-    names = [name for name in names if name not in (*CAMERA, AT_RATE)]
-    if not names:
+    of_laws, left_out = parameters_of(result.curves), (*CAMERA, AT_RATE)
+    names = [name for name in result.parameters if name in of_laws or not of_the_law(name)]
+    if not (names := [name for name in names if name not in left_out]):
         return None
     table = terminal.table("curve", ["\n".join(filter(None, digits.described(name))) for name in names])
     having = [record for record in result.curves if any(name in record.other_parameters for name in names)]
@@ -212,16 +212,15 @@ def parameters_table(result: Result) -> Table | None:
     return table
 
 
-def _windowed(record: CurveRecord) -> list[str]:
-    """The parameters by window: G and the viscosity, or what the law has instead."""
-    names = [name for name in parameters_of([record]) if name != AT_RATE]
-    return [name for name in names if name in ("shear_modulus", "viscosity")] or names
+def _windowed(records: Iterable[CurveRecord]) -> list[str]:
+    """The parameters by window: G and the viscosity, or what a law has instead."""
+    of_laws = [[name for name in parameters_of([record]) if name != AT_RATE] for record in records]
+    return list(dict.fromkeys(chain(*([name for name in names if name in KEYS] or names for names in of_laws))))
 
 
-def window_title(records: Sequence[CurveRecord], unit: Unit) -> str:
+def window_title(records: Iterable[CurveRecord], unit: Unit) -> str:
     """'G (kPa), µ (Pa s)'."""
-    names = dict.fromkeys(name for record in records for name in _windowed(record))
-    parts = [in_unit(name, unit) for name in names]
+    parts = [in_unit(name, unit) for name in _windowed(records)]
     return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts)
 
 
@@ -231,7 +230,7 @@ def window_cells(record: CurveRecord, unit: Unit) -> dict[str, str]:
     windows = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
     texts = dict.fromkeys(_WINDOWS.values() if windows else (), digits.MISSING)
     for key, window in windows.items():
-        values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed(record)]
+        values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed([record])]
         numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
         texts[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
     return texts
@@ -240,11 +239,10 @@ def window_cells(record: CurveRecord, unit: Unit) -> dict[str, str]:
 def _mean_cells(records: list[CurveRecord], unit: Unit) -> Iterator[str]:
     """Mean ± standard deviation over the trusted curves that have the window, and how many they are."""
     trusted = [record for record in records if record.trusted and record.method in FITS]
-    names = dict.fromkeys(name for record in trusted for name in _windowed(record))
     for key in _WINDOWS:
         having = [record.windows[key].best for record in trusted if key in record.windows]
-        means = [digits.spread(spread_of([b.get(name) for b in having]), in_unit(name, unit)[1]) for name in names]
-        texts = [text for text in means if text != digits.MISSING]
+        means = {name: spread_of([best.get(name) for best in having]) for name in _windowed(trusted)}
+        texts = [digits.spread(mean, in_unit(name, unit)[1]) for name, mean in means.items() if mean.mean is not None]
         yield f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING
 
 
@@ -258,9 +256,8 @@ def windows_table(result: Result) -> Table | None:
     for group, members in result.members():
         if len(members) > 1:
             rows.append((group.name, list(_mean_cells([result.curves[i] for i in members], unit)), "bold"))
-    heads = [*_WINDOWS.values()]
-    values = window_title([record for record, _ in fitted], unit)
-    title = f"{values} by the window that is fitted; *: a parameter at its bound"
+    heads = list(_WINDOWS.values())
+    title = f"{window_title((record for record, _ in fitted), unit)} by the window that is fitted; *: a parameter at its bound"
     table = terminal.table("curve", heads, left=heads, title=title)
     terminal.add_rows(table, rows)
     return table
