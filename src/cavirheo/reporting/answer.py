@@ -304,8 +304,7 @@ def _word(name: str, value: float) -> str:
     """'G = 5.412 kPa'; nothing of a clock, a scale or an R_max that is as measured."""
     if value == _AS_MEASURED.get(name):
         return ""
-    symbol, unit = digits.described(name)
-    factor, unit = (1e6, "µs") if unit == "s" and name in CAMERA else digits.unit_for(unit, value)
+    symbol, factor, unit = in_unit(name, digits.modulus_unit([value]))
     return f"{symbol} = {digits.significant(factor * value, 4)}{' ' * bool(unit)}{unit}"
 
 
@@ -358,10 +357,10 @@ def parameter_key(names: Iterable[str]) -> list[str]:
     return [f"{symbol} ({meaning})" for symbol, (_, meaning) in meanings.items()] + end
 
 
-def in_unit(name: str, unit: Unit) -> tuple[str, float, str]:
-    """Symbol of a parameter, factor from SI and the unit in which it is written; `unit`: that of moduli."""
+def in_unit(name: str, unit: Unit = (1.0, "Pa")) -> tuple[str, float, str]:
+    """Symbol of a parameter, factor from SI and the unit in which people read it; `unit`: that of moduli."""
     symbol, written = digits.described(name)
-    return symbol, *(unit if written == "Pa" else (1.0, written))
+    return symbol, *{"Pa": unit, "s": (1e6, "µs")}.get(written, (1.0, written))
 
 
 def evidence(model: OtherModel) -> float:

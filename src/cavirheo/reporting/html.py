@@ -20,7 +20,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import svg
-from cavirheo.reporting.answer import CurveRecord, meaning_of, parameter_key
+from cavirheo.reporting.answer import CurveRecord, in_unit, meaning_of, parameter_key
 from cavirheo.reporting.curve_panels import answer_panels
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
@@ -172,12 +172,6 @@ def live_page(
     )
 
 
-def _parameter_words(name: str) -> tuple[str, float, str]:
-    """A parameter's name in words, and factor and name of its unit."""
-    _, unit = digits.described(name)
-    return name.replace("_", " "), *((1e6, "µs") if unit == "s" else (1.0, unit))
-
-
 def _printable(value: Any) -> Any:
     """Without control characters, and as safe as it was."""
     return type(value)(digits.printable(value)) if isinstance(value, str) else value
@@ -195,5 +189,5 @@ def _templates(package: str) -> Environment:
         finalize=_printable,
     )
     environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
-    environment.globals.update(named_parameter=_parameter_words, meaning_of=meaning_of, parameter_key=parameter_key)
+    environment.globals.update(in_unit=in_unit, meaning_of=meaning_of, parameter_key=parameter_key)
     return environment

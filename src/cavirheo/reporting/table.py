@@ -204,11 +204,14 @@ def parameters_table(result: Result) -> Table | None:
     names = [name for name in result.parameters if name in of_laws or not of_the_law(name)]
     if not (names := [name for name in names if name not in left_out]):
         return None
-    table = terminal.table("curve", ["\n".join(filter(None, digits.described(name))) for name in names])
-    having = [record for record in result.curves if any(name in record.other_parameters for name in names)]
-    terminal.add_rows(
-        table, [(record.name, [digits.quantity(record.value(name)) for name in names], "") for record in having]
-    )
+    symbols, factors, units = zip(*map(in_unit, names), strict=True)
+    table = terminal.table("curve", [f"{symbol}\n{unit}".strip() for symbol, unit in zip(symbols, units, strict=True)])
+    rows = []
+    for record in result.curves:
+        if any(name in record.other_parameters for name in names):
+            values = zip(map(record.value, names), factors, strict=True)
+            rows.append((record.name, [digits.quantity(value, factor) for value, factor in values], ""))
+    terminal.add_rows(table, rows)
     return table
 
 
