@@ -15,7 +15,7 @@ from pydantic_core import to_jsonable_python
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
-from cavirheo.parameters import AT_RATE, BUBBLE, CAMERA, RATE, of_the_law, parameter_of, searched_bound
+from cavirheo.parameters import AT_RATE, BUBBLE, RATE, of_the_law, parameter_of, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import (

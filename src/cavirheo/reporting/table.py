@@ -136,8 +136,8 @@ def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
     """The answer, then those of the others by evidence: model, G, µ, λ, RMSE and log evidence above the answer's."""
     rows, answer = [], record.as_model
     for model in (answer, *sorted(record.other_models, key=evidence, reverse=True)):
-        comparable = None not in (model.log_evidence, answer.log_evidence)
-        above = f"{(model.log_evidence or 0.0) - (answer.log_evidence or 0.0):+.1f}" if comparable else digits.MISSING
+        logs = [log for log in (model.log_evidence, answer.log_evidence) if log is not None]
+        above = f"{logs[0] - logs[1]:+.1f}" if len(logs) == 2 else digits.MISSING
         values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
         texts = [digits.quantity(value, scale) for value, scale in values]
         rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), above if model is not answer else "0"])
@@ -260,7 +260,8 @@ def windows_table(result: Result) -> Table | None:
         if len(members) > 1:
             rows.append((group.name, list(_mean_cells([result.curves[i] for i in members], unit)), "bold"))
     heads = list(_WINDOWS.values())
-    title = f"{window_title((record for record, _ in fitted), unit)} by the window that is fitted; *: a parameter at its bound"
+    values = window_title((record for record, _ in fitted), unit)
+    title = f"{values} by the window that is fitted; *: a parameter at its bound"
     table = terminal.table("curve", heads, left=heads, title=title)
     terminal.add_rows(table, rows)
     return table
