@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
@@ -25,11 +26,12 @@ def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Seque
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
     drawings: list[str] = []
     if figures:
-        from cavirheo.reporting.figures import check_figures, files
+        from cavirheo.reporting.figures import check_figures, stems_of
 
         check_figures(figures)
         groups = dict.fromkeys((curve.group, curve.group_source) for curve in curves)
-        drawings = files(figures, [curve.name for curve in curves], [group for group, _ in groups])
+        stems = stems_of((curve.name for curve in curves), (group for group, _ in groups))
+        drawings = [f"{stem}.{kind}" for stem in stems for kind in figures]
     return Outputs(directory, *DOCUMENTS, *drawings, inputs=[curve.source for curve in curves if curve.source])
 
 
@@ -78,7 +80,8 @@ def write_report(
     pairs, date = CurveAnswers.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figures = figures if complete else ()
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
-    with claim.held(claim.Claim(command, {"command": command, "curves": sources}, replace)):
+    own = claim.Claim(command, {"command": command, "curves": sources}, replace)
+    with nullcontext() if claim.current() else claim.claimed(own):  # a command has its claim
         folder = outputs(directory, pairs.curves, figures)
         document = result(pairs, command, date=date, notes=notes)
         document.add_published(published or {}, references)

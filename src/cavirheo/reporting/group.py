@@ -202,11 +202,6 @@ class GroupRecord(Record, ParameterValues[Spread]):
         return lines + [model.words for model in self.other_models]
 
     @property
-    def lines(self) -> list[str]:
-        """All that is said of it after the numbers."""
-        return [*self.remarks, *(self.population.below if self.population else [])]
-
-    @property
     def material(self) -> PopulationRecord | None:
         """The material behind the shots, if there is one."""
         return self.population if self.population and self.population.has_material else None

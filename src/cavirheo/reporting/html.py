@@ -52,11 +52,12 @@ def write(
     """
     curves, unit = result.curves, result.modulus_unit
     shared, brief = _shared(curves), len(curves) > DETAILED
-    articles = []
-    for k, record in enumerate(curves):
-        picture, sheet = pictures[k] if pictures else "", sheets[k] if sheets else ""
-        options: Any = {"shared": frozenset(shared), "brief": brief, "number": k}
-        articles.append(article(record, *unit, picture, **options) + part("frames", sheet))
+    options: Any = {"shared": frozenset(shared), "brief": brief}
+    rows = zip(curves, pictures or [""] * len(curves), sheets or [""] * len(curves), strict=True)
+    articles = [
+        article(record, *unit, picture, number=number, **options) + part("frames", sheet)
+        for number, (record, picture, sheet) in enumerate(rows)
+    ]
     page = template("report.html").render(
         result=result,
         unit=unit,

@@ -75,20 +75,16 @@ def unexplained(records: Sequence[CurveRecord]) -> int:
     return unlike + sum(bound in _NO_STIFFNESS for bound in undetermined)
 
 
-def at_fault(record: CurveRecord) -> bool:
-    """Whether the recording itself may be why no simulation follows: frames that do not count, or its clock, scale or
-    R_max at the end of what is expected."""
-    how = record.diagnostics
-    return bool(how.frames_left_out) or any(name in CAMERA for name in how.at_bound)
-
-
 def next_step(document: Result, analysis: Analysis, out: Path) -> str:
     """The command that helps where most answers ask for another law or bubble, or the recording to look at before;
     "" where none does."""
     if analysis.method == "bdt" or analysis.verify == "none":
         return ""
     unlike = [record for record in document.curves if record.verdict == "model_does_not_fit"]
-    if len(unlike) > len(document.curves) / 2 and all(map(at_fault, unlike)):
+    causes = [record.diagnostics for record in unlike]
+    if len(unlike) > len(document.curves) / 2 and all(
+        how.frames_left_out or {*CAMERA} & {*how.at_bound} for how in causes
+    ):
         names = ", ".join(record.name for record in unlike[:3]) + f" and {len(unlike) - 3} more" * (len(unlike) > 3)
         look = "µm per pixel, frame rate, the frames at R_max and those that stand out"
         return f"next: look at the recording ({look}) before another model is tried: {names}"

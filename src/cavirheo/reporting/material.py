@@ -240,7 +240,7 @@ def population_record(population: Population | None, column: str = "") -> Popula
     if population.slope is not None:
         slopes = each(population.trend)
         fields |= {"column": column, "column_at": population.along_at, "slopes_decades": slopes}
-        fields["remarks"] = [*_trends(column, population.along_at or 0.0, slopes), *population.remarks]
+        fields["remarks"] = [_trends(column, population.along_at or 0.0, slopes), *population.remarks]
     return PopulationRecord(
         **fields,
         **PopulationRecord.fields_of({name: population.quantity(name) for name in population.names}),
@@ -254,26 +254,21 @@ def population_record(population: Population | None, column: str = "") -> Popula
     )
 
 
-def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]:
-    """'with concentration G rises by 0.20 [0.15, 0.25] decades per unit (a factor of 1.6); ...'."""
+def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
+    """'with concentration: G rises: 0.20 [0.15, 0.25] decades per unit, a factor of 1.6; ...'."""
     from cavirheo.io.option_tables import LOG_SIZE
 
+    changes = [(digits.described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
     if column == LOG_SIZE:
-        return [_over_size(at, slopes)]
-    clauses = []
-    for name, slope in slopes.items():
-        factor = digits.significant(10.0 ** min(abs(slope.median or 0.0), 99.0), 2)
-        times = f", a factor of {factor}" * bool(slope.sign)
-        change = f"{digits.described(name)[0]} {_WAYS[slope.sign]}: {digits.quantity(slope)} decades per unit"
-        clauses.append(change + times)
-    return [f"with {column}: {'; '.join(clauses)}; the material is that at {column} = {digits.significant(at)}"]
-
-
-def _over_size(at: float, slopes: Mapping[str, Quantity]) -> str:
-    """'the material over R_max: G rises as R_max^0.30 [0.10, 0.50]; ...'."""
-    clauses = [over_size(digits.described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
-    size = digits.micrometres(1e-6 * 10.0**at)
-    return f"the material over R_max: {'; '.join(clauses)}; its values are those at R_max = {size} µm"
+        size = digits.micrometres(1e-6 * 10.0**at)
+        clauses = "; ".join(over_size(*change) for change in changes)
+        return f"the material over R_max: {clauses}; its values are those at R_max = {size} µm"
+    clauses = "; ".join(
+        f"{symbol} {_WAYS[slope.sign]}: {words} decades per unit"
+        + f", a factor of {digits.significant(10.0 ** min(abs(slope.median or 0.0), 99.0), 2)}" * bool(slope.sign)
+        for symbol, slope, words in changes
+    )
+    return f"with {column}: {clauses}; the material is that at {column} = {digits.significant(at)}"
 
 
 def over_size(symbol: str, power: Quantity, words: str) -> str:

@@ -48,8 +48,6 @@ class CurveAnswers(Pairs):
         return len(self.curves)
 
     def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, slice):
-            return [self[i] for i in range(len(self))[index]]
         return self.curves[index], self.answers[index]
 
 

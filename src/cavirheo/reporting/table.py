@@ -74,7 +74,10 @@ def print_table(
     if (windows := windows_table(result)) is not None:
         console.print(windows)
     terminal.print_warnings(console, warnings(result.curves))
-    remarks = [(group.name, line) for group in result.groups for line in group.lines]
+    remarks = []
+    for group in result.groups:
+        lines = [*group.remarks, *(group.population.below if group.population else [])]
+        remarks += [(group.name, line) for line in lines]
     notes = [note for note in result.notes if note not in notes_shown]
     _print_most(console, remarks, MOST)
     terminal.print_remarks(console, {}, [*(row.words for row in result.differences), *notes])
@@ -93,27 +96,21 @@ def _print_most(console: Console, remarks: Sequence[tuple[str, str]], most: int)
         terminal.print_remarks(console, {}, [f"{digits.counted(more, 'more remark')} in the report"])
 
 
-def _line(record: CurveRecord) -> str:
-    """'gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
-    if not record.has_answer:
-        return f"{record.name}: {record.message}"
-    factor, unit = digits.modulus_unit([record.shear_modulus_Pa.median])
-    size = f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %"
+def print_line(record: CurveRecord) -> None:
+    """A row as soon as it is found: its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s
+    [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
+    from rich.text import Text
+
+    look, factor, unit = digits.LOOKS[record.verdict], *digits.modulus_unit([record.shear_modulus_Pa.median])
     values = (record.shear_modulus_Pa, factor, unit), (record.viscosity, 1.0, "Pa s"), (record.stretch, 1.0, "")
     parts = [
         f"{symbol} {digits.quantity(value, scale, unit=name)}"
         for symbol, (value, scale, name) in zip("Gµλ", values, strict=True)
         if value.median is not None
     ]
-    return f"{record.name}: {', '.join([*parts, size])}"
-
-
-def print_line(record: CurveRecord) -> None:
-    """A row as soon as it is found: its verdict, then its numbers."""
-    from rich.text import Text
-
-    look = digits.LOOKS[record.verdict]
-    terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(_line(record)), "default"))
+    parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
+    line = f"{record.name}: {', '.join(parts) if record.has_answer else record.message}"
+    terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(line), "default"))
 
 
 def print_all(result: Result) -> None:
