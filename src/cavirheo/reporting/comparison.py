@@ -137,36 +137,34 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
 
 def write_csv(path: Path, result: Result) -> None:
     """One line for each group and parameter, SI, errors as fractions; empty where there is no number."""
-    comparison = Comparison(result)
-    ours = {f"{OURS}_trusted": TRUSTED, f"{OURS}_all": ALL}
+    comparison, lines = Comparison(result), list[dict[str, Any]]()
+    ours = {TRUSTED: f"{OURS}_trusted", ALL: f"{OURS}_all"}
     methods = {**{method: method for method in comparison.methods}, **ours}
-    head = ["set", "quantity", *(f"{method}_{part}" for method in comparison.methods for part in ("mean", "std"))]
-    head += [f"{method}_{part}" for method in ours for part in ("mean", "std", "n")]
-    head += [f"{method}_error_to_{to}" for to in comparison.references for method in methods if method != to]
-    head += ["n_shots", "n_answered", *(f"n_{verdict}" for verdict in _VERDICTS)]
-    head += ["rmse_over_rmax_median", "rmse_over_rmax_smallest", "rmse_over_rmax_largest", "models", "message"]
-    lines = []
     for row in comparison.rows:
-        entries: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
-        entries |= {"n_shots": len(row.shots), "n_answered": row.group.n, "models": ", ".join(row.group.models)}
-        entries |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
-        entries |= dict(zip(head[-5:-2], _misfits(row.shots), strict=True))
-        for name, method in methods.items():
-            entries |= {f"{name}_{part}": number for part, number in row.value(method)}
-            entries |= {f"{name}_error_to_{to}": row.error(to, method) for to in comparison.references}
-        lines.append(entries | {"message": "; ".join(remarks(row.group, row.shots))})
-    write_rows(path, head, lines)
+        line: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
+        for method, name in methods.items():
+            parts = ("mean", "std", "n") if method in ours else ("mean", "std")
+            line |= {f"{name}_{part}": getattr(row.value(method), part) for part in parts}
+        for to in comparison.references:
+            line |= {f"{name}_error_to_{to}": row.error(to, method) for method, name in methods.items() if method != to}
+        line |= {"n_shots": len(row.shots), "n_answered": row.group.n}
+        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
+        line |= {f"rmse_over_rmax_{name}": misfit for name, misfit in _misfits(row.shots).items()}
+        line |= {"models": ", ".join(row.group.models), "message": "; ".join(remarks(row.group, row.shots))}
+        lines.append(line)
+    write_rows(path, list(lines[0]) if lines else [], lines)
 
 
-def _misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
-    """RMSE over R_max of the answered shots: median, smallest and largest."""
+def _misfits(shots: Sequence[CurveRecord]) -> dict[str, float | None]:
+    """RMSE over R_max of the answered shots."""
     misfits = [shot.rmse_over_rmax for shot in shots if shot.has_answer and shot.rmse_over_rmax is not None]
-    return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
+    ends = [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
+    return dict(zip(("median", "smallest", "largest"), ends, strict=True))
 
 
 def _counts(row: ComparedParameter) -> list[str]:
     """Answered of all shots; the trusted ones; RMSE: median (smallest–largest), % of R_max."""
-    middle, low, high = map(digits.percent, _misfits(row.shots))
+    middle, low, high = map(digits.percent, _misfits(row.shots).values())
     words = middle if middle == digits.MISSING else f"{middle} ({low}–{high})"
     shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.answers else ["", ""]
     return [*shots, words]

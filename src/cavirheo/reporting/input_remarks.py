@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -37,16 +37,14 @@ def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
     return top, digits.number(curve.frame_rate, 1e-3), frames, recorded, collapses
 
 
-def warnings(curves: Sequence[RadiusCurve]) -> list[tuple[str, str]]:
+def warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
     """(name, sentence) of what must not be overlooked: curves without R_max, and scales that make no sense."""
-    messages = []
     for curve in curves:
-        messages += [(curve.name, warning.text) for warning in input_checks.plain(curve, WATER)]
+        yield from ((curve.name, warning.text) for warning in input_checks.plain(curve, WATER))
         try:
             _ = curve.max_radius
         except InputError as error:
-            messages.append((curve.name, error.message))
-    return messages
+            yield curve.name, error.message
 
 
 def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
