@@ -112,7 +112,10 @@ def _answers(
     elif mean_y is not None and group.value(upper).std is not None and (over_size or mean_x is not None):
         marks.append(("centre", "mean ± std", None if over_size else mean_x, mean_y))
     if not (over_size and group.shear_modulus_Pa.mean is not None):  # once
-        marks += _published(group, unit, across, upper)
+        for method, values in group.published.items():
+            of_x, of_y = (_mean(values.get(name, Spread()), in_unit(name, unit)[1]) for name in (across, upper))
+            if of_y is not None and (over_size or of_x is not None):
+                marks.append(("published", digits.elide(method, 14), of_x, of_y))
     layers += [Layer("bars", look, x[None], y[None], name) for look, name, x, y in marks if x is not None]
     ends = ([x, *(layer.x for layer in layers)], [y, *(layer.y for layer in layers), *(y for *_, y in marks)])
     axes = Axis(x_label, *_around(ends[0], close=over_size)), Axis(y_label, *_around(ends[1]))
@@ -122,16 +125,6 @@ def _answers(
             layers.append(Layer("line", look, width, np.full(2, middle), name))
             layers.append(Layer("band", f"{look}-range", width, np.array([low, high])))
     return Panel(*axes, tuple(layer for layer in layers if len(layer.x)))
-
-
-def _published(group: GroupRecord, unit: Unit, across: str, upper: str) -> list[Mark]:
-    """Mean ± std of each method that has what the axes show."""
-    marks: list[Mark] = []
-    for method, values in group.published.items():
-        x, y = (_mean(values.get(name, Spread()), in_unit(name, unit)[1]) for name in (across, upper))
-        if y is not None and (x is not None or across == _SIZE):
-            marks.append(("published", digits.elide(method, 14), x, y))
-    return marks
 
 
 def _along(
