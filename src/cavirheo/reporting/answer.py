@@ -313,13 +313,11 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     from cavirheo.physics.materials import viscosity_at
 
     names = list(posterior.parameters)
-    rows = zip(*(posterior.draws(name) for name in names), strict=True)
-    first = next(rows, None)
-    if first is None or viscosity_at(posterior.material, RATE, dict(zip(names, first, strict=True))) is None:
+    draws = (dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True))
+    first = next(draws, None)
+    if first is None or viscosity_at(posterior.material, RATE, first) is None:
         return {}
-    viscosities = np.array(
-        [viscosity_at(posterior.material, RATE, dict(zip(names, row, strict=True))) for row in (first, *rows)]
-    )
+    viscosities = np.array([viscosity_at(posterior.material, RATE, draw) for draw in (first, *draws)])
     ends = intervals((AT_RATE,), viscosities[:, None], posterior.log_weight)
     low, median, high = ends.get(AT_RATE, (None, viscosities[0], None))
     return {AT_RATE: Quantity.of(low, float(median), high)}

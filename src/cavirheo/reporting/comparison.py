@@ -58,18 +58,17 @@ class Comparison:
 
     def __init__(self, result: Result) -> None:
         groups = [(group, [result.curves[k] for k in of]) for group, of in result.members()]
-        self.result: Result = result
         self.rows: list[ComparedParameter] = [row for group, shots in groups for row in _rows(group, shots)]
         self.methods: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.published))
         self.references: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.errors))
+        means = [value.mean for row in self.rows if row.name == G for value in row.values.values()]
+        factor, unit = digits.modulus_unit([0.0, *means])  # one for all rows
+        self.units = {G: (factor, f"G ({unit})"), MU: (1.0, "µ (Pa s)"), "": (1.0, digits.MISSING)}
 
     def unit(self, name: str) -> tuple[float, str]:
-        """(factor from SI, what stands over a column): one unit of G for all rows."""
-        means = [value.mean for row in self.rows if row.name == G for value in row.values.values()]
-        factor, unit = digits.modulus_unit([0.0, *means])
-        units = {G: (factor, f"G ({unit})"), MU: (1.0, "µ (Pa s)"), "": (1.0, digits.MISSING)}
+        """(factor from SI, what stands over a column)."""
         words = name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
-        return units.get(name, (1.0, words))
+        return self.units.get(name, (1.0, words))
 
 
 def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:

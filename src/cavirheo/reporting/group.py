@@ -176,10 +176,10 @@ class GroupRecord(Record, ParameterValues[Spread]):
                 continue
             self.errors[reference] = {}
             for method, values in self.by_method.items():
-                shared = [name for name in values if name in of_reference and method != reference]
-                errors = {name: error_of(values[name], of_reference[name]) for name in shared}
-                if numbers := {name: error for name, error in errors.items() if error is not None}:
-                    self.errors[reference][method] = numbers
+                errors = {name: error_of(value, of_reference.get(name, Spread())) for name, value in values.items()}
+                known = {name: error for name, error in errors.items() if error is not None}
+                if known and method != reference:
+                    self.errors[reference][method] = known
 
     def mean(self, value: Spread, factor: float = 1.0) -> str:
         """'6.4 ± 1.6'; '0.041 ± 0.006 (n = 3)' where fewer shots determine it than are trusted."""

@@ -90,9 +90,7 @@ def _shared(curves: Sequence[CurveRecord]) -> dict[str, str]:
 def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The entries that all of these have alike."""
     first, *later = parts or [{}]
-    return {
-        key: value for key, value in first.items() if all(key in mapping and mapping[key] == value for mapping in later)
-    }
+    return {key: value for key, value in first.items() if all((key, value) in part.items() for part in later)}
 
 
 def _text(origin: Mapping[str, Any]) -> Markup:

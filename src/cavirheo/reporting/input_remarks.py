@@ -80,9 +80,8 @@ def next_step(document: Result, analysis: Analysis, out: Path) -> str:
         return ""
     unlike = [record for record in document.curves if record.verdict == "model_does_not_fit"]
     causes = [record.diagnostics for record in unlike]
-    if len(unlike) > len(document.curves) / 2 and all(
-        how.frames_left_out or {*CAMERA} & {*how.at_bound} for how in causes
-    ):
+    at_fault = [how for how in causes if how.frames_left_out or {*CAMERA} & {*how.at_bound}]
+    if len(at_fault) == len(unlike) > len(document.curves) / 2:
         names = ", ".join(record.name for record in unlike[:3]) + f" and {len(unlike) - 3} more" * (len(unlike) > 3)
         look = "µm per pixel, frame rate, the frames at R_max and those that stand out"
         return f"next: look at the recording ({look}) before another model is tried: {names}"
