@@ -67,12 +67,8 @@ def print_table(
     if any(value.bound for record in result.curves for value in (record.shear_modulus_Pa, record.viscosity)):
         key += "; below, above: a bound (95 %) and no value"
     console.print("\n".join([key, *result.model_key]), style="dim")
-    if (parameters := parameters_table(result)) is not None:
-        console.print(parameters)
-        for line in parameter_key(result.parameters):
-            console.print(line, style="dim")
-    if (windows := windows_table(result)) is not None:
-        console.print(windows)
+    _print_parameters(console, result)
+    _print_windows(console, result)
     terminal.print_warnings(console, warnings(result.curves))
     remarks = []
     for group in result.groups:
@@ -195,12 +191,12 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     return head, rows
 
 
-def parameters_table(result: Result) -> Table | None:
-    """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
+def _print_parameters(console: Console, result: Result) -> None:
+    """What was inferred or given besides G, µ and λ, without the camera's."""
     of_laws, left_out = parameters_of(result.curves), (*CAMERA, AT_RATE)
     names = [name for name in result.parameters if name in of_laws or not of_the_law(name)]
     if not (names := [name for name in names if name not in left_out]):
-        return None
+        return
     symbols, factors, units = zip(*map(in_unit, names), strict=True)
     table = terminal.table("curve", [f"{symbol}\n{unit}".strip() for symbol, unit in zip(symbols, units, strict=True)])
     rows = []
@@ -209,7 +205,9 @@ def parameters_table(result: Result) -> Table | None:
             values = zip(map(record.value, names), factors, strict=True)
             rows.append((record.name, [digits.quantity(value, factor) for value, factor in values], ""))
     terminal.add_rows(table, rows)
-    return table
+    console.print(table)
+    for line in parameter_key(result.parameters):
+        console.print(line, style="dim")
 
 
 def _windowed(records: Iterable[CurveRecord]) -> list[str]:
@@ -246,19 +244,17 @@ def _mean_cells(records: list[CurveRecord], unit: Unit) -> Iterator[str]:
         yield f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING
 
 
-def windows_table(result: Result) -> Table | None:
-    """For the terminal: G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
-    unit = result.modulus_unit
-    fitted = [(record, texts) for record in result.curves if (texts := window_cells(record, unit))]
-    if not fitted:
-        return None
+def _print_windows(console: Console, result: Result) -> None:
+    """G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
+    unit, heads = result.modulus_unit, list(_WINDOWS.values())
+    if not (fitted := [(record, texts) for record in result.curves if (texts := window_cells(record, unit))]):
+        return
     rows = [(record.name, list(texts.values()), "") for record, texts in fitted]
     for group, members in result.members():
         if len(members) > 1:
             rows.append((group.name, list(_mean_cells([result.curves[i] for i in members], unit)), "bold"))
-    heads = list(_WINDOWS.values())
     values = window_title((record for record, _ in fitted), unit)
     title = f"{values} by the window that is fitted; *: a parameter at its bound"
     table = terminal.table("curve", heads, left=heads, title=title)
     terminal.add_rows(table, rows)
-    return table
+    console.print(table)
