@@ -57,8 +57,7 @@ class ParameterValues(Generic[Value]):
     @property
     def viscosity(self) -> Value:
         """Or that at 1e5 1/s, where it is not one number."""
-        none = type(self.viscosity_Pa_s)()
-        return self.viscosity_Pa_s if self.viscosity_Pa_s != none else self.value(AT_RATE)
+        return self.viscosity_Pa_s if self.viscosity_Pa_s.median is not None else self.value(AT_RATE)
 
 
 def log_ends(values: Iterable[Quantity]) -> Floats:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -176,12 +175,13 @@ def write_csv(path: str | Path, result: Result) -> None:
 
 def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(names of the columns, a row for each curve)."""
-    first = ["stretch", "shear_modulus", "viscosity"]
-    columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *result.parameters)}
+    first, others = ["stretch", "shear_modulus", "viscosity"], result.parameters
+    columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *others)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
-    of_columns = {name: [column + end for end in ends.values()] for name, column in columns.items()}
-    head = ["name", "group", "source", "material", "method", "max_radius_m", *chain(*map(of_columns.pop, first))]
-    head += ["rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble", *chain(*of_columns.values())]
+    head = ["name", "group", "source", "material", "method", "max_radius_m"]
+    head += [columns[name] + end for name in first for end in ends.values()]
+    head += ["rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
+    head += [columns[name] + end for name in others for end in ends.values()]
     rows = []
     for record in result.curves:
         values = {column: record.value(name) for name, column in columns.items()}
@@ -212,8 +212,11 @@ def _print_parameters(console: Console, result: Result) -> None:
 
 def _windowed(records: Iterable[CurveRecord]) -> list[str]:
     """The parameters by window: G and the viscosity, or what a law has instead."""
-    of_laws = [[name for name in parameters_of([record]) if name != AT_RATE] for record in records]
-    return list(dict.fromkeys(chain(*([name for name in names if name in KEYS] or names for names in of_laws))))
+    names: list[str] = []
+    for record in records:
+        of_law = [name for name in parameters_of([record]) if name != AT_RATE]
+        names += [name for name in of_law if name in KEYS] or of_law
+    return list(dict.fromkeys(names))
 
 
 def window_title(records: Iterable[CurveRecord], unit: Unit) -> str:
