@@ -55,9 +55,8 @@ def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> l
             usable.append((curve, medium.time_scale(curve.max_radius)))
     if not usable:
         return []
-    shots = [curve for curve, _ in usable]
-    plain = _overlay(shots, [1e-6] * len(shots), scaled=False)
-    return [plain, _overlay(shots, [t_c for _, t_c in usable], scaled=True)]
+    shots, units = zip(*usable, strict=True)
+    return [_overlay(shots, [1e-6] * len(shots), scaled=False), _overlay(shots, units, scaled=True)]
 
 
 def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float = np.inf, *, scaled: bool) -> Panel:

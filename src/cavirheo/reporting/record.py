@@ -89,11 +89,10 @@ class Result(Document):
     @property
     def model_key(self) -> list[str]:
         """What is to be said of them below a table."""
-        answers = {curve.model: curve for curve in self.curves if curve.has_answer}
-        lines = list(dict.fromkeys(curve.bubble.sentence for curve in answers.values()))
-        if len(answers) == 1:
-            (curve,) = answers.values()
-            lines = [f"model: {curve.material}. {curve.bubble.sentence}"]
+        models = dict.fromkeys((curve.material, curve.bubble.sentence) for curve in self.curves if curve.has_answer)
+        lines = list(dict.fromkeys(sentence for _, sentence in models))
+        if len(models) == 1:
+            lines = [f"model: {material}. {sentence}" for material, sentence in models]
         return lines + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
 
     def to_dataframe(self) -> Any:
