@@ -3,6 +3,7 @@ the app and the files that are asked for."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
@@ -91,11 +92,21 @@ class Panel:
         return next((layer for layer in self.layers if layer.look == look), nothing)
 
 
-def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simulation") -> list[Panel]:
+def curve_panels(
+    curve: RadiusCurve,
+    checks: Checks,
+    simulated_as: str = "simulation",
+    *,
+    fit: Checks | None = None,
+    what_if: Checks | None = None,
+    draws: tuple[Floats, Floats, Floats] | None = None,
+) -> list[Panel]:
     """The radius, measured and simulated, then what is left between, if anything was compared.
 
     checks: what was found when its answer was simulated; a failed one leaves the measured points alone. simulated_as:
-    the name of the line. Raises ValueError: times and values of a line are not as many.
+    the name of the line. fit and what_if: the simulations of a conventional fit and of other values. draws: the band in
+    which those of the draws run: times (s), lower and upper radius (m). Raises ValueError: times and values of a line
+    are not as many.
     """
     if checks.verdict == "failed":
         checks = Checks("failed")
@@ -109,36 +120,49 @@ def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simula
         compared = (time >= difference.x[0] - slack) & (time <= difference.x[-1] + slack)
     low, high = _view(time, difference.x)
     measured = np.isfinite(radius) & (time >= low) & (time <= high)
-    remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
-    x = Axis(units.time, low, high, remark)
-    top = 1.05 * float(np.max([*radius[measured], *line.y], initial=0.0)) or 1.05
     share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # as much as the simulation has
-    dots = [
+    layers = [
         Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some))
         for look, name, some in (
             ("measured", "measured", measured & compared),
             ("outside", "not compared", measured & ~compared),
         )
-    ]
+    ] + [line]
+    if draws:
+        area = units.points(draws[0], np.column_stack(draws[1:]))
+        layers.insert(0, Layer("area", "draws", *area, "90 % of the draws", share=0.2))
+    differences = [difference]
+    for look, name, simulation in (("fit", "least squares", fit), ("what-if", "sliders", what_if)):
+        if simulation and simulation.reconstruction_time is not None:
+            line, left = _simulation(units, simulation, look, name)
+            layers.append(line)
+            differences.append(replace(left, shape="line", look=look))
+    remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
+    x, top = Axis(units.time, low, high, remark), 1.05 * _largest(layers, 0.0) or 1.05
     note = "" if has_answer else "no answer: no line is drawn"
     t_c = (checks.time_scale or 0.0) * units.per_second
     panels = [
         Panel(
             x,
             Axis(units.radius, 0.0, top),
-            tuple(layer for layer in (*dots, line) if len(layer.y)),
+            tuple(layer for layer in layers if len(layer.y)),
             Axis("t*", low / t_c, high / t_c) if t_c else None,
             note if measured.any() else "no measured radius",
         )
     ]
     if len(difference.y):
-        largest = 1.15 * max(float(np.max(np.abs(difference.y), initial=0.1)), rmse)
+        largest = 1.15 * max(_largest(differences, 0.1), rmse)
         ends = np.array([low, high])
         band = [Layer("band", "band", ends, np.array([-rmse, rmse]))] if rmse else []
         zero = Layer("line", "zero", ends, np.zeros(2))
         note = f"band: ± RMSE = {digits.significant(rmse, 2)} %" if rmse else ""
-        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, difference), note=note))
+        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, *differences), note=note))
     return panels
+
+
+def _largest(layers: Sequence[Layer], least: float) -> float:
+    """The largest of all numbers along `y`, whatever their sign; `least` at least."""
+    return float(np.nanmax(np.concatenate([np.abs(layer.y).ravel() for layer in layers]), initial=least))
 
 
 def _simulation(units: _Units, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
@@ -160,41 +184,6 @@ def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> li
     """The panels of a curve as its row says: a row without an answer has none of the simulation."""
     name = f"simulation: {digits.simulated(record.method)}"
     return curve_panels(curve, checks if record.has_answer else Checks("failed"), name)
-
-
-def check_panels(
-    curve: RadiusCurve,
-    checks: Checks,
-    simulated_as: str,
-    *,
-    fit: Checks | None = None,
-    what_if: Checks | None = None,
-    band: tuple[Floats, Floats, Floats] | None = None,
-) -> list[Panel]:
-    """Those of an answer with the simulations of a conventional fit and of other values, and with the band in which the
-    draws' simulations run: times (s), lower and upper radius (m)."""
-    units, (radius, *residual) = _Units.of(curve), curve_panels(curve, checks, simulated_as)
-    below, lines, differences = list[Layer](), list[Layer](), list[Layer]()
-    if band:
-        ends = units.points(band[0], np.column_stack(band[1:]))
-        below.append(Layer("area", "draws", *ends, "90 % of the draws", share=0.2))
-    for look, name, simulation in (("fit", "least squares", fit), ("what-if", "sliders", what_if)):
-        if simulation and simulation.reconstruction_time is not None:
-            line, difference = _simulation(units, simulation, look, name)
-            lines.append(line)
-            differences.append(replace(difference, shape="line", look=look))
-    radius_ends = [0.0, *(1.05 * layer.y.max() for layer in (*below, *lines))]
-    residual_ends = [1.15 * np.abs(layer.y).max() for layer in differences]
-    panels = [_with_layers(radius, (*below, *radius.layers, *lines), max(radius_ends))]
-    return panels + [
-        _with_layers(panel, (*panel.layers, *differences), max(residual_ends, default=0.0)) for panel in residual
-    ]
-
-
-def _with_layers(panel: Panel, layers: tuple[Layer, ...], high: float) -> Panel:
-    """With these layers, and an axis up to `high` at least; one that begins below zero is symmetric."""
-    high = max(high, panel.y.high)
-    return replace(panel, layers=layers, y=replace(panel.y, low=-high if panel.y.low < 0.0 else 0.0, high=high))
 
 
 def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
