@@ -131,6 +131,15 @@ def test_no_control_character_reaches_the_terminal(verb, monkeypatch, capsys):
     assert clean(as_json(document))
 
 
+def test_no_control_character_of_a_document_of_somebody_else_reaches_the_terminal(capsys):
+    pairs = [(curve.labelled(name=curve.name, group="gel", source="a.csv"), made) for curve, made in answers("abc")]
+    document = result(pairs, "")
+    document.groups[0].name = document.curves[0].name = document.curves[0].material = EVIL
+    assert document.groups[0].headline
+    table.print_all(document)
+    assert clean(capsys.readouterr().out)
+
+
 @pytest.mark.needs("matplotlib")
 def test_no_control_character_reaches_a_file(tmp_path, recwarn):
     pairs = [*answers([EVIL, "other"]), *answers([EVIL], verdict="failed", message=EVIL)]

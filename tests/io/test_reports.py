@@ -27,6 +27,7 @@ from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.curve_panels import answer_panels, preview_panels
 from cavirheo.reporting.group_panels import group_panels
 from cavirheo.reporting.input_remarks import next_step
+from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.record import CurveAnswers
 from cavirheo.writing import digits, document, style
 from cavirheo.writing.document import Quantity, Spread, write_json
@@ -83,6 +84,7 @@ def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):
     first, _, last = rows_of(tmp_path / "result.csv")
     assert float(first["shear_modulus_Pa"]) == pytest.approx(6100.0)
     assert (first["shear_modulus_Pa_q05"], first["collapses"], last["shear_modulus_Pa"]) == ("", "2", "")
+    assert (first["message"], last["message"]) == ("", "cell 3 of 5 is empty")
 
 
 def test_what_no_json_can_hold_becomes_null_or_plain(tmp_path):
@@ -421,6 +423,18 @@ def test_panels_are_the_measurement_the_simulation_and_the_residual(pairs):
     assert len(shots.layers) == 2
     mean = answers.layer("centre")
     assert (mean.x[0, 1], mean.y[0, 1]) == (pytest.approx(7.1), pytest.approx(0.028))
+
+
+def test_the_contour_of_a_material_is_that_of_modulus_and_viscosity_whatever_else_the_law_has():
+    of = ("shear_modulus", "stiffening", "viscosity")
+    correlation = {f"{of[0]}, {of[1]}": -0.9, f"{of[0]}, {of[2]}": 0.9, f"{of[1]}, {of[2]}": 0.0}
+    values = {"shear_modulus_Pa": Quantity.of(4e3, 5e3, 6e3), "viscosity_Pa_s": Quantity.of(0.03, 0.04, 0.05)}
+    made = PopulationRecord(
+        line="", model="", n=5, **values,
+        spreads_decades={name: Quantity(median=0.1) for name in of},
+        correlation={pair: Quantity(median=value) for pair, value in correlation.items()},
+    )  # fmt: skip
+    assert np.corrcoef(np.log10(made.contour()).T)[0, 1] == pytest.approx(0.9, abs=0.01)
 
 
 def test_a_preview_shows_what_is_compared_and_what_stands_out():

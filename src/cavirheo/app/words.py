@@ -16,7 +16,7 @@ from cavirheo.inference.what_if import band, compared_window
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
-from cavirheo.reporting.curve_panels import check_panels, preview_panels
+from cavirheo.reporting.curve_panels import curve_panels, preview_panels
 from cavirheo.reporting.group_panels import overview_panels
 from cavirheo.reporting.input_remarks import causes, notes, pooled, summary_cells, warnings
 from cavirheo.reporting.record import result_of
@@ -164,13 +164,13 @@ def checked(session: Session, name: str) -> str:
     if name not in answers.bands:
         answers.bands[name] = band(curve, posterior, session.settings_of(name).analysis)
     fit, simulated = answers.fits.get(name), f"simulation: {digits.simulated(posterior.method)}"
-    panels = check_panels(
+    panels = curve_panels(
         curve,
         posterior.checks,
         simulated,
         fit=fit.checks if fit else None,
         what_if=answers.trials.get(name),
-        band=answers.bands[name],
+        draws=answers.bands[name],
     )
     return pictures([curve_svg(panels, 840, 460)])
 

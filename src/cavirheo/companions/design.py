@@ -25,6 +25,7 @@ from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium
 from cavirheo.reporting.answer import CurveRecord, StoredMedium
 from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.material import log_ends
 from cavirheo.reporting.record import Result, read_json
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
@@ -476,7 +477,7 @@ def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRe
     candidates: list[tuple[GroupRecord, list[CurveRecord]]] = []
     for record, members in result.members():
         rows = [row for row in (result.curves[i] for i in members) if row.trusted and row.material == family.name]
-        rows = [row for row in rows if np.all(np.isfinite(row.logs(family.parameters)))]
+        rows = [row for row in rows if np.all(np.isfinite(log_ends(map(row.value, family.parameters))))]
         candidates += [(record, rows)] if rows and group in (None, record.name, rows[0].group) else []
     names = ", ".join(record.name for record, _ in candidates)
     message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
@@ -500,7 +501,7 @@ def _material(
     if pooled and pooled.has_material and pooled.model.startswith(f"{family.name},"):
         mean, covariance, between = pooled.log_moments(family.parameters)
         return mean, covariance, between if scatter is None else scatter, pooled.n - len(pooled.strays)
-    logs = np.array([row.logs(family.parameters) for row in rows])  # (shots, l, 3)
+    logs = np.array([log_ends(map(row.value, family.parameters)) for row in rows])  # (shots, l, 3)
     middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])
     if scatter is None:
         excess = np.var(middle, axis=0, ddof=1) - variances.mean(axis=0) if len(rows) > 1 else np.zeros(1)

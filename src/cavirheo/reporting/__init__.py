@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from datetime import datetime
-from functools import partial
 from itertools import chain, count
 from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.posterior import Posterior
-from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
+from cavirheo.reporting.group import REFERENCES, Published
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
 from cavirheo.writing import claim
 from cavirheo.writing.document import Outputs, drawing, short_name, write_json
@@ -28,11 +26,12 @@ def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Seque
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
     drawings: list[str] = []
     if figures:
-        from cavirheo.reporting.figures import check_figures, files
+        from cavirheo.reporting.figures import check_figures, stems_of
 
         check_figures(figures)
         groups = dict.fromkeys((curve.group, curve.group_source) for curve in curves)
-        drawings = files(figures, [curve.name for curve in curves], [group for group, _ in groups])
+        stems = stems_of((curve.name for curve in curves), (group for group, _ in groups))
+        drawings = [f"{stem}.{kind}" for stem in stems for kind in figures]
     return Outputs(directory, *DOCUMENTS, *drawings, inputs=[curve.source for curve in curves if curve.source])
 
 
@@ -81,7 +80,8 @@ def write_report(
     pairs, date = CurveAnswers.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figures = figures if complete else ()
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
-    with claim.held(claim.Claim(command, {"command": command, "curves": sources}, replace)):
+    own = claim.Claim(command, {"command": command, "curves": sources}, replace)
+    with nullcontext() if claim.current() else claim.claimed(own):  # a command has its claim
         folder = outputs(directory, pairs.curves, figures)
         document = result(pairs, command, date=date, notes=notes)
         document.add_published(published or {}, references)
@@ -108,19 +108,15 @@ def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
     from cavirheo.reporting import html, svg
     from cavirheo.reporting.curve_panels import answer_panels
 
-    brief = len(pairs) > html.DETAILED
-    points = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))
-
-    def draw(curve: RadiusCurve, answer: Posterior, row: CurveRecord) -> str:
-        panels = answer_panels(curve, answer.checks, row)
-        if brief:
-            return svg.curve_svg(panels[:1], height=svg.HEIGHT / 2, points=points)
-        return svg.curve_svg(panels, points=points)
-
-    rows = document.curves
-    return [
-        _picture(row.name, partial(draw, *pair, row), document.notes) for pair, row in zip(pairs, rows, strict=True)
-    ]
+    shown, height = (1, svg.HEIGHT / 2) if len(pairs) > html.DETAILED else (2, svg.HEIGHT)
+    points, pictures = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1)), []
+    for (curve, answer), row in zip(pairs, document.curves, strict=True):
+        picture = ""
+        with drawing(f"picture of {row.name}", document.notes):
+            panels = answer_panels(curve, answer.checks, row)
+            picture = svg.curve_svg(panels[:shown], height=height, points=points)
+        pictures.append(picture or document.notes[-1])
+    return pictures
 
 
 def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str]:
@@ -130,20 +126,14 @@ def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str
     from cavirheo.reporting.group_panels import group_panels, shots_of
 
     members = [(group, indices) for group, indices in document.members() if group.n > 1][:GROUPS]
-    points = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
-
-    def draw(group: GroupRecord, indices: Sequence[int]) -> str:
-        shots = shots_of(pairs, document.curves, indices)
-        return svg.group_svg(group_panels(shots, group, document.modulus_unit), points)
-
-    return [_picture(group.name, partial(draw, group, indices), notes) for group, indices in members]
-
-
-def _picture(name: str, draw: Callable[[], str], notes: list[str]) -> str:
-    """The picture; where it cannot be drawn a note says why."""
-    with drawing(f"picture of {name}", notes):
-        return draw()
-    return notes[-1]
+    points, pictures = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1))), []
+    for group, indices in members:
+        picture = ""
+        with drawing(f"picture of {group.name}", notes):
+            shots = shots_of(pairs, document.curves, indices)
+            picture = svg.group_svg(group_panels(shots, group, document.modulus_unit), points)
+        pictures.append(picture or notes[-1])
+    return pictures
 
 
 def file_names(names: Sequence[str]) -> list[str]:

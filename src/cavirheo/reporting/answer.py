@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import fields, replace
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,11 +12,10 @@ import numpy as np
 from pydantic import BeforeValidator, PlainSerializer
 from pydantic_core import to_jsonable_python
 
-from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
-from cavirheo.parameters import AT_RATE, BUBBLE, CAMERA, RATE, of_the_law, parameter_of, searched_bound
+from cavirheo.parameters import AT_RATE, BUBBLE, RATE, of_the_law, parameter_of, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import (
@@ -30,15 +29,12 @@ from cavirheo.posterior import (
     WindowAnswer,
     intervals,
 )
-from cavirheo.reporting.material import KEYS
+from cavirheo.reporting.material import KEYS, ParameterValues
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
 
 _DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
 _AS_MEASURED = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}
-_KEYS = KEYS | {"stretch": "stretch"}
-
-
 Unit = tuple[float, str]  # of G: factor from Pa, name
 
 
@@ -61,40 +57,41 @@ class Compared(Record):
         return ", ".join(words) or digits.MISSING
 
 
-def _stored(medium: Medium) -> dict[str, Any]:
-    return {name: finite(value) if name != "name" else value for name, value in asdict(medium).items()}
-
-
-def _restored(value: Any) -> Any:
+def _medium(value: Any) -> Any:
+    """From a document, in which an infinite speed of sound is null, and which may have fields of a later version."""
     if not isinstance(value, dict):
         return value
-    names = {field.name for field in fields(Medium)}
-    speed = value.get("sound_speed")
-    constants = {name: item for name, item in value.items() if name in names}
+    constants = {field.name: value[field.name] for field in fields(Medium) if field.name in value}
+    speed = constants.get("sound_speed")
     return Medium(**constants | {"sound_speed": inf if speed is None else speed}, unusual=True)
 
 
-# In a document an infinite speed of sound is null
-StoredMedium = Annotated[Medium, BeforeValidator(_restored), PlainSerializer(_stored)]
+def _plain(value: Any) -> Any:
+    """As JSON can hold it: arrays as lists, NaN and infinity as null, what is not data as its text."""
+    return to_jsonable_python(value, inf_nan_mode="null", fallback=lambda v: getattr(v, "tolist", v.__str__)())
 
 
-class Answer:
-    """What the row of a curve and the answer of another model have in common."""
+StoredMedium = Annotated[Medium, BeforeValidator(_medium), PlainSerializer(_plain)]
+
+
+class Answer(ParameterValues[Quantity]):
+    """What the row of a curve and the answer of another model have in common.
+
+    Attributes:
+        material: the law.
+        bubble: what is assumed of it: its numbers, or "free".
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        stretch: R_max/R_0, inferred or given.
+    """
 
     if TYPE_CHECKING:
         material: str
         bubble: Bubble
-        viscosity_Pa_s: Quantity
-        other_parameters: dict[str, Quantity]
+    _keys = KEYS | {"stretch": "stretch"}
 
-    def quantity(self, name: str) -> Quantity:
-        """A parameter by its natural name; empty where the model has none."""
-        return getattr(self, _KEYS[name]) if name in _KEYS else self.other_parameters.get(name, Quantity())
-
-    @property
-    def viscosity(self) -> Quantity:
-        """Or that at 1e5 1/s, where it is not one number."""
-        return self.quantity("viscosity" if self.viscosity_Pa_s.median is not None else AT_RATE)
+    def determined(self, name: str) -> float | None:
+        """The median of a parameter by its natural name, SI, if it is a value and not a bound alone."""
+        return self.value(name).determined
 
     @property
     def model(self) -> str:
@@ -111,15 +108,8 @@ class OtherModel(Record, Answer):
     """What another model answers for the same frames; one of the answer's own material and bubble is another mode.
 
     Attributes:
-        material: the law.
-        bubble: what is assumed of it: its numbers, or "free".
         log_evidence: natural logarithm of p(frames | model), to be compared with that of the answer.
         evidence_error: its standard error; null where it has none.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s; null where it is not one number.
-        stretch: R_max/R_0.
-        other_parameters: all others by natural name, SI, as in a row.
         weight: share of it in the answer, where that is an average over both models.
     """
 
@@ -158,19 +148,12 @@ class CurveRecord(Record, Answer):
         max_radius_m: R_max, m.
         time_of_max_s: time of R_max on the clock of the file, s.
         strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
-        stretch: R_max/R_0, inferred or given.
-        material: the law.
-        bubble: what is assumed of it: its numbers, or "free".
         medium: the constants of what surrounds it, SI; null in a document of an older version.
         method: how the answer was found: "bdt", "amortised", "verified", "laplace" or "least_squares".
-        shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s; null of a law whose viscosity is not one number.
         other_parameters: what was inferred besides G, mu and the stretch, or given of the bubble, by natural name,
-            SI; of a
-            law whose viscosity is not one number also that at a shear rate of 1e5 1/s.
+            SI; of a law whose viscosity is not one number also that at a shear rate of 1e5 1/s.
         best: values, SI, of the simulation that is drawn and compared: the law's parameters, the stretch, and what the
             bubble, the clock, the radius scale and R_max were taken to be; no medians.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         mae_over_rmax: mean absolute difference, over R_max.
         max_difference_over_rmax: largest absolute difference, over R_max.
         window: the frames that were compared.
@@ -238,8 +221,8 @@ class CurveRecord(Record, Answer):
         return f"{name}: {', '.join(filter(None, words))}" if any(words) else ""
 
     def determined(self, name: str) -> float | None:
-        """The median of a parameter by its natural name, SI, if it is a value and not a bound alone."""
-        return None if name in self.diagnostics.at_bound else self.quantity(name).determined
+        """Likewise; none of a parameter at the end of the range that was searched."""
+        return None if name in self.diagnostics.at_bound else super().determined(name)
 
     @property
     def as_model(self) -> OtherModel:
@@ -270,41 +253,17 @@ class CurveRecord(Record, Answer):
         """The messages without such warnings, which are said before all others."""
         return [message for message in self.messages if message not in self.warnings]
 
-    def logs(self, names: Sequence[str]) -> Floats:
-        """(l, 3) log10 of q05, median and q95 of these parameters, SI; NaN where it has none."""
-        values = [self.quantity(name) for name in names]
-        ends = np.array([[value.q05, value.median, value.q95] for value in values], dtype=float)
-        return np.log10(np.where(ends > 0, ends, np.nan))
-
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     """The row of one curve."""
-    verdict, messages = posterior.checks.verdict, list(posterior.checks.messages)
-    if verdict != "failed":  # an answer that is none must not pass for one, whatever the method says of itself
-        draws = zip(posterior.names, posterior.theta.T, strict=True)
-        broken = [name for name, values in draws if not np.all(np.isfinite(values))]
-        if broken:
-            messages.insert(0, Message("answer.not_finite", {"parameters": ", ".join(broken)}))
-        if broken or not posterior.theta.size:
-            verdict = "failed"
-    has_answer = verdict != "failed"
-    prior = posterior.stretch_prior if has_answer else None
-    if not (messages or has_answer):
-        messages.append(Message("answer.none"))
-    checks = posterior.checks if has_answer else Checks("failed")
-
-    def quantity(name: str) -> Quantity:
-        if not has_answer or name not in posterior.parameters:
-            return Quantity()
-        return posterior.quantity(name)
-
-    values = {name: quantity(name) for name in ("shear_modulus", "viscosity", "stretch", *posterior.parameters)}
-    if has_answer:
-        assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in posterior.parameters}
-        values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _at_rate(posterior)
-        if values["stretch"].median is None:  # not the network's own, but fitted after it or given
-            values["stretch"] = Quantity(median=finite(posterior.stretch))
-    law: dict[str, Any] = {key: values.pop(name) for name, key in _KEYS.items()}
+    posterior = _sound(posterior)
+    checks, prior = posterior.checks, posterior.stretch_prior
+    names = ("shear_modulus", "viscosity", "stretch", *posterior.parameters)
+    values = {name: posterior.quantity(name) if name in posterior.parameters else Quantity() for name in names}
+    assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in posterior.parameters}
+    values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _at_rate(posterior)
+    if values["stretch"].median is None:  # not the network's own, but fitted after it or given
+        values["stretch"] = Quantity(median=finite(posterior.stretch))
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
         **{name: getattr(checks, name) for name in _DIFFERENCES},
@@ -312,12 +271,11 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         max_radius_m=_measured(curve, "max_radius"),
         time_of_max_s=_measured(curve, "time_of_max"),
         strain_rate_per_s=_measured(curve, "strain_rate"),
-        **law,
-        other_parameters=values,
-        best=_simulated(posterior),
+        **CurveRecord.fields_of(values),
+        best={} if checks.reconstruction_time is None else {name: float(v) for name, v in posterior.best.items()},
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
-        verdict=verdict,
-        messages=[Sentence(code=message.code, text=message.text) for message in messages],
+        verdict=checks.verdict,
+        messages=[Sentence(code=message.code, text=message.text) for message in checks.messages],
         notes=list(curve.notes),
         column=dict(curve.column),
         stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
@@ -329,18 +287,24 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     )
 
 
-def _simulated(posterior: Posterior) -> dict[str, float]:
-    """The values of the simulation that is drawn; none where nothing is."""
-    simulated = posterior.checks.verdict != "failed" and posterior.checks.reconstruction_time is not None
-    return {name: float(value) for name, value in posterior.best.items()} if simulated else {}
+def _sound(posterior: Posterior) -> Posterior:
+    """The answer; one that is none, whatever the method says of itself, with no more than the reasons for it."""
+    failed, messages = posterior.checks.verdict == "failed", posterior.checks.messages
+    draws = () if failed else zip(posterior.names, posterior.theta.T, strict=True)
+    broken = ", ".join(name for name, values in draws if not np.all(np.isfinite(values)))
+    if posterior.theta.size and not (failed or broken):
+        return posterior
+    if broken:
+        messages = (Message("answer.not_finite", {"parameters": broken}), *messages)
+    checks = Checks("failed", messages or (Message("answer.none"),))
+    return replace(posterior, checks=checks, theta=posterior.theta[:0], best={}, stretch=None, stretch_prior=None)
 
 
 def _word(name: str, value: float) -> str:
     """'G = 5.412 kPa'; nothing of a clock, a scale or an R_max that is as measured."""
     if value == _AS_MEASURED.get(name):
         return ""
-    symbol, unit = digits.described(name)
-    factor, unit = (1e6, "µs") if unit == "s" and name in CAMERA else digits.unit_for(unit, value)
+    symbol, factor, unit = in_unit(name, digits.modulus_unit([value]))
     return f"{symbol} = {digits.significant(factor * value, 4)}{' ' * bool(unit)}{unit}"
 
 
@@ -349,17 +313,14 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     from cavirheo.physics.materials import viscosity_at
 
     names = list(posterior.parameters)
-    rows = zip(*(posterior.draws(name) for name in names), strict=True)
-    first = next(rows, None)
-    if first is None or viscosity_at(posterior.material, RATE, dict(zip(names, first, strict=True))) is None:
+    draws = (dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True))
+    first = next(draws, None)
+    if first is None or viscosity_at(posterior.material, RATE, first) is None:
         return {}
-    viscosities = np.array(
-        [viscosity_at(posterior.material, RATE, dict(zip(names, row, strict=True))) for row in (first, *rows)]
-    )
-    low, median, high = intervals((AT_RATE,), viscosities[:, None], posterior.log_weight).get(
-        AT_RATE, (None, viscosities[0], None)
-    )
-    return {AT_RATE: Quantity(median=float(median), q05=low, q95=high)}
+    viscosities = np.array([viscosity_at(posterior.material, RATE, draw) for draw in (first, *draws)])
+    ends = intervals((AT_RATE,), viscosities[:, None], posterior.log_weight)
+    low, median, high = ends.get(AT_RATE, (None, viscosities[0], None))
+    return {AT_RATE: Quantity.of(low, float(median), high)}
 
 
 def _model_record(answer: OtherAnswer) -> OtherModel:
@@ -369,20 +330,15 @@ def _model_record(answer: OtherAnswer) -> OtherModel:
     values = {name: Quantity(median=finite(answer.best.get(name))) for name in names}
     for name, (low, median, high) in answer.intervals.items():
         if np.all(np.isfinite((low, median, high))):
-            values[name] = Quantity(q05=low, median=median, q95=high, bound=searched_bound(name, low, high))
+            values[name] = Quantity.of(low, median, high, searched_bound(name, low, high))
     if (viscosity := viscosity_at(answer.material, RATE, answer.best)) is not None:
         values[AT_RATE] = Quantity(median=viscosity)
-    law = {key: values.pop(name, Quantity()) for name, key in _KEYS.items()}
     evidence = answer.evidence or Evidence(np.nan)
     return OtherModel(
-        material=answer.material,
-        bubble=answer.bubble,
+        **{name: getattr(answer, name) for name in ("material", "bubble", "rmse_over_rmax", "weight")},
+        **OtherModel.fields_of(values),
         log_evidence=evidence.log,
         evidence_error=evidence.error,
-        rmse_over_rmax=answer.rmse_over_rmax,
-        **law,
-        other_parameters=values,
-        weight=answer.weight,
     )
 
 
@@ -399,10 +355,10 @@ def parameter_key(names: Iterable[str]) -> list[str]:
     return [f"{symbol} ({meaning})" for symbol, (_, meaning) in meanings.items()] + end
 
 
-def in_unit(name: str, unit: Unit) -> tuple[str, float, str]:
-    """Symbol of a parameter, factor from SI and the unit in which it is written; `unit`: that of moduli."""
+def in_unit(name: str, unit: Unit = (1.0, "Pa")) -> tuple[str, float, str]:
+    """Symbol of a parameter, factor from SI and the unit in which people read it; `unit`: that of moduli."""
     symbol, written = digits.described(name)
-    return symbol, *(unit if written == "Pa" else (1.0, written))
+    return symbol, *{"Pa": unit, "s": (1e6, "µs")}.get(written, (1.0, written))
 
 
 def evidence(model: OtherModel) -> float:
@@ -416,7 +372,7 @@ def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
     names = dict.fromkeys(
         ["shear_modulus", "viscosity", *(name for record in records for name in record.other_parameters)]
     )
-    inferred = [name for name in names if any(record.quantity(name).median is not None for record in records)]
+    inferred = [name for name in names if any(record.value(name).median is not None for record in records)]
     return [
         name for name in inferred if of_the_law(name) and (name != "reference_viscosity" or "yield_stress" in inferred)
     ]
@@ -436,8 +392,3 @@ def _json_fields(fields: Any) -> Any:
         name: {key: item for key, item in value.items() if item is not None} if isinstance(value, dict) else value
         for name, value in _plain(fields).items()
     }
-
-
-def _plain(value: Any) -> Any:
-    """As JSON can hold it: arrays as lists, NaN as null, what is not data as its text."""
-    return to_jsonable_python(value, inf_nan_mode="null", fallback=lambda v: getattr(v, "tolist", v.__str__)())

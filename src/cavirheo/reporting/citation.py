@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib.resources import files
@@ -16,6 +16,7 @@ from cavirheo.physics.materials import LAWS
 from cavirheo.physics.media import MEDIA as MEDIUM_SETS
 from cavirheo.reporting.answer import CurveRecord, in_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
 
@@ -90,7 +91,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
         *_rivals(answers),
         *_prior(answers),
         "Values are medians with central 90 % intervals." if intervals else "",
-        _POPULATION if any(group.population and group.population.has_material for group in result.groups) else "",
+        _POPULATION if any(group.material for group in result.groups) else "",
     ]
     words = dict.fromkeys(re.findall(r"\w+", " ".join(sentences)))
     sources = [references()[word] for word in words if word in references()]
@@ -112,48 +113,39 @@ def _shots(answers: list[CurveRecord], result: Result) -> str:
     return f"Radius histories of {of} were analysed with cavirheo {result.version} [cavirheo{(result.date or '')[:4]}]."
 
 
-def _motion(answers: list[CurveRecord]) -> list[str]:
+def _motion(answers: list[CurveRecord]) -> Iterator[str]:
     """The equations of the wall, each with what the gas does."""
-    sentences = []
     for motion, exponent in dict.fromkeys((curve.bubble.motion, curve.bubble.exponent) for curve in answers):
         gas = "with heat and mass transfer between gas, vapour and medium [Estrada2018]"
         if exponent is not None:
             gas = f"with a polytropic gas of exponent {exponent:g}"
-        sentences.append(f"The wall follows the equation of {_EQUATIONS[motion]}, {gas}.")
-    return sentences
+        yield f"The wall follows the equation of {_EQUATIONS[motion]}, {gas}."
 
 
-def _model(answers: list[CurveRecord]) -> list[str]:
-    sentences = []
-    for model in dict.fromkeys((curve.material, curve.bubble) for curve in answers):
-        material, bubble = model
+def _model(answers: list[CurveRecord]) -> Iterator[str]:
+    for (material, bubble), count in Counter((curve.material, curve.bubble) for curve in answers).items():
         keys = list(dict.fromkeys(source.key for part in material.split("+") for source in of_law(part.strip())))
         law = digits.MATERIALS.get(material, material).partition(" (")[0] + (f" [{', '.join(keys)}]" if keys else "")
         vapour = "vapour in equilibrium at the wall"
         if bubble.contents == "kinetic":
             vapour = "vapour that condenses at a finite rate, with its diffusivity by [Fuller1966]"
         damped = "; the surroundings damp the motion (confinement damping)" * (bubble.confinement_damping != 0)
-        count = sum((c.material, c.bubble) == model for c in answers)
         hurt = "" if bubble.damage == "none" else f", damaged ({bubble.damage})"
-        sentences.append(f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}{damped}.")
-    return sentences
+        yield f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}{damped}."
 
 
-def _rivals(answers: list[CurveRecord]) -> list[str]:
+def _rivals(answers: list[CurveRecord]) -> Iterator[str]:
     """The models beside which the answers stand with an evidence, whose the values are, and what is preferred."""
     compared = [curve for curve in answers if curve.evidence]
     models = {curve.model: curve.in_words for curve in compared}
     alternatives = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
-    rivals = {model.in_words for model in alternatives if model.model not in models}
-    if not rivals:
-        return []
-    preferred = Counter(model.in_words for curve in compared if (model := curve.preferred))
-    count = digits.counted(len(compared), "curve")
-    verdicts = [f"it prefers {model} in {n} of {count}" for model, n in preferred.items()]
-    return [
-        f"Values are those of {' or '.join(models.values())}. The evidence [Kass1995] compares this with "
-        f"{', '.join(sorted(rivals))}: {', '.join(verdicts) or 'it rejects the given values in no curve'}."
-    ]
+    if rivals := {model.in_words for model in alternatives if model.model not in models}:
+        preferred = Counter(model.in_words for curve in compared if (model := curve.preferred))
+        count = digits.counted(len(compared), "curve")
+        verdicts = ", ".join(f"it prefers {model} in {n} of {count}" for model, n in preferred.items())
+        yield f"Values are those of {' or '.join(models.values())}."
+        verdicts = verdicts or "it rejects the given values in no curve"
+        yield f"The evidence [Kass1995] compares this with {', '.join(sorted(rivals))}: {verdicts}."
 
 
 def _passed(curves: Sequence[CurveRecord]) -> str:
@@ -168,9 +160,8 @@ def _passed(curves: Sequence[CurveRecord]) -> str:
     )
 
 
-def _media(answers: list[CurveRecord]) -> list[str]:
+def _media(answers: list[CurveRecord]) -> Iterator[str]:
     """The constants by their names; nothing of a document of an older version, which does not hold them."""
-    sentences = []
     media = dict.fromkeys(curve.medium for curve in answers if curve.medium)
     for medium in media:
         groups = dict.fromkeys(curve.group for curve in answers if curve.medium == medium)
@@ -178,43 +169,36 @@ def _media(answers: list[CurveRecord]) -> list[str]:
         of = f" of {', '.join(groups)}" if len(media) > 1 else ""
         changed = " with changes" if replace(medium, name=name, unusual=True) != MEDIUM_SETS.get(name, medium) else ""
         key = f" [{MEDIA[name]}]" if name in MEDIA else ""
-        sentences.append(
+        yield (
             f"Constants of the medium{of} are those of {name}{key}{changed}: density {medium.density:g} kg/m3, sound "
             f"speed {medium.sound_speed:g} m/s, surface tension {medium.surface_tension:g} N/m, pressure "
             f"{medium.pressure:g} Pa, temperature {medium.temperature:g} K."
         )
-    return sentences
 
 
-def _window(answers: list[CurveRecord]) -> list[str]:
+def _window(answers: list[CurveRecord]) -> Iterator[str]:
     windows = sorted({curve.window.collapses for curve in answers if curve.window.collapses})
     ends = [curve.window.t_star_end for curve in answers if curve.window.t_star_end]
     if windows and ends:
         *few, last = windows
         collapses = " or ".join([*map(str, few), digits.counted(last, "collapse")])
-        return [f"Simulations were compared with the recordings over {collapses} (t/t_c up to {_range(ends)})."]
-    return []
+        yield f"Simulations were compared with the recordings over {collapses} (t/t_c up to {_range(ends)})."
 
 
-def _prior(answers: list[CurveRecord]) -> list[str]:
+def _prior(answers: list[CurveRecord]) -> Iterator[str]:
+    if any(curve.method in ("verified", "laplace", "amortised") for curve in answers):
+        names = [name for curve in answers for name in KEYS if curve.value(name).median]
+        names += [] if all(curve.stretch_prior for curve in answers) else ["stretch"]
+        ranges = []
+        for parameter in map(PARAMETERS.__getitem__, dict.fromkeys(names)):
+            if parameter.searched:
+                low, high = (10.0**end for end in parameter.searched)
+                unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+                ranges.append(f"{parameter.symbol} {low:.3g} to {high:.3g}{unit}")
+        free = "time origin, radius scale and R_max were free within their doubts"
+        yield f"Priors are uniform in the logarithm ({', '.join(ranges)}); {free}."
     sources = Counter(curve.diagnostics.stretch_source for curve in answers if curve.stretch_prior)
-    stated = [f"The stretch of {digits.counted(n, 'curve')} was {source}." for source, n in sources.items()]
-    if not any(curve.method in ("verified", "laplace", "amortised") for curve in answers):
-        return stated
-    ranges = []
-    names = [name for curve in answers for name in ("shear_modulus", "viscosity") if curve.quantity(name).median]
-    names += [] if all(curve.stretch_prior for curve in answers) else ["stretch"]
-    for name in dict.fromkeys(names):
-        parameter = PARAMETERS[name]
-        if parameter.searched:
-            low, high = (10.0**end for end in parameter.searched)
-            unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-            ranges.append(f"{parameter.symbol} {low:.3g} to {high:.3g}{unit}")
-    return [
-        f"Priors are uniform in the logarithm ({', '.join(ranges)}); time origin, radius scale and R_max were free "
-        "within their doubts.",
-        *stated,
-    ]
+    yield from (f"The stretch of {digits.counted(n, 'curve')} was {source}." for source, n in sources.items())
 
 
 def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
@@ -227,9 +211,9 @@ def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -
     values = []
     for name in parameters_of(trusted):
         symbol, factor, unit = in_unit(name, result.modulus_unit)
-        text = digits.quantity(trusted[0].quantity(name), factor, unit=unit)
+        text = digits.quantity(trusted[0].value(name), factor, unit=unit)
         if n > 1:
-            text = f"{digits.spread(group.spread(name), factor).replace('±', '+-')} {unit}".rstrip()
+            text = f"{digits.spread(group.value(name), factor).replace('±', '+-')} {unit}".rstrip()
         values += [f"{symbol} = {text}"] if digits.MISSING not in text else []
     over = f" (mean and standard deviation of {n} shots)" if n > 1 else ""
     first = f"{group.warning}; " if group.warning else ""

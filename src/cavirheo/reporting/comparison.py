@@ -54,43 +54,39 @@ class ComparedParameter:
 
 
 class Comparison:
-    """What the tables and the picture of a result have in common."""
+    """What the tables of a result have in common."""
 
     def __init__(self, result: Result) -> None:
         groups = [(group, [result.curves[k] for k in of]) for group, of in result.members()]
-        self.result: Result = result
         self.rows: list[ComparedParameter] = [row for group, shots in groups for row in _rows(group, shots)]
-        self.methods: list[str] = list(dict.fromkeys(method for group, _ in groups for method in group.published))
-        self.references: list[str] = list(dict.fromkeys(method for group, _ in groups for method in group.errors))
-        self.answers: list[str] = max((row.answers for row in self.rows), key=len, default=[]) or [OURS]
-        bubbles = dict.fromkeys(shot.bubble.title for _, shots in groups for shot in shots if shot.has_answer)
-        self.bubbles: str = ", ".join(bubbles)
+        self.methods: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.published))
+        self.references: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.errors))
         means = [value.mean for row in self.rows if row.name == G for value in row.values.values()]
-        factor, unit = digits.modulus_unit([0.0, *means])
-        self.units: dict[str, tuple[float, str]] = {G: (factor, f"G ({unit})"), MU: (1.0, "µ (Pa s)")}
+        factor, unit = digits.modulus_unit([0.0, *means])  # one for all rows
+        self.units = {G: (factor, f"G ({unit})"), MU: (1.0, "µ (Pa s)"), "": (1.0, digits.MISSING)}
 
     def unit(self, name: str) -> tuple[float, str]:
-        """(factor from SI, what stands over a column): one unit of G for all rows."""
+        """(factor from SI, what stands over a column)."""
         words = name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
-        return self.units.get(name, (1.0, words or digits.MISSING))
+        return self.units.get(name, (1.0, words))
 
 
 def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:
     """One for each parameter that is published or inferred; a liquid has no G."""
     answers = [shot for shot in shots if shot.has_answer]
-    medians = {name: [shot.quantity(name).median for shot in answers] for name in (G, MU)}
-    inferred = [name for name in medians if group.spread(name).mean is not None or any(medians[name])]
+    medians = {name: [shot.value(name).median for shot in answers] for name in (G, MU)}
+    inferred = [name for name in medians if group.value(name).mean is not None or any(medians[name])]
     published = [name for values in group.published.values() for name in values]
     for name in sorted({*inferred, *published}, key=[G, MU, *published].index) or [""]:
         values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
-        values[TRUSTED] = group.spread(name)
+        values[TRUSTED] = group.value(name)
         values[ALL] = spread_of([shot.determined(name) for shot in answers])
         yield ComparedParameter(group, shots, name, values)
 
 
 def remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """The material, doubtful and failed shots."""
-    lines = [group.population.line] if group.population and group.population.has_material else []
+    lines = [group.material.line] if group.material else []
     if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
     reasons = terminal.by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
@@ -128,7 +124,8 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
         counts = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(row)]
         for method in [method for method in row.values if method not in (TRUSTED, ALL)] + row.answers:
             texts = [*head, method, digits.spread(row.value(method), factor)]
-            texts += [_error(row, reference, method) for reference in comparison.references]
+            errors = {to: digits.percent(row.error(to, method)) for to in comparison.references if to != method}
+            texts += [errors.get(to, "") for to in comparison.references]  # no method is its own reference
             ours = method in row.answers
             table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != ALL else None)
             head, counts = ["", ""], [] if ours else counts
@@ -139,41 +136,34 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
 
 def write_csv(path: Path, result: Result) -> None:
     """One line for each group and parameter, SI, errors as fractions; empty where there is no number."""
-    comparison = Comparison(result)
-    ours = {f"{OURS}_trusted": TRUSTED, f"{OURS}_all": ALL}
+    comparison, lines = Comparison(result), list[dict[str, Any]]()
+    ours = {TRUSTED: f"{OURS}_trusted", ALL: f"{OURS}_all"}
     methods = {**{method: method for method in comparison.methods}, **ours}
-    head = ["set", "quantity", *(f"{method}_{part}" for method in comparison.methods for part in ("mean", "std"))]
-    head += [f"{method}_{part}" for method in ours for part in ("mean", "std", "n")]
-    head += [f"{method}_error_to_{to}" for to in comparison.references for method in methods if method != to]
-    head += ["n_shots", "n_answered", *(f"n_{verdict}" for verdict in _VERDICTS)]
-    head += ["rmse_over_rmax_median", "rmse_over_rmax_smallest", "rmse_over_rmax_largest", "models", "message"]
-    lines = []
     for row in comparison.rows:
-        entries: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
-        entries |= {"n_shots": len(row.shots), "n_answered": row.group.n, "models": ", ".join(row.group.models)}
-        entries |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
-        entries |= dict(zip(head[-5:-2], _misfits(row.shots), strict=True))
-        for name, method in methods.items():
-            entries |= {f"{name}_{part}": number for part, number in row.value(method)}
-            entries |= {f"{name}_error_to_{to}": row.error(to, method) for to in comparison.references}
-        lines.append(entries | {"message": "; ".join(remarks(row.group, row.shots))})
-    write_rows(path, head, lines)
+        line: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
+        for method, name in methods.items():
+            parts = ("mean", "std", "n") if method in ours else ("mean", "std")
+            line |= {f"{name}_{part}": getattr(row.value(method), part) for part in parts}
+        for to in comparison.references:
+            line |= {f"{name}_error_to_{to}": row.error(to, method) for method, name in methods.items() if method != to}
+        line |= {"n_shots": len(row.shots), "n_answered": row.group.n}
+        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
+        line |= {f"rmse_over_rmax_{name}": misfit for name, misfit in _misfits(row.shots).items()}
+        line |= {"models": ", ".join(row.group.models), "message": "; ".join(remarks(row.group, row.shots))}
+        lines.append(line)
+    write_rows(path, list(lines[0]) if lines else [], lines)
 
 
-def _misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
-    """RMSE over R_max of the answered shots: median, smallest and largest."""
+def _misfits(shots: Sequence[CurveRecord]) -> dict[str, float | None]:
+    """RMSE over R_max of the answered shots."""
     misfits = [shot.rmse_over_rmax for shot in shots if shot.has_answer and shot.rmse_over_rmax is not None]
-    return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
-
-
-def _error(row: ComparedParameter, reference: str, method: str) -> str:
-    """In per cent; nothing where a method is its own reference."""
-    return "" if method == reference else digits.percent(row.error(reference, method))
+    ends = [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
+    return dict(zip(("median", "smallest", "largest"), ends, strict=True))
 
 
 def _counts(row: ComparedParameter) -> list[str]:
     """Answered of all shots; the trusted ones; RMSE: median (smallest–largest), % of R_max."""
-    middle, low, high = map(digits.percent, _misfits(row.shots))
+    middle, low, high = map(digits.percent, _misfits(row.shots).values())
     words = middle if middle == digits.MISSING else f"{middle} ({low}–{high})"
     shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.answers else ["", ""]
     return [*shots, words]
@@ -181,10 +171,12 @@ def _counts(row: ComparedParameter) -> list[str]:
 
 def _key(comparison: Comparison) -> str:
     words = "Mean ± standard deviation over the trusted shots that determine it. "
-    if len(comparison.answers) > 1:
+    if any(len(row.answers) > 1 for row in comparison.rows):
         words = f"{TRUSTED}: {words[0].lower()}{words[1:]}"
         words += f"{ALL}: over all answered shots, doubtful ones included. "
     if comparison.references:
         words += f"Error to {' or '.join(comparison.references)}: |mean − its mean| / its mean, in %. "
     words += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
-    return words + (f" Our answers assume the {comparison.bubbles}." if comparison.bubbles else "")
+    shots = (shot for row in comparison.rows for shot in row.shots if shot.has_answer)
+    bubbles = ", ".join(dict.fromkeys(shot.bubble.title for shot in shots))
+    return words + (f" Our answers assume the {bubbles}." if bubbles else "")

@@ -3,9 +3,10 @@ the app and the files that are asked for."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -91,75 +92,91 @@ class Panel:
         return next((layer for layer in self.layers if layer.look == look), nothing)
 
 
-def curve_panels(curve: RadiusCurve, checks: Checks, simulated_as: str = "simulation") -> list[Panel]:
+def curve_panels(
+    curve: RadiusCurve,
+    checks: Checks,
+    simulated_as: str = "simulation",
+    *,
+    fit: Checks | None = None,
+    what_if: Checks | None = None,
+    draws: tuple[Floats, Floats, Floats] | None = None,
+) -> list[Panel]:
     """The radius, measured and simulated, then what is left between, if anything was compared.
 
     checks: what was found when its answer was simulated; a failed one leaves the measured points alone. simulated_as:
-    the name of the line. Raises ValueError: times and values of a line are not as many.
+    the name of the line. fit and what_if: the simulations of a conventional fit and of other values. draws: the band in
+    which those of the draws run: times (s), lower and upper radius (m). Raises ValueError: times and values of a line
+    are not as many.
     """
     if checks.verdict == "failed":
         checks = Checks("failed")
-    origin, per_second, x_label = _clock(curve)
-    per_metre, y_label = _scale(curve)
-    time, radius = (curve.time - origin) * per_second, curve.radius * per_metre
-    line, difference = _simulation(curve, checks, "simulated", simulated_as)
-    compared_time = difference.x
+    units = _Units.of(curve)
+    time, radius = units.points(curve.time, curve.radius)
+    line, difference = _simulation(units, checks, "simulated", simulated_as)
     has_answer, rmse = checks.verdict != "failed", 100.0 * (checks.rmse_over_rmax or 0.0)
     compared = np.full(len(time), not has_answer)
-    if len(compared_time):
+    if len(difference.x):
         slack = 1e-6 * (time[-1] - time[0])
-        compared = (time >= compared_time[0] - slack) & (time <= compared_time[-1] + slack)
-    low, high = _view(time, compared_time)
+        compared = (time >= difference.x[0] - slack) & (time <= difference.x[-1] + slack)
+    low, high = _view(time, difference.x)
     measured = np.isfinite(radius) & (time >= low) & (time <= high)
-    remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
-    x = Axis(x_label, low, high, remark)
-    top = 1.05 * float(np.max([*radius[measured], *line.y], initial=0.0)) or 1.05
     share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # as much as the simulation has
-    dots = [
+    layers = [
         Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some))
         for look, name, some in (
             ("measured", "measured", measured & compared),
             ("outside", "not compared", measured & ~compared),
         )
-    ]
+    ] + [line]
+    if draws:
+        area = units.points(draws[0], np.column_stack(draws[1:]))
+        layers.insert(0, Layer("area", "draws", *area, "90 % of the draws", share=0.2))
+    differences = [difference]
+    for look, name, simulation in (("fit", "least squares", fit), ("what-if", "sliders", what_if)):
+        if simulation and simulation.reconstruction_time is not None:
+            line, left = _simulation(units, simulation, look, name)
+            layers.append(line)
+            differences.append(replace(left, shape="line", look=look))
+    remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
+    x, top = Axis(units.time, low, high, remark), 1.05 * _largest(layers, 0.0) or 1.05
     note = "" if has_answer else "no answer: no line is drawn"
-    t_c = (checks.time_scale or 0.0) * per_second
+    t_c = (checks.time_scale or 0.0) * units.per_second
     panels = [
         Panel(
             x,
-            Axis(y_label, 0.0, top),
-            tuple(layer for layer in (*dots, line) if len(layer.y)),
+            Axis(units.radius, 0.0, top),
+            tuple(layer for layer in layers if len(layer.y)),
             Axis("t*", low / t_c, high / t_c) if t_c else None,
             note if measured.any() else "no measured radius",
         )
     ]
     if len(difference.y):
-        largest = 1.15 * max(float(np.max(np.abs(difference.y), initial=0.1)), rmse)
+        largest = 1.15 * max(_largest(differences, 0.1), rmse)
         ends = np.array([low, high])
         band = [Layer("band", "band", ends, np.array([-rmse, rmse]))] if rmse else []
         zero = Layer("line", "zero", ends, np.zeros(2))
         note = f"band: ± RMSE = {digits.significant(rmse, 2)} %" if rmse else ""
-        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, difference), note=note))
+        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, *differences), note=note))
     return panels
 
 
-def _simulation(curve: RadiusCurve, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
+def _largest(layers: Sequence[Layer], least: float) -> float:
+    """The largest of all numbers along `y`, whatever their sign; `least` at least."""
+    return float(np.nanmax(np.concatenate([np.abs(layer.y).ravel() for layer in layers]), initial=least))
+
+
+def _simulation(units: _Units, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
     """The line of a simulation, and what is left between; without values where there are none. Raises ValueError."""
-    (origin, per_second, _), (per_metre, _) = _clock(curve), _scale(curve)
-    time, compared_time = (
-        np.empty(0) if values is None else (values - origin) * per_second
-        for values in (checks.reconstruction_time, checks.compared_time)
-    )
-    radius, residual = (
-        np.empty(0) if values is None else factor * values
-        for values, factor in ((checks.reconstruction_radius, per_metre), (checks.residual_over_rmax, 100.0))
-    )
+    names = ("reconstruction_time", "reconstruction_radius", "compared_time", "residual_over_rmax")
+    arrays = [getattr(checks, name) for name in names]
+    time, radius, compared_time, residual = (np.empty(0) if values is None else values for values in arrays)
     for values, times in ((radius, time), (residual, compared_time)):
         if values.size and values.shape != times.shape:
             raise ValueError(f"{len(values)} values at {len(times)} times")
+    compared_time, _ = units.points(compared_time, compared_time)
     return (
-        Layer("line", look, time, radius, name, share=0.4),
-        Layer("dots", "residual", compared_time, residual, share=0.2),
+        Layer("line", look, *units.points(time, radius), name, share=0.4),
+        Layer("dots", "residual", compared_time, 100.0 * residual, share=0.2),
     )
 
 
@@ -169,48 +186,11 @@ def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> li
     return curve_panels(curve, checks if record.has_answer else Checks("failed"), name)
 
 
-def check_panels(
-    curve: RadiusCurve,
-    checks: Checks,
-    simulated_as: str,
-    *,
-    fit: Checks | None = None,
-    what_if: Checks | None = None,
-    band: tuple[Floats, Floats, Floats] | None = None,
-) -> list[Panel]:
-    """Those of an answer with the simulations of a conventional fit and of other values, and with the band in which the
-    draws' simulations run: times (s), lower and upper radius (m)."""
-    radius, *residual = curve_panels(curve, checks, simulated_as)
-    below, lines, differences = list[Layer](), list[Layer](), list[Layer]()
-    if band:
-        (origin, per_second, _), (per_metre, _) = _clock(curve), _scale(curve)
-        ends = per_metre * np.column_stack(band[1:])
-        below.append(Layer("area", "draws", per_second * (band[0] - origin), ends, "90 % of the draws", share=0.2))
-    for look, name, simulation in (("fit", "least squares", fit), ("what-if", "sliders", what_if)):
-        if simulation and simulation.reconstruction_time is not None:
-            line, difference = _simulation(curve, simulation, look, name)
-            lines.append(line)
-            differences.append(replace(difference, shape="line", look=look))
-    radius_ends = [0.0, *(1.05 * layer.y.max() for layer in (*below, *lines))]
-    residual_ends = [1.15 * np.abs(layer.y).max() for layer in differences]
-    panels = [_with_layers(radius, (*below, *radius.layers, *lines), max(radius_ends))]
-    return panels + [
-        _with_layers(panel, (*panel.layers, *differences), max(residual_ends, default=0.0)) for panel in residual
-    ]
-
-
-def _with_layers(panel: Panel, layers: tuple[Layer, ...], high: float) -> Panel:
-    """With these layers, and an axis up to `high` at least; one that begins below zero is symmetric."""
-    high = max(high, panel.y.high)
-    return replace(panel, layers=layers, y=replace(panel.y, low=-high if panel.y.low < 0.0 else 0.0, high=high))
-
-
 def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
     """The panel of a curve before it is answered: which frames are compared (those of `window`), which stand out, and
     which have no radius. Raises InputError: the curve has no R_max."""
     (panel,) = curve_panels(curve, Checks("unverified", compared_time=window.time))
-    origin, per_second, _ = _clock(curve)
-    time, radius = (curve.time - origin) * per_second, curve.radius * _scale(curve)[0]
+    time, radius = _Units.of(curve).points(curve.time, curve.radius)
     within = (time >= panel.x.low) & (time <= panel.x.high)
     outliers = np.isin(np.arange(len(time)), curve.spikes()) & within
     missing = np.isnan(radius) & within
@@ -221,20 +201,30 @@ def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
     return [replace(panel, layers=(*panel.layers, *(layer for layer in layers if len(layer.x))))]
 
 
-def _clock(curve: RadiusCurve) -> tuple[float, float, str]:
-    """Origin (s), units per second, and name of the axis of time."""
-    if curve.time_unscaled:
-        return 0.0, 1.0, "time (no scale)"
-    with suppress(InputError):  # no maximum
-        return curve.time_of_max, 1e6, f"time after {RMAX} (µs)"
-    return 0.0, 1e6, "time of the recording (µs)"
+class _Units(NamedTuple):
+    """How the axes of a curve count: names of both, origin (s), units per second and per metre."""
 
+    time: str
+    radius: str
+    origin: float
+    per_second: float
+    per_metre: float
 
-def _scale(curve: RadiusCurve) -> tuple[float, str]:
-    """Units per metre, and name of the axis of radius."""
-    if curve.unscaled:
-        return 1.0 / float(np.nanmax(curve.radius, initial=1e-300)), "R / largest R"
-    return 1e6, "R (µm)"
+    @classmethod
+    def of(cls, curve: RadiusCurve) -> _Units:
+        """µs after R_max and µm, as far as the scales of the curve are known."""
+        radius, per_metre = "R (µm)", 1e6
+        if curve.unscaled:
+            radius, per_metre = "R / largest R", 1.0 / float(np.nanmax(curve.radius, initial=1e-300))
+        if curve.time_unscaled:
+            return cls("time (no scale)", radius, 0.0, 1.0, per_metre)
+        with suppress(InputError):  # no maximum
+            return cls(f"time after {RMAX} (µs)", radius, curve.time_of_max, 1e6, per_metre)
+        return cls("time of the recording (µs)", radius, 0.0, 1e6, per_metre)
+
+    def points(self, time: Floats, radius: Floats) -> tuple[Floats, Floats]:
+        """Along both axes, of seconds and metres."""
+        return (time - self.origin) * self.per_second, radius * self.per_metre
 
 
 def _view(time: Floats, window: Floats) -> tuple[float, float]:

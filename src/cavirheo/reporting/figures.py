@@ -6,7 +6,7 @@ caption.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,7 @@ _LINE = 1.0  # pt
 _DPI = 300  # of a PNG
 _GREY = "#a0a0a0"
 _LIGHTEST = 0.85  # tone of a shot, of 1
+_KEY: dict[str, Any] = {"frameon": False, "fontsize": _SMALL, "handlelength": 1.4, "borderpad": 0.0}
 _DOT = {"marker": "o", "ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
 _MARK = {"ms": 4.0, "lw": 1.0, "capsize": 2.0, "zorder": 3}
 _LOOKS: dict[str, dict[str, Any]] = {  # of the layers of a panel; one without is left out
@@ -59,16 +60,11 @@ def check_figures(figures: Sequence[str]) -> None:
     require(not unknown, f"figures can be {', '.join(KINDS)}, got {unknown}", "reporting.figures")
 
 
-def names(curves: Sequence[str], groups: Sequence[str]) -> list[str]:
+def stems_of(curves: Iterable[str], groups: Iterable[str]) -> list[str]:
     """File names without their ending of the figures of curves and groups."""
     from cavirheo.reporting import file_names
 
     return file_names([*curves, *(f"group-{name}" for name in groups)])
-
-
-def files(figures: Sequence[str], curves: Sequence[str], groups: Sequence[str]) -> list[str]:
-    """The names of all files of these kinds of figures."""
-    return [f"{stem}.{kind}" for stem in names(curves, groups) for kind in figures]
 
 
 def write(
@@ -93,32 +89,27 @@ def write(
 
     drawings = [(row.name, partial(of_curve, index)) for index, row in enumerate(rows)]
     drawings += [(group.name, partial(of_group, group, indices)) for group, indices in document.members()]
-    stems = names([row.name for row in rows], [group.name for group in document.groups])
+    stems = stems_of((row.name for row in rows), (group.name for group in document.groups))
     for stem, (name, draw) in zip(stems, drawings, strict=True):
         with drawing(f"figure of {name}", failed):
-            if (figure := draw()) is not None:
-                _save(folder, stem, figure, figures)
+            figure = draw()
+            for kind in figures if figure else ():
+                folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
         if advance:
             advance()
     return failed
 
 
-def _save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str]) -> None:
-    """As a file of each kind."""
-    for kind in kinds:
-        folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
-
-
 def curve_figure(panels: Sequence[Panel]) -> Figure:
     """A column: the measured points, the simulation over them, and below what is left between."""
     height = 68.0
-    figure = _figure((_WIDTH, height))
+    figure = style.new_figure(height / _MM, _WIDTH / _MM)
     left, bottom, across = 6.4 * _EM, 3.6 * _EM, _WIDTH - 7.1 * _EM
     radius, *residual = panels
     lower = 0.18 * height * len(residual)
     begin = bottom + lower + 1.1 * _EM * len(residual)
     upper = _panel(figure, (left, begin, across, height - 0.7 * _EM - begin), radius, along=not residual)
-    _legend(upper, loc="upper right")
+    upper.legend(**_KEY, loc="upper right")
     for panel in residual:
         _panel(figure, (left, bottom, across, lower), panel)
     return figure
@@ -127,7 +118,7 @@ def curve_figure(panels: Sequence[Panel]) -> Figure:
 def group_figure(panels: Sequence[Panel]) -> Figure:
     """A page: all shots over each other, and their answers with the material; rings do not count."""
     height = 62.0
-    figure = _figure((_PAGE, height))
+    figure = style.new_figure(height / _MM, _PAGE / _MM)
     bottom, tall = 3.9 * _EM, height - 7.4 * _EM  # two lines of the key above
     half = (_PAGE - 12.0 * _EM) / 2.0
     shots, answers, *_ = panels
@@ -135,16 +126,9 @@ def group_figure(panels: Sequence[Panel]) -> Figure:
     style.write(left, 1.0, 1.03, shots.note, size=_SMALL, ha="right")
     right = _panel(figure, (_PAGE - 0.7 * _EM - half, bottom, half, tall), answers)
     if right.get_legend_handles_labels()[0]:
-        _legend(right, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
+        right.legend(**_KEY, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
     for axes, letter in ((left, "a"), (right, "b")):
         axes.set_title(letter, loc="left", fontsize=_LARGE, fontweight="bold")
-    return figure
-
-
-def _figure(size: tuple[float, float]) -> Figure:
-    """Width and height in mm."""
-    figure = style.new_figure(1.0)
-    figure.set_size_inches(size[0] / _MM, size[1] / _MM)
     return figure
 
 
@@ -187,8 +171,3 @@ def _axes(figure: Figure, box: tuple[float, float, float, float], x: Axis, y: Ax
     axes.yaxis.set_label_coords(-3.3 * _EM / box[2], 0.5)  # left of the widest numbers
     axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high), xticks=x.ticks(7), yticks=y.ticks(6 if box[3] > 20 else 3))
     return axes
-
-
-def _legend(axes: Axes, **place: Any) -> None:
-    key: Any = {"frameon": False, "fontsize": _SMALL, "handlelength": 1.4, "borderpad": 0.0}
-    axes.legend(**key, **place)

@@ -17,7 +17,7 @@ from cavirheo.parameters import AT_RATE, CAMERA, parameter_of
 from cavirheo.physics.bubble import title_of
 from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.answer import Answer, CurveRecord, OtherModel, evidence
-from cavirheo.reporting.material import PopulationRecord, over_size
+from cavirheo.reporting.material import KEYS, ParameterValues, PopulationRecord, over_size
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
 
@@ -58,12 +58,6 @@ class Slope(Quantity):
 
     n: int
     n_trusted: int = 0
-
-    @property
-    def sign(self) -> int:
-        """1 or -1 where the interval excludes zero, else 0."""
-        low, high = self.q05 or 0.0, self.q95 or 0.0
-        return (low > 0) - (high < 0)
 
     @property
     def words(self) -> str:
@@ -123,7 +117,7 @@ class GroupModel(Record):
         return not averaged and self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)
 
 
-class GroupRecord(Record):
+class GroupRecord(Record, ParameterValues[Spread]):
     """The shots of one file or folder.
 
     Models are over the n_trusted, and the mean of each parameter over those of them that determine it. Slopes are over
@@ -134,9 +128,6 @@ class GroupRecord(Record):
         n: shots that were answered.
         n_trusted: those with a verdict that counts (ok, undetermined, other_model_preferred).
         n_failed: shots without an answer.
-        shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s.
-        other_parameters: all others by natural name, SI.
         verdicts: how many curves have each.
         models: how many answers have each, by "law, bubble".
         preferred: how many shots there are whose evidence prefers each other model to that of the answer, by "law,
@@ -174,7 +165,7 @@ class GroupRecord(Record):
     @property
     def by_method(self) -> dict[str, Mapping[str, Spread]]:
         """All values of other methods, then our means if this has shots."""
-        means = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
+        means = {name: self.value(name) for name in KEYS}
         return {**self.published, **({OURS: means} if self.n and self.published else {})}
 
     def add_published(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
@@ -185,20 +176,10 @@ class GroupRecord(Record):
                 continue
             self.errors[reference] = {}
             for method, values in self.by_method.items():
-                shared = [name for name in values if name in of_reference and method != reference]
-                errors = {name: error_of(values[name], of_reference[name]) for name in shared}
-                if numbers := {name: error for name, error in errors.items() if error is not None}:
-                    self.errors[reference][method] = numbers
-
-    def spread(self, name: str) -> Spread:
-        """Of a parameter by its natural name."""
-        means = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
-        return (means | self.other_parameters).get(name, Spread())
-
-    @property
-    def viscosity(self) -> Spread:
-        """Or that at 1e5 1/s, where it is not one number."""
-        return self.spread("viscosity" if self.viscosity_Pa_s.mean is not None else AT_RATE)
+                errors = {name: error_of(value, of_reference.get(name, Spread())) for name, value in values.items()}
+                known = {name: error for name, error in errors.items() if error is not None}
+                if known and method != reference:
+                    self.errors[reference][method] = known
 
     def mean(self, value: Spread, factor: float = 1.0) -> str:
         """'6.4 ± 1.6'; '0.041 ± 0.006 (n = 3)' where fewer shots determine it than are trusted."""
@@ -209,35 +190,26 @@ class GroupRecord(Record):
     def remarks(self) -> list[str]:
         """On the models that are mixed, on the slopes of the answers, on the scale that G rests on, and on what each
         other model answers."""
-        models = ", ".join(f"{count} {model}" for model, count in self.models.items())
-        mixed = [f"the means are over answers of different models: {models}"] if len(self.models) > 1 else []
-        alternatives = [model.words for model in self.other_models]
-        first = [self.warning] if self.warning and not self.headline else []
-        return first + mixed + ([in_words(self.slopes)] if self.slopes else []) + self._scale + alternatives
+        lines = [self.warning] if self.warning and not self.material else []
+        if len(self.models) > 1:
+            models = ", ".join(f"{count} {model}" for model, count in self.models.items())
+            lines.append(f"the means are over answers of different models: {models}")
+        if self.slopes:
+            lines.append(in_words(self.slopes))
+        if abs(slope := self.modulus_over_scale or 0.0) >= SENSITIVE:
+            more = "1 % more in R_max or in the frame rate would change"
+            lines.append(f"{more} G by {slope:+.0f} %, in the density by {slope / 2.0:+.0f} %")
+        return lines + [model.words for model in self.other_models]
 
     @property
-    def _scale(self) -> list[str]:
-        """How far G rests on what nobody infers."""
-        slope = self.modulus_over_scale
-        if slope is None or abs(slope) < SENSITIVE:
-            return []
-        by_radius, by_density = f"{slope:+.0f} %", f"{slope / 2.0:+.0f} %"
-        return [f"1 % more in R_max or in the frame rate would change G by {by_radius}, in the density by {by_density}"]
-
-    @property
-    def lines(self) -> list[str]:
-        """All that is said of it after the numbers."""
-        return [*self.remarks, *(self.population.below if self.population else [])]
-
-    @property
-    def shots(self) -> str:
-        """'5 shots, 1 failed'."""
-        return digits.counted(self.n, "shot") + (f", {self.n_failed} failed" if self.n_failed else "")
+    def material(self) -> PopulationRecord | None:
+        """The material behind the shots, if there is one."""
+        return self.population if self.population and self.population.has_material else None
 
     @property
     def n_counted(self) -> int:
         """Shots that the material rests on, or else the means."""
-        return self.population.n if self.population and self.population.has_material else self.n_trusted
+        return self.material.n if self.material else self.n_trusted
 
     @property
     def basis(self) -> str:
@@ -277,8 +249,7 @@ class GroupRecord(Record):
     @property
     def headline(self) -> str:
         """The line for a paper, after what must be known before it is used; nothing without a material."""
-        material = self.population and self.population.has_material
-        return "; ".join(filter(None, [self.warning, self.population.line])) if self.population and material else ""
+        return "; ".join(filter(None, [self.warning, self.material.line])) if self.material else ""
 
 
 def error_of(value: Spread, reference: Spread) -> float | None:
@@ -286,6 +257,11 @@ def error_of(value: Spread, reference: Spread) -> float | None:
     if value.mean is None or not reference.mean:
         return None
     return abs(value.mean - reference.mean) / reference.mean
+
+
+def spread_over(answers: Iterable[Answer], name: str) -> Spread:
+    """Of a parameter, over the answers that determine it."""
+    return spread_of([answer.determined(name) for answer in answers])
 
 
 def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:
@@ -302,17 +278,22 @@ def slope(radius: Sequence[float | None], values: Sequence[float | None], truste
     return Slope(median=median, q05=low, q95=high, n=len(pairs), n_trusted=min(trusted, len(pairs)))
 
 
-def slopes(members: Sequence[CurveRecord]) -> dict[str, Slope]:
-    """Of the answers of a group, by the name of what should be a constant."""
-    sloped = _sloped(members)
-    return _slopes(sloped, sloped)
-
-
-def _sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
-    """The trusted; where these are too few, also those that the model does not fit."""
+def sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
+    """The trusted; where these are too few for a slope, also those that the model does not fit."""
     trusted = [record for record in members if record.trusted]
     followed = [record for record in members if record.trusted or record.verdict == "model_does_not_fit"]
     return trusted if len(trusted) >= FEWEST else followed
+
+
+def slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str, Slope]:
+    """Of one answer for each of these shots, by the name of what should be a constant."""
+    radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
+    for name in CONSTANTS:
+        values = [answer.value(name).determined for answer in answers]
+        trusted = sum(shot.trusted and value is not None for shot, value in zip(shots, values, strict=True))
+        if power := slope(radii, values, trusted):
+            slopes[name] = power
+    return slopes
 
 
 def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
@@ -330,17 +311,6 @@ def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
     return float(np.median(slopes)), float(slopes[low]), float(slopes[high])
 
 
-def _slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str, Slope]:
-    """By the name of what should be a constant."""
-    radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
-    for name in CONSTANTS:
-        values = [power.quantity(name).determined for power in answers]
-        trusted = sum(power.trusted and value is not None for power, value in zip(shots, values, strict=True))
-        if power := slope(radii, values, trusted):
-            slopes[name] = power
-    return slopes
-
-
 def in_words(slopes: dict[str, Slope]) -> str:
     """One line: what rises or falls with R_max, and what does not."""
     clauses = [over_size(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
@@ -353,7 +323,7 @@ def in_words(slopes: dict[str, Slope]) -> str:
 def group_of(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
     """The material, the mean of each parameter over the trusted curves that determine it, their slopes, and how many
     have which verdict."""
-    trusted = [record for record in members if record.trusted]
+    trusted, followed = [record for record in members if record.trusted], sloped(members)
     n = sum(record.has_answer for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
     firm = [record.diagnostics for record in trusted if record.determined("shear_modulus") is not None]
@@ -363,24 +333,22 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         n=n,
         n_trusted=len(trusted),
         n_failed=len(members) - n,
-        shear_modulus_Pa=spread_of([record.determined("shear_modulus") for record in trusted]),
-        viscosity_Pa_s=spread_of([record.determined("viscosity") for record in trusted]),
-        other_parameters={key: spread_of([shot.determined(key) for shot in trusted]) for key in more},
+        **GroupRecord.fields_of({name: spread_over(trusted, name) for name in (*KEYS, *more)}),
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
         preferred=dict(Counter(shot.in_words for record in members if (shot := record.preferred))),
-        slopes=slopes(members),
-        other_models=_other_models(trusted, _sloped(members)),
+        slopes=slopes(followed, followed),
+        other_models=_other_models(trusted, followed),
         population=population,
         modulus_over_scale=float(np.median(slopes_of_scale)) if slopes_of_scale else None,
     )
 
 
-def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list[GroupModel]:
+def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> list[GroupModel]:
     """Of each model that a trusted shot has besides its answer, of each shot the mode with the largest evidence; the
-    slopes are over `sloped`."""
+    slopes are over those that are followed."""
     alternatives = [(record, _by_model(record.other_models)) for record in trusted]
-    of_sloped = [_by_model(record.other_models) for record in sloped]
+    of_followed = [_by_model(record.other_models) for record in followed]
     first_answers = _by_model(answer for _, models in alternatives for answer in models.values())
     summaries = []
     for model, first in first_answers.items():
@@ -390,17 +358,17 @@ def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list
         answers = [answer for _, answer in pairs]
         logs = [(answer.log_evidence, record.evidence) for record, answer in pairs]
         gains = [log - evidence.log for log, evidence in logs if log is not None and evidence is not None]
-        complete = all(model in models for models in of_sloped)
+        complete = all(model in models for models in of_followed)
         summaries.append(
             GroupModel(
                 material=first.material,
                 bubble=first.bubble.name,
                 n=len(pairs),
-                shear_modulus_Pa=spread_of([answer.quantity("shear_modulus").determined for answer in answers]),
+                shear_modulus_Pa=spread_over(answers, "shear_modulus"),
                 viscosity_Pa_s=spread_of([answer.viscosity.determined for answer in answers]),
                 log_evidence=float(np.sum(gains)) if gains else None,
                 weight=float(np.mean([answer.weight for answer in answers])),
-                slopes=_slopes(sloped, [models[model] for models in of_sloped]) if complete else {},
+                slopes=slopes(followed, [models[model] for models in of_followed]) if complete else {},
             )
         )
     return summaries

@@ -55,9 +55,8 @@ def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> l
             usable.append((curve, medium.time_scale(curve.max_radius)))
     if not usable:
         return []
-    shots = [curve for curve, _ in usable]
-    plain = _overlay(shots, [1e-6] * len(shots), scaled=False)
-    return [plain, _overlay(shots, [t_c for _, t_c in usable], scaled=True)]
+    shots, units = zip(*usable, strict=True)
+    return [_overlay(shots, [1e-6] * len(shots), scaled=False), _overlay(shots, units, scaled=True)]
 
 
 def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float = np.inf, *, scaled: bool) -> Panel:
@@ -92,7 +91,7 @@ def _answers(
     y, mean_y, y_label = _along(upper, records, group, unit)
     trusted = np.array([record.trusted for record in records])
     finite = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
-    over_size = across == _SIZE
+    over_size, material = across == _SIZE, group.material
     layers = [
         Layer("bars", "interval", x[finite], y[finite], tones=tones[finite]),
         Layer("dots", "estimate", x[finite, 1], y[finite, 1], tones=tones[finite]),
@@ -104,14 +103,18 @@ def _answers(
         level = np.median(np.log(y[some, 1]) - power * np.log(x[some, 1]))
         line = np.linspace(x[:, 1].min(), x[:, 1].max(), 60)
         layers.append(Layer("line", "centre", line, np.exp(level) * line**power, f"{RMAX}^{slope.words}"))
-    elif (material := _material(group, unit)) and (across, upper) == ("shear_modulus", "viscosity"):
-        contour, centre_x, centre_y = material
-        layers.append(Layer("line", "contour", contour[:, 0], contour[:, 1], "90 % of shots"))
-        marks.append(("centre", "material", centre_x, centre_y))
-    elif mean_y is not None and group.spread(upper).std is not None and (over_size or mean_x is not None):
+    elif (across, upper) == ("shear_modulus", "viscosity") and material and (contour := material.contour()) is not None:
+        of_modulus = in_unit("shear_modulus", unit)[1]
+        layers.append(Layer("line", "contour", of_modulus * contour[:, 1], contour[:, 0], "90 % of shots"))
+        centre = _ends([material.value(across)], of_modulus)[0], _ends([material.value(upper)])[0]
+        marks.append(("centre", "material", *centre))
+    elif mean_y is not None and group.value(upper).std is not None and (over_size or mean_x is not None):
         marks.append(("centre", "mean ± std", None if over_size else mean_x, mean_y))
     if not (over_size and group.shear_modulus_Pa.mean is not None):  # once
-        marks += _published(group, unit, across, upper)
+        for method, values in group.published.items():
+            of_x, of_y = (_mean(values.get(name, Spread()), in_unit(name, unit)[1]) for name in (across, upper))
+            if of_y is not None and (over_size or of_x is not None):
+                marks.append(("published", digits.elide(method, 14), of_x, of_y))
     layers += [Layer("bars", look, x[None], y[None], name) for look, name, x, y in marks if x is not None]
     ends = ([x, *(layer.x for layer in layers)], [y, *(layer.y for layer in layers), *(y for *_, y in marks)])
     axes = Axis(x_label, *_around(ends[0], close=over_size)), Axis(y_label, *_around(ends[1]))
@@ -123,26 +126,6 @@ def _answers(
     return Panel(*axes, tuple(layer for layer in layers if len(layer.x)))
 
 
-def _material(group: GroupRecord, unit: Unit) -> tuple[Floats, Floats, Floats] | None:
-    """(k, 2) G and µ of the contour that holds 90 % of the shots, and (3,) of the centre along both."""
-    contour = group.population.contour() if group.population else None
-    if group.population is None or contour is None:
-        return None
-    factor, centre = in_unit("shear_modulus", unit)[1], group.population.centre
-    modulus, viscosity = _ends([centre("shear_modulus")], factor)[0], _ends([centre("viscosity")])[0]
-    return np.column_stack([factor * contour[:, 1], contour[:, 0]]), modulus, viscosity
-
-
-def _published(group: GroupRecord, unit: Unit, across: str, upper: str) -> list[Mark]:
-    """Mean ± std of each method that has what the axes show."""
-    marks: list[Mark] = []
-    for method, values in group.published.items():
-        x, y = (_mean(values.get(name, Spread()), in_unit(name, unit)[1]) for name in (across, upper))
-        if y is not None and (x is not None or across == _SIZE):
-            marks.append(("published", digits.elide(method, 14), x, y))
-    return marks
-
-
 def _along(
     name: str, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit
 ) -> tuple[Floats, Floats | None, str]:
@@ -152,8 +135,8 @@ def _along(
         return np.column_stack([radii] * 3), None, f"{RMAX} (µm)"
     symbol, factor, written = in_unit(name, unit)
     viscous = name in ("viscosity", AT_RATE)
-    values = _ends([record.viscosity if viscous else record.quantity(name) for record in records], factor)
-    return values, _mean(group.spread(name), factor), f"{symbol} ({written})" if written else symbol
+    values = _ends([record.viscosity if viscous else record.value(name) for record in records], factor)
+    return values, _mean(group.value(name), factor), f"{symbol} ({written})" if written else symbol
 
 
 def _mean(value: Spread, factor: float) -> Floats | None:

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +20,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import svg
-from cavirheo.reporting.answer import CurveRecord, meaning_of, parameter_key
+from cavirheo.reporting.answer import CurveRecord, in_unit, meaning_of, parameter_key
 from cavirheo.reporting.curve_panels import answer_panels
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
@@ -53,17 +52,16 @@ def write(
     """
     curves, unit = result.curves, result.modulus_unit
     shared, brief = _shared(curves), len(curves) > DETAILED
-    articles = []
-    for k, record in enumerate(curves):
-        picture, sheet = pictures[k] if pictures else "", sheets[k] if sheets else ""
-        options: Any = {"shared": frozenset(shared), "brief": brief, "number": k}
-        articles.append(article(record, *unit, picture, **options) + part("frames", sheet))
+    options: Any = {"shared": frozenset(shared), "brief": brief}
+    rows = zip(curves, pictures or [""] * len(curves), sheets or [""] * len(curves), strict=True)
+    articles = [
+        article(record, *unit, picture, number=number, **options) + part("frames", sheet)
+        for number, (record, picture, sheet) in enumerate(rows)
+    ]
     page = template("report.html").render(
         result=result,
-        style=style(),
         unit=unit,
         group_pictures=group_pictures,
-        script=_resource("report.js") if len(curves) > FOLDED else "",
         articles=articles,
         pictured=bool(pictures),
         shared=shared,
@@ -92,9 +90,7 @@ def _shared(curves: Sequence[CurveRecord]) -> dict[str, str]:
 def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """The entries that all of these have alike."""
     first, *later = parts or [{}]
-    return {
-        key: value for key, value in first.items() if all(key in mapping and mapping[key] == value for mapping in later)
-    }
+    return {key: value for key, value in first.items() if all((key, value) in part.items() for part in later)}
 
 
 def _text(origin: Mapping[str, Any]) -> Markup:
@@ -106,12 +102,7 @@ def _text(origin: Mapping[str, Any]) -> Markup:
 
 def style() -> str:
     """How tables, articles, verdicts and pictures look."""
-    badges = "".join(f".badge.{verdict} {{ background: {look.colour}; }}\n" for verdict, look in digits.LOOKS.items())
-    return _resource("report.css") + badges + _resource("picture.css")
-
-
-def _resource(name: str) -> str:
-    return files("cavirheo.reporting").joinpath(name).read_text(encoding="utf-8")
+    return template("report.css").render()
 
 
 def article(
@@ -164,7 +155,7 @@ def live_page(
     if curve and answer and record:
         with suppress(InputError):
             picture = svg.curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
-    material = group.population if group and group.population and group.population.has_material else None
+    material = group.material if group else None
     needed = material.still_needed([result.curves[i] for i in members], half_width) if material else None
     return template(LIVE).render(
         record=record,
@@ -174,17 +165,10 @@ def live_page(
         percent=100.0 * half_width,
         unit=result.modulus_unit,
         picture=picture,
-        style=_resource("picture.css"),
         shots=len(result.curves),
         trusted=sum(row.trusted for row in result.curves),
         failed=sum(not row.has_answer for row in result.curves),
     )
-
-
-def _parameter_words(name: str) -> tuple[str, float, str]:
-    """A parameter's name in words, and factor and name of its unit."""
-    _, unit = digits.described(name)
-    return name.replace("_", " "), *((1e6, "µs") if unit == "s" else (1.0, unit))
 
 
 def _printable(value: Any) -> Any:
@@ -204,5 +188,5 @@ def _templates(package: str) -> Environment:
         finalize=_printable,
     )
     environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
-    environment.globals.update(named_parameter=_parameter_words, meaning_of=meaning_of, parameter_key=parameter_key)
+    environment.globals.update(in_unit=in_unit, meaning_of=meaning_of, parameter_key=parameter_key)
     return environment

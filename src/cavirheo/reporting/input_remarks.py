@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -29,24 +29,22 @@ WIDE = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has l
 
 def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
     """R_max, frame rate, frames with a radius, time that was recorded, collapses."""
-    rate, top, collapses = curve.frame_rate, digits.MISSING, digits.MISSING
+    top, collapses = digits.MISSING, digits.MISSING
     with suppress(InputError):
         top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
     frames = f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}"
     recorded = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
-    return top, digits.significant(rate / 1000) if rate else digits.MISSING, frames, recorded, collapses
+    return top, digits.number(curve.frame_rate, 1e-3), frames, recorded, collapses
 
 
-def warnings(curves: Sequence[RadiusCurve]) -> list[tuple[str, str]]:
+def warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
     """(name, sentence) of what must not be overlooked: curves without R_max, and scales that make no sense."""
-    messages = []
     for curve in curves:
-        messages += [(curve.name, warning.text) for warning in input_checks.plain(curve, WATER)]
+        yield from ((curve.name, warning.text) for warning in input_checks.plain(curve, WATER))
         try:
             _ = curve.max_radius
         except InputError as error:
-            messages.append((curve.name, error.message))
-    return messages
+            yield curve.name, error.message
 
 
 def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
@@ -75,20 +73,15 @@ def unexplained(records: Sequence[CurveRecord]) -> int:
     return unlike + sum(bound in _NO_STIFFNESS for bound in undetermined)
 
 
-def at_fault(record: CurveRecord) -> bool:
-    """Whether the recording itself may be why no simulation follows: frames that do not count, or its clock, scale or
-    R_max at the end of what is expected."""
-    how = record.diagnostics
-    return bool(how.frames_left_out) or any(name in CAMERA for name in how.at_bound)
-
-
 def next_step(document: Result, analysis: Analysis, out: Path) -> str:
     """The command that helps where most answers ask for another law or bubble, or the recording to look at before;
     "" where none does."""
     if analysis.method == "bdt" or analysis.verify == "none":
         return ""
     unlike = [record for record in document.curves if record.verdict == "model_does_not_fit"]
-    if len(unlike) > len(document.curves) / 2 and all(map(at_fault, unlike)):
+    causes = [record.diagnostics for record in unlike]
+    at_fault = [how for how in causes if how.frames_left_out or {*CAMERA} & {*how.at_bound}]
+    if len(at_fault) == len(unlike) > len(document.curves) / 2:
         names = ", ".join(record.name for record in unlike[:3]) + f" and {len(unlike) - 3} more" * (len(unlike) > 3)
         look = "µm per pixel, frame rate, the frames at R_max and those that stand out"
         return f"next: look at the recording ({look}) before another model is tried: {names}"

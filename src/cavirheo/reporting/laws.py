@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from cavirheo.inference.verify.evidence import Pair, Ranking
 from cavirheo.reporting.answer import CurveRecord, curve_record
-from cavirheo.reporting.group import Slope, in_words, slopes
+from cavirheo.reporting.group import Slope, in_words, sloped, slopes
 from cavirheo.reporting.material import PopulationRecord, population_record
 from cavirheo.reporting.table import warnings
 from cavirheo.writing import digits, terminal
@@ -87,9 +87,9 @@ def records(
     for group in groups:
         fields: dict[str, dict[str, Any]] = {}
         for law in group.evidence:
-            shots = [answer for i in group.members if (answer := by_curve[i].laws[law].answer)]
+            shots = sloped([answer for i in group.members if (answer := by_curve[i].laws[law].answer)])
             material = population_record(group.populations.get(law), group.column)
-            fields[law] = {"slopes": slopes(shots), "population": material}
+            fields[law] = {"slopes": slopes(shots, shots), "population": material}
         by_group.append(_record_of(group, fields))
     return by_curve, by_group
 
@@ -165,7 +165,6 @@ def _texts(law: WeighedLaw, best: float) -> list[str]:
         error = "" if law.standard_error is None else f" ± {law.standard_error:.1f}"
         texts = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
     if (answer := law.answer) is not None:
-        medians = (answer.shear_modulus_Pa.median, answer.viscosity.median)
-        texts += [digits.MISSING if value is None else digits.significant(value) for value in medians]
+        texts += [digits.number(answer.shear_modulus_Pa.median), digits.number(answer.viscosity.median)]
         texts += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
     return texts

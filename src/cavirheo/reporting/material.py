@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
-from cavirheo.writing.document import Finite, Quantity, Record
+from cavirheo.writing.document import Finite, Quantity, Record, Spread
 
 if TYPE_CHECKING:
     from cavirheo.inference.population import Population
@@ -20,10 +21,52 @@ if TYPE_CHECKING:
 
 KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # in documents, by parameter
 FLAT = 1.0  # power of R_max: an interval within +- this is flatter than proportional; a wider one tells nothing
+_WAYS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
 _MOST = 6  # groups that are compared, each with each
+Value = TypeVar("Value", Quantity, Spread)
 
 
-class PopulationRecord(Record):
+class ParameterValues(Generic[Value]):
+    """What has parameters: those of `_keys` in fields of their own, all others by natural name.
+
+    Attributes:
+        shear_modulus_Pa: G, Pa.
+        viscosity_Pa_s: mu, Pa s; null where it is not one number.
+        other_parameters: all others by natural name, SI.
+    """
+
+    if TYPE_CHECKING:
+        shear_modulus_Pa: Value
+        viscosity_Pa_s: Value
+        other_parameters: dict[str, Value]
+    _keys: ClassVar[Mapping[str, str]] = KEYS
+
+    @classmethod
+    def fields_of(cls, values: Mapping[str, Value]) -> dict[str, Any]:
+        """The fields of these parameters."""
+        own = {key: values[name] for name, key in cls._keys.items() if name in values}
+        others = {name: value for name, value in values.items() if name not in cls._keys}
+        return {**own, "other_parameters": others}
+
+    def value(self, name: str) -> Value:
+        """A parameter by its natural name; empty where there is none."""
+        if key := self._keys.get(name):
+            return getattr(self, key)
+        return self.other_parameters.get(name, type(self.shear_modulus_Pa)())
+
+    @property
+    def viscosity(self) -> Value:
+        """Or that at 1e5 1/s, where it is not one number."""
+        return self.viscosity_Pa_s if self.viscosity_Pa_s.median is not None else self.value(AT_RATE)
+
+
+def log_ends(values: Iterable[Quantity]) -> Floats:
+    """(n, 3) log10 of q05, median and q95, SI; NaN where there is none."""
+    ends = np.array([[value.q05, value.median, value.q95] for value in values], dtype=float)
+    return np.log10(np.where(ends > 0, ends, np.nan))
+
+
+class PopulationRecord(Record, ParameterValues[Quantity]):
     """The material behind n shots.
 
     Attributes:
@@ -31,9 +74,6 @@ class PopulationRecord(Record):
         remarks: what is to be known besides.
         model: law and model of the bubble, "nhkv, kinetic".
         n: shots that count.
-        shear_modulus_Pa: G of the material, Pa.
-        viscosity_Pa_s: mu of the material, Pa s.
-        other_parameters: its other parameters by natural name, SI.
         spread_decades: standard deviation of the shots about the material, in log10: root of the mean square over
             the law's parameters.
         spreads_decades: that of each parameter, by natural name.
@@ -82,18 +122,12 @@ class PopulationRecord(Record):
         """What is said after the numbers."""
         return self.remarks if self.has_material else [self.line, *self.remarks]
 
-    def centre(self, name: str) -> Quantity:
-        """Of a parameter by its natural name; empty where the law has none, or there is no material."""
-        law = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
-        return (law | self.other_parameters).get(name, Quantity())
-
     def log_moments(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
         """In log10 of these parameters: mean (l,) and covariance (l, l) of the material, of which the document has the
         intervals alone, and the covariance (l, l) of its shots about it, at the medians."""
         from cavirheo.inference.design import variance
 
-        centre = [self.centre(name) for name in names]
-        ends = np.log10(np.array([[value.q05, value.median, value.q95] for value in centre], dtype=float))
+        ends = log_ends(map(self.value, names))
         spread = np.array([self.spreads_decades[name].median for name in names], dtype=float)
         both = {frozenset(pair.split(", ")): value.median or 0.0 for pair, value in self.correlation.items()}
         rho = [[1.0 if a == b else both.get(frozenset((a, b)), 0.0) for b in names] for a in names]
@@ -104,8 +138,8 @@ class PopulationRecord(Record):
         are determined, to +- `half_width` of the value; None: more than 10,000, or neither is."""
         from cavirheo.inference.design import shared, shots_wanted, variance
 
-        names = [name for name in KEYS if self.centre(name).determined is not None]
-        logs = [row.logs(names) for row in shots if row.trusted]
+        names = [name for name in KEYS if self.value(name).determined is not None]
+        logs = [log_ends(map(row.value, names)) for row in shots if row.trusted]
         if not (names and (logs := [intervals for intervals in logs if np.all(np.isfinite(intervals))])):
             return None
         _, covariance, scatter = self.log_moments(names)
@@ -116,16 +150,13 @@ class PopulationRecord(Record):
     def contour(self, level: float = 0.9) -> Floats | None:
         """(n, 2) mu and G, SI, around this part of all shots that belong, at the medians of centre, spread and
         correlation; None unless both are determined."""
-        pair = [
-            (self.centre(name), self.spreads_decades.get(name, Quantity())) for name in ("viscosity", "shear_modulus")
-        ]
-        if any(centre.determined is None or spread.median is None for centre, spread in pair):
+        names = ("viscosity", "shear_modulus")
+        if any(self.value(name).determined is None or name not in self.spreads_decades for name in names):
             return None
-        (mu, of_mu), (modulus, of_modulus) = ((centre.determined, spread.median) for centre, spread in pair)
-        rho = next(iter(self.correlation.values()), Quantity()).median or 0.0
-        turn, radius = np.linspace(0.0, 2.0 * np.pi, 121), np.sqrt(-2.0 * np.log(1.0 - level))
-        x, y = radius * np.cos(turn), radius * (rho * np.cos(turn) + np.sqrt(1.0 - rho**2) * np.sin(turn))
-        return np.column_stack([mu * 10.0 ** (of_mu * x), modulus * 10.0 ** (of_modulus * y)])
+        middle, _, scatter = self.log_moments(names)
+        turn = np.linspace(0.0, 2.0 * np.pi, 121)
+        circle = np.sqrt(-2.0 * np.log(1.0 - level)) * np.array([np.cos(turn), np.sin(turn)])
+        return np.asarray(10.0 ** (middle + (np.linalg.cholesky(scatter) @ circle).T))
 
 
 class MaterialRatio(Record):
@@ -199,58 +230,51 @@ def population_record(population: Population | None, column: str = "") -> Popula
     }
     if not len(population.centre):
         return PopulationRecord(**fields)
-    values = {name: population.quantity(name) for name in population.names}
-    law: dict[str, Any] = {key: values.pop(name) for name, key in KEYS.items() if name in values}
-    low, middle, high = np.quantile(np.sqrt(np.mean(population.spread**2, axis=1)), [0.05, 0.5, 0.95]).tolist()
+
+    def each(of: Callable[[str], tuple[float, float, float]]) -> dict[str, Quantity]:
+        return {name: Quantity.of(*of(name)) for name in population.names}
+
+    whole = np.sqrt(np.mean(population.spread**2, axis=1))
     evidence, scattered = population.evidence, population.scattered
     if population.slope is not None:
-        slopes = {name: _quantity(population.trend(name)) for name in population.names}
+        slopes = each(population.trend)
         fields |= {"column": column, "column_at": population.along_at, "slopes_decades": slopes}
-        fields["remarks"] = [*_trends(column, population.along_at or 0.0, slopes), *population.remarks]
+        fields["remarks"] = [_trends(column, population.along_at or 0.0, slopes), *population.remarks]
     return PopulationRecord(
         **fields,
-        **law,
-        other_parameters=values,
-        spread_decades=_quantity((low, middle, high)),
-        spreads_decades={name: _quantity(population.scatter(name)) for name in population.names},
-        common={name: _quantity(population.if_common(name)) for name in population.names},
-        correlation={pair: _quantity(interval) for pair, interval in population.correlations().items()},
+        **PopulationRecord.fields_of({name: population.quantity(name) for name in population.names}),
+        spread_decades=Quantity.of(*np.quantile(whole, [0.05, 0.5, 0.95]).tolist()),
+        spreads_decades=each(population.scatter),
+        common=each(population.if_common),
+        correlation={pair: Quantity.of(*interval) for pair, interval in population.correlations().items()},
         log_evidence=evidence.log if evidence else None,
         log_evidence_error=evidence.error if evidence else None,
         log_evidence_of_scatter=scattered.log if scattered else None,
     )
 
 
-def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]:
-    """'with concentration G rises by 0.20 [0.15, 0.25] decades per unit (a factor of 1.6); ...'."""
+def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
+    """'with concentration: G rises: 0.20 [0.15, 0.25] decades per unit, a factor of 1.6; ...'."""
     from cavirheo.io.option_tables import LOG_SIZE
 
+    changes = [(digits.described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
     if column == LOG_SIZE:
-        return [_over_size(at, slopes)]
-    clauses = []
-    for name, slope in slopes.items():
-        low, middle, high = (end or 0.0 for end in (slope.q05, slope.median, slope.q95))
-        sure = low > 0 or high < 0
-        way = "rises" if low > 0 else "falls" if high < 0 else "may or may not change"
-        factor = digits.significant(10.0 ** min(abs(middle), 99.0), 2)
-        times = f", a factor of {factor}" * sure
-        clauses.append(f"{digits.described(name)[0]} {way}: {digits.quantity(slope)} decades per unit{times}")
-    return [f"with {column}: {'; '.join(clauses)}; the material is that at {column} = {digits.significant(at)}"]
-
-
-def _over_size(at: float, slopes: Mapping[str, Quantity]) -> str:
-    """'the material over R_max: G rises as R_max^0.30 [0.10, 0.50]; ...'."""
-    clauses = [over_size(digits.described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
-    size = digits.micrometres(1e-6 * 10.0**at)
-    return f"the material over R_max: {'; '.join(clauses)}; its values are those at R_max = {size} µm"
+        size = digits.micrometres(1e-6 * 10.0**at)
+        clauses = "; ".join(over_size(*change) for change in changes)
+        return f"the material over R_max: {clauses}; its values are those at R_max = {size} µm"
+    clauses = "; ".join(
+        f"{symbol} {_WAYS[slope.sign]}: {words} decades per unit"
+        + f", a factor of {digits.significant(10.0 ** min(abs(slope.median or 0.0), 99.0), 2)}" * bool(slope.sign)
+        for symbol, slope, words in changes
+    )
+    return f"with {column}: {clauses}; the material is that at {column} = {digits.significant(at)}"
 
 
 def over_size(symbol: str, power: Quantity, words: str) -> str:
     """'µ rises as R_max^0.30 [0.10, 0.50]', of a power of R_max and its words; what it says where it may be nothing."""
-    low, high = power.q05 or 0.0, power.q95 or 0.0
-    if low > 0 or high < 0:
-        return f"{symbol} {'rises' if low > 0 else 'falls'} as R_max^{words}"
-    if max(-low, high) < FLAT:
+    if power.sign:
+        return f"{symbol} {_WAYS[power.sign]} as R_max^{words}"
+    if max(-(power.q05 or 0.0), power.q95 or 0.0) < FLAT:
         return f"no change of {symbol} with R_max is seen (as R_max^{words})"
     return f"whether {symbol} changes with R_max cannot be told (as R_max^{words})"
 
@@ -258,22 +282,13 @@ def over_size(symbol: str, power: Quantity, words: str) -> str:
 def differences(materials: Mapping[str, Population | None]) -> list[GroupDifference]:
     """Of each two of the first groups whose materials rest on one model and determine a parameter."""
     whole = [(name, population) for name, population in materials.items() if population and len(population.centre)]
-    records: list[GroupDifference] = []
-    for (a, population), (b, second) in combinations(whole[:_MOST], 2):
+    records = []
+    for (earlier, population), (later, second) in combinations(whole[:_MOST], 2):
         if (population.material, population.bubble) != (second.material, second.bubble):
             continue
         parameters = {
-            name: MaterialRatio(
-                ratio=_quantity(difference.ratio),
-                probability_higher=difference.probability_higher,
-                probability_differs=difference.probability_differs,
-            )
+            name: MaterialRatio(**{**difference._asdict(), "ratio": Quantity.of(*difference.ratio)})
             for name, difference in second.against(population).items()
         }
-        records += [GroupDifference(first=b, second=a, parameters=parameters)] if parameters else []
+        records += [GroupDifference(first=later, second=earlier, parameters=parameters)] if parameters else []
     return records
-
-
-def _quantity(interval: tuple[float, float, float]) -> Quantity:
-    low, middle, high = interval
-    return Quantity(median=middle, q05=low, q95=high)

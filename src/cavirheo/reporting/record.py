@@ -48,8 +48,6 @@ class CurveAnswers(Pairs):
         return len(self.curves)
 
     def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, slice):
-            return [self[i] for i in range(len(self))[index]]
         return self.curves[index], self.answers[index]
 
 
@@ -91,11 +89,10 @@ class Result(Document):
     @property
     def model_key(self) -> list[str]:
         """What is to be said of them below a table."""
-        answers = {curve.model: curve for curve in self.curves if curve.has_answer}
-        lines = list(dict.fromkeys(curve.bubble.sentence for curve in answers.values()))
-        if len(answers) == 1:
-            (curve,) = answers.values()
-            lines = [f"model: {curve.material}. {curve.bubble.sentence}"]
+        models = dict.fromkeys((curve.material, curve.bubble.sentence) for curve in self.curves if curve.has_answer)
+        lines = list(dict.fromkeys(sentence for _, sentence in models))
+        if len(models) == 1:
+            lines = [f"model: {material}. {sentence}" for material, sentence in models]
         return lines + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
 
     def to_dataframe(self) -> Any:
@@ -124,14 +121,16 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
     """The record of all curves and of their groups (the files they came from), in the order given. The answers are read
     group by group."""
     pairs = CurveAnswers.of(pairs)
-    curves, answers = pairs.curves, pairs.answers
+    curves, answers, title = pairs.curves, pairs.answers, _title(pairs.curves)
+    material = kept_material_of if len(curves) <= CACHED else material_of
     rows: dict[int, CurveRecord] = {}
     materials: list[Population | None] = []
     for indices in _members(curves).values():
-        of_group = [answers[i] for i in indices]
+        of_group = tuple(answers[i] for i in indices)
         shots = [curve_record(curves[i], answer) for i, answer in zip(indices, of_group, strict=True)]
         rows |= zip(indices, shots, strict=True)
-        materials.append(_material(shots, of_group, _title(curves), keep=len(curves) <= CACHED))
+        along = tuple(shot.column.get(title, np.nan) for shot in shots) if title else None
+        materials.append(material(of_group, tuple(shot.name for shot in shots), along))
     return result_of([rows[i] for i in range(len(rows))], command, materials, date=date, notes=notes)
 
 
@@ -153,16 +152,9 @@ def result_of(
         for name, indices, material in zip(names, members.values(), materials, strict=True)
     ]
     differing = differences(dict(zip(names, materials, strict=True)))
-    head: Any = {"command": command, "date": date, "notes": list(notes)}
-    return Result(**head, curves=list(rows), groups=groups, differences=differing)
-
-
-def _material(
-    shots: Sequence[CurveRecord], answers: Sequence[Posterior], column: str, *, keep: bool = True
-) -> Population | None:
-    """Of a group, with its slope along the column where there is one. keep: hold it in memory for the next call."""
-    along = tuple(shot.column.get(column, np.nan) for shot in shots) if column else None
-    return (kept_material_of if keep else material_of)(tuple(answers), tuple(shot.name for shot in shots), along)
+    return Result(
+        command=command, date=date, notes=list(notes), curves=list(rows), groups=groups, differences=differing
+    )
 
 
 def _title(curves: Iterable[CurveRecord | RadiusCurve]) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from cavirheo.writing import digits
 from cavirheo.writing.style import shades
 
 if TYPE_CHECKING:
-    from jinja2 import Template
     from markupsafe import Markup
 
 UNITS = 4  # to a pixel
@@ -107,9 +105,11 @@ class Picture:
         """The picture as SVG; all words are escaped."""
         from markupsafe import Markup
 
+        from cavirheo.reporting.html import template
+
         view = _units(self.width), _units(self.height)
         parts = {"axes": "".join(self.axes), "ticks": self.ticks, "layers": self.layers, "words": self.words}
-        return Markup(_template().render(view=view, label=digits.printable(self.label), **parts))
+        return Markup(template("picture.svg").render(view=view, label=digits.printable(self.label), **parts))
 
 
 @dataclass(frozen=True)
@@ -187,16 +187,21 @@ def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEI
     """
     radius, *residual = panels
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
-    picture, top = Picture(width, height, f"measured radius over time{simulated}"), 2 * _ROW + 2
-    across, inner = width - _LEFT - _RIGHT, height - _BELOW - top
-    lower = round(0.26 * (inner - _ROW)) if residual else 0
-    upper = inner - lower - (_ROW + 4) * len(residual)
-    picture.frame((_LEFT, top, across, upper), radius, points, along=not residual)
-    for panel in residual:
-        picture.frame((_LEFT, height - _BELOW - lower, across, lower), panel, points)
-        picture.write("residual end", width - _RIGHT, height - _BELOW - lower - 6, panel.note)
+    picture = _picture(panels, f"measured radius over time{simulated}", points, width, height)
     picture.key(radius, radius.note, without="outside" if width < WIDTH else "")  # there is no room
     return picture.svg
+
+
+def _picture(panels: Sequence[Panel], label: str, points: int, width: float = WIDTH, height: float = HEIGHT) -> Picture:
+    """A panel, and below it at most one of what is left between."""
+    (upper, *lower), picture, top = panels, Picture(width, height, label), 2 * _ROW + 2
+    across, inner = width - _LEFT - _RIGHT, height - _BELOW - top
+    below = round(0.26 * (inner - _ROW)) if lower else 0
+    picture.frame((_LEFT, top, across, inner - below - (_ROW + 4) * len(lower)), upper, points, along=not lower)
+    for panel in lower:
+        picture.frame((_LEFT, height - _BELOW - below, across, below), panel, points)
+        picture.write("residual end", width - _RIGHT, height - _BELOW - below - 6, panel.note)
+    return picture
 
 
 def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
@@ -206,7 +211,7 @@ def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
     shots, *answers = panels
     pictures = [overlay_svg(shots, points)]
     for panel in answers:
-        picture = _panel_picture(panel, f"{panel.y.label} of each shot over {panel.x.label}", points)
+        picture = _picture([panel], f"{panel.y.label} of each shot over {panel.x.label}", points)
         picture.key(panel)
         pictures.append(picture.svg)
     return Markup("").join(pictures)
@@ -216,19 +221,12 @@ def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
     """The picture of shots over each other. points: of all lines; of too many shots for these every k-th is drawn."""
     count = len(panel.layers)
     every = max(-(-count * _FEWEST // points), 1)
-    layers = panel.layers[::every]
-    share = max(points // len(layers), _FEWEST) / points
-    shots = replace(panel, layers=tuple(replace(layer, share=share) for layer in layers))
-    picture = _panel_picture(shots, f"{panel.y.label} over {panel.x.label} of {digits.counted(count, 'shot')}", points)
-    picture.write("name", _LEFT, _ROW - 5, shots.note + (f", 1 of {every} is drawn" if every > 1 else ""))
+    drawn = panel.layers[::every]
+    layers = tuple(replace(layer, share=max(points // len(drawn), _FEWEST) / points) for layer in drawn)
+    label = f"{panel.y.label} over {panel.x.label} of {digits.counted(count, 'shot')}"
+    picture = _picture([replace(panel, layers=layers)], label, points)
+    picture.write("name", _LEFT, _ROW - 5, panel.note + (f", 1 of {every} is drawn" if every > 1 else ""))
     return picture.svg
-
-
-def _panel_picture(panel: Panel, label: str, points: int) -> Picture:
-    """A picture of one panel."""
-    picture, top = Picture(WIDTH, HEIGHT, label), 2 * _ROW + 2
-    picture.frame((_LEFT, top, WIDTH - _LEFT - _RIGHT, HEIGHT - _BELOW - top), panel, points)
-    return picture
 
 
 def thinned(x: Floats, y: Floats, most: int) -> np.ndarray:
@@ -256,10 +254,3 @@ def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
 
 def _units(pixels: float) -> int:
     return round(UNITS * pixels)
-
-
-@cache
-def _template() -> Template:
-    from cavirheo.reporting.html import template
-
-    return template("picture.svg")

@@ -11,8 +11,9 @@ from cavirheo.reporting.answer import CurveRecord, Unit, evidence, in_unit, para
 from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.input_remarks import causes, next_step
+from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
-from cavirheo.writing import digits, terminal
+from cavirheo.writing import digits, export, terminal
 from cavirheo.writing.document import spread_of, write_rows
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def print_table(
     terminal.add_rows(table, rows)
     for group in result.groups:
         if group.headline:
-            console.print(Text(f"{group.name}: {group.headline}", "bold"), soft_wrap=False)
+            console.print(f"{group.name}: {group.headline}", style="bold")
     table.add_section()
     blank = [""] * bool(mixed)
     terminal.add_rows(table, [(row.name, [*blank, *_group_cells(row, factor)], "bold") for row in result.groups])
@@ -64,16 +65,14 @@ def print_table(
         key += "; [ , ]: central 90 % interval"
     if any(value.bound for record in result.curves for value in (record.shear_modulus_Pa, record.viscosity)):
         key += "; below, above: a bound (95 %) and no value"
-    for line in (key, *result.model_key):
-        console.print(Text(line, "dim"))
-    if (parameters := parameters_table(result)) is not None:
-        console.print(parameters)
-        for line in parameter_key(result.parameters):
-            console.print(Text(line, "dim"))
-    if (windows := windows_table(result)) is not None:
-        console.print(windows)
+    console.print("\n".join([key, *result.model_key]), style="dim")
+    _print_parameters(console, result)
+    _print_windows(console, result)
     terminal.print_warnings(console, warnings(result.curves))
-    remarks = [(group.name, line) for group in result.groups for line in group.lines]
+    remarks = []
+    for group in result.groups:
+        lines = [*group.remarks, *(group.population.below if group.population else [])]
+        remarks += [(group.name, line) for line in lines]
     notes = [note for note in result.notes if note not in notes_shown]
     _print_most(console, remarks, MOST)
     terminal.print_remarks(console, {}, [*(row.words for row in result.differences), *notes])
@@ -92,27 +91,21 @@ def _print_most(console: Console, remarks: Sequence[tuple[str, str]], most: int)
         terminal.print_remarks(console, {}, [f"{digits.counted(more, 'more remark')} in the report"])
 
 
-def _line(record: CurveRecord) -> str:
-    """'gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
-    if not record.has_answer:
-        return f"{record.name}: {record.message}"
-    factor, unit = digits.modulus_unit([record.shear_modulus_Pa.median])
-    size = f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %"
+def print_line(record: CurveRecord) -> None:
+    """A row as soon as it is found: its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s
+    [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
+    from rich.text import Text
+
+    look, factor, unit = digits.LOOKS[record.verdict], *digits.modulus_unit([record.shear_modulus_Pa.median])
     values = (record.shear_modulus_Pa, factor, unit), (record.viscosity, 1.0, "Pa s"), (record.stretch, 1.0, "")
     parts = [
         f"{symbol} {digits.quantity(value, scale, unit=name)}"
         for symbol, (value, scale, name) in zip("Gµλ", values, strict=True)
         if value.median is not None
     ]
-    return f"{record.name}: {', '.join([*parts, size])}"
-
-
-def print_line(record: CurveRecord) -> None:
-    """A row as soon as it is found: its verdict, then its numbers."""
-    from rich.text import Text
-
-    look = digits.LOOKS[record.verdict]
-    terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(_line(record)), "default"))
+    parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
+    line = f"{record.name}: {', '.join(parts) if record.has_answer else record.message}"
+    terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(line), "default"))
 
 
 def print_all(result: Result) -> None:
@@ -135,8 +128,8 @@ def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
     """The answer, then those of the others by evidence: model, G, µ, λ, RMSE and log evidence above the answer's."""
     rows, answer = [], record.as_model
     for model in (answer, *sorted(record.other_models, key=evidence, reverse=True)):
-        comparable = None not in (model.log_evidence, answer.log_evidence)
-        above = f"{(model.log_evidence or 0.0) - (answer.log_evidence or 0.0):+.1f}" if comparable else digits.MISSING
+        logs = [log for log in (model.log_evidence, answer.log_evidence) if log is not None]
+        above = f"{logs[0] - logs[1]:+.1f}" if len(logs) == 2 else digits.MISSING
         values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
         texts = [digits.quantity(value, scale) for value, scale in values]
         rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), above if model is not answer else "0"])
@@ -182,48 +175,53 @@ def write_csv(path: str | Path, result: Result) -> None:
 
 def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(names of the columns, a row for each curve)."""
-    quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]
-    plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
-    units = {name: digits.described(name)[1].replace(" ", "_") for name in result.parameters}
-    columns = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
+    first, others = ["stretch", "shear_modulus", "viscosity"], result.parameters
+    columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *others)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
-    head = ["name", "group", "source", "material", "method"]
-    for name in (*plain, *columns.values()):
-        head += [name + end for end in ends.values()] if name in (*quantities, *columns.values()) else [name]
+    head = ["name", "group", "source", "material", "method", "max_radius_m"]
+    head += [columns[name] + end for name in first for end in ends.values()]
+    head += ["rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
+    head += [columns[name] + end for name in others for end in ends.values()]
     rows = []
     for record in result.curves:
-        by_column = {key: getattr(record, key) for key in quantities}
-        by_column |= {columns[name]: value for name, value in record.other_parameters.items()}
-        values = {key + end: getattr(value, part) for key, value in by_column.items() for part, end in ends.items()}
-        rows.append(vars(record) | {"bubble": record.bubble.name} | vars(record.window) | values)
+        values = {column: record.value(name) for name, column in columns.items()}
+        cells = {column + end: getattr(value, part) for column, value in values.items() for part, end in ends.items()}
+        words = {"message": record.message, "bubble": record.bubble.name}
+        rows.append(vars(record) | words | vars(record.window) | cells)
     return head, rows
 
 
-def parameters_table(result: Result) -> Table | None:
-    """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
-    of_law = parameters_of(result.curves)
-    names = [name for name in result.parameters if name in of_law or not of_the_law(name)]
-    names = [name for name in names if name not in (*CAMERA, AT_RATE)]
-    if not names:
-        return None
-    table = terminal.table("curve", ["\n".join(filter(None, digits.described(name))) for name in names])
-    having = [record for record in result.curves if any(name in record.other_parameters for name in names)]
-    terminal.add_rows(
-        table, [(record.name, [digits.quantity(record.quantity(name)) for name in names], "") for record in having]
-    )
-    return table
+def _print_parameters(console: Console, result: Result) -> None:
+    """What was inferred or given besides G, µ and λ, without the camera's."""
+    of_laws, left_out = parameters_of(result.curves), (*CAMERA, AT_RATE)
+    names = [name for name in result.parameters if name in of_laws or not of_the_law(name)]
+    if not (names := [name for name in names if name not in left_out]):
+        return
+    symbols, factors, units = zip(*map(in_unit, names), strict=True)
+    table = terminal.table("curve", [f"{symbol}\n{unit}".strip() for symbol, unit in zip(symbols, units, strict=True)])
+    rows = []
+    for record in result.curves:
+        if any(name in record.other_parameters for name in names):
+            values = zip(map(record.value, names), factors, strict=True)
+            rows.append((record.name, [digits.quantity(value, factor) for value, factor in values], ""))
+    terminal.add_rows(table, rows)
+    console.print(table)
+    for line in parameter_key(result.parameters):
+        console.print(line, style="dim")
 
 
-def _windowed(record: CurveRecord) -> list[str]:
-    """The parameters by window: G and the viscosity, or what the law has instead."""
-    names = [name for name in parameters_of([record]) if name != AT_RATE]
-    return [name for name in names if name in ("shear_modulus", "viscosity")] or names
+def _windowed(records: Iterable[CurveRecord]) -> list[str]:
+    """The parameters by window: G and the viscosity, or what a law has instead."""
+    names: list[str] = []
+    for record in records:
+        of_law = [name for name in parameters_of([record]) if name != AT_RATE]
+        names += [name for name in of_law if name in KEYS] or of_law
+    return list(dict.fromkeys(names))
 
 
-def window_title(records: Sequence[CurveRecord], unit: Unit) -> str:
+def window_title(records: Iterable[CurveRecord], unit: Unit) -> str:
     """'G (kPa), µ (Pa s)'."""
-    names = dict.fromkeys(name for record in records for name in _windowed(record))
-    parts = [in_unit(name, unit) for name in names]
+    parts = [in_unit(name, unit) for name in _windowed(records)]
     return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts)
 
 
@@ -233,7 +231,7 @@ def window_cells(record: CurveRecord, unit: Unit) -> dict[str, str]:
     windows = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
     texts = dict.fromkeys(_WINDOWS.values() if windows else (), digits.MISSING)
     for key, window in windows.items():
-        values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed(record)]
+        values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed([record])]
         numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
         texts[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
     return texts
@@ -242,27 +240,24 @@ def window_cells(record: CurveRecord, unit: Unit) -> dict[str, str]:
 def _mean_cells(records: list[CurveRecord], unit: Unit) -> Iterator[str]:
     """Mean ± standard deviation over the trusted curves that have the window, and how many they are."""
     trusted = [record for record in records if record.trusted and record.method in FITS]
-    names = dict.fromkeys(name for record in trusted for name in _windowed(record))
     for key in _WINDOWS:
         having = [record.windows[key].best for record in trusted if key in record.windows]
-        means = [digits.spread(spread_of([b.get(name) for b in having]), in_unit(name, unit)[1]) for name in names]
-        texts = [text for text in means if text != digits.MISSING]
+        means = {name: spread_of([best.get(name) for best in having]) for name in _windowed(trusted)}
+        texts = [digits.spread(mean, in_unit(name, unit)[1]) for name, mean in means.items() if mean.mean is not None]
         yield f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING
 
 
-def windows_table(result: Result) -> Table | None:
-    """For the terminal: G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
-    unit = result.modulus_unit
-    fitted = [(record, texts) for record in result.curves if (texts := window_cells(record, unit))]
-    if not fitted:
-        return None
+def _print_windows(console: Console, result: Result) -> None:
+    """G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
+    unit, heads = result.modulus_unit, list(_WINDOWS.values())
+    if not (fitted := [(record, texts) for record in result.curves if (texts := window_cells(record, unit))]):
+        return
     rows = [(record.name, list(texts.values()), "") for record, texts in fitted]
     for group, members in result.members():
         if len(members) > 1:
             rows.append((group.name, list(_mean_cells([result.curves[i] for i in members], unit)), "bold"))
-    heads = [*_WINDOWS.values()]
-    values = window_title([record for record, _ in fitted], unit)
+    values = window_title((record for record, _ in fitted), unit)
     title = f"{values} by the window that is fitted; *: a parameter at its bound"
     table = terminal.table("curve", heads, left=heads, title=title)
     terminal.add_rows(table, rows)
-    return table
+    console.print(table)

@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -103,17 +103,10 @@ def current() -> Claim | None:
 
 @contextmanager
 def claimed(claim: Claim) -> Iterator[None]:
-    """While a command runs."""
+    """While a command runs, or a call from Python writes."""
     before = _CLAIM.set(claim)
     try:
         yield
     finally:
         _CLAIM.reset(before)
         claim.release()
-
-
-@contextmanager
-def held(claim: Claim) -> Iterator[None]:
-    """While a call from Python writes; a command has its own claim."""
-    with nullcontext() if current() else claimed(claim):
-        yield

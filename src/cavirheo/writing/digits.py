@@ -160,12 +160,17 @@ def simulated(method: str) -> str:
     return SIMULATED.get(method, "answer")
 
 
+def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
+    """So many significant digits of the value times the factor, if there is one."""
+    return MISSING if value is None else significant(factor * value, count)
+
+
 def percent(value: float | None) -> str:
-    return MISSING if value is None else significant(100.0 * value, 2)
+    return number(value, 100.0, 2)
 
 
 def micrometres(value: float | None) -> str:
-    return MISSING if value is None else significant(1e6 * value)
+    return number(value, 1e6)
 
 
 def elide(text: str, width: int) -> str:

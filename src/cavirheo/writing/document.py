@@ -99,10 +99,20 @@ class Quantity(Record):
     q95: float | None = None
     bound: Bound | None = None
 
+    @classmethod
+    def of(cls, low: float | None, median: float | None, high: float | None, bound: Bound | None = None) -> Quantity:
+        """Of an interval (5 %, 50 %, 95 %)."""
+        return cls(median=median, q05=low, q95=high, bound=bound)
+
     @property
     def determined(self) -> float | None:
         """The median, if it is a value; None where there is a bound alone."""
         return self.median if self.bound is None else None
+
+    @property
+    def sign(self) -> int:
+        """1 or -1 where the interval excludes zero, else 0."""
+        return ((self.q05 or 0.0) > 0) - ((self.q95 or 0.0) < 0)
 
 
 class Spread(Record):
@@ -212,8 +222,9 @@ class Outputs:
             read = f"{path} is read by this command, and its results would replace it: {remedy}"
             require(os.path.realpath(path) not in self._inputs, read, "document.input")
             foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
-            with _folder_errors(self.folder):
-                require(not _is_there(path) or self.holds(name), foreign, "document.foreign")
+            with _folder_errors(self.folder), suppress(FileNotFoundError):
+                path.lstat()  # raises OSError for a name that no file can have
+                require(self.holds(name), foreign, "document.foreign")
 
     def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
         """`writer(path, *content, **how)` into the file of this name."""
@@ -297,14 +308,6 @@ def drawing(name: str, failed: list[str]) -> Iterator[None]:
             raise
         _log.info("%s could not be drawn", name, exc_info=True)
         failed.append(f"{name} could not be drawn: {type(error).__name__}: {error}")
-
-
-def _is_there(path: Path) -> bool:
-    """Raises OSError: a name that no file can have."""
-    with suppress(FileNotFoundError):
-        path.lstat()
-        return True
-    return False
 
 
 def _sha256(path: Path) -> str:

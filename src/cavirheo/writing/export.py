@@ -27,7 +27,7 @@ def needed(name: str) -> Any:
 
 def column(name: str, unit: str) -> str:
     """The name of a column as in result.csv: "shear_modulus_Pa", "viscosity_Pa_s", "stretch"."""
-    return f"{name}_{unit.replace(' ', '_')}".removesuffix("_1")
+    return name if unit in ("", "1") else f"{name}_{unit.replace(' ', '_')}"
 
 
 def dataframe(columns: Mapping[str, Any], attributes: Mapping[str, Any]) -> Any:

@@ -37,12 +37,12 @@ def available() -> bool:
     return find_spec("matplotlib") is not None
 
 
-def new_figure(height: float) -> Figure:
-    """So many inches high. Raises InputError without matplotlib."""
+def new_figure(height: float, width: float = 7.2) -> Figure:
+    """So many inches high and wide. Raises InputError without matplotlib."""
     require(available(), 'pictures need matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(7.2, height), facecolor="white")
+    return Figure(figsize=(width, height), facecolor="white")
 
 
 def new_axes(figure: Figure, place: tuple[float, float, float, float], x_label: str, y_label: str) -> Axes:

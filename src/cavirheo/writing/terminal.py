@@ -59,7 +59,11 @@ def bar(
 
     class Rate(ProgressColumn):
         def render(self, task: Task) -> Text:
-            return Text(speed(task.speed, unit), "dim")
+            """'136 curves/s', '7.2 curves/min' where it is less than one per second; nothing while it is not known."""
+            if not task.speed:
+                return Text()
+            per, amount = ("s", task.speed) if task.speed >= 1.0 else ("min", 60.0 * task.speed)
+            return Text(f"{amount:.0f} {unit}/{per}" if amount >= 100.0 else f"{amount:.2g} {unit}/{per}", "dim")
 
     whole = Column(no_wrap=True)  # where it is narrow, the words fold
     columns = (
@@ -77,14 +81,6 @@ def bar(
             progress.update(task, advance=count, total=total, description=what)
 
         yield advance
-
-
-def speed(per_second: float | None, unit: str) -> str:
-    """'136 curves/s', '7.2 curves/min' where it is less than one per second; nothing while it is not known."""
-    if not per_second:
-        return ""
-    per, amount = ("s", per_second) if per_second >= 1.0 else ("min", 60.0 * per_second)
-    return f"{amount:.0f} {unit}/{per}" if amount >= 100.0 else f"{amount:.2g} {unit}/{per}"
 
 
 def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: str = "", gap: int = 1) -> Table:
