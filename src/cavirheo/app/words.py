@@ -81,6 +81,7 @@ def welcome() -> str:
 _PAGE_WORDS = {  # by what stands in messages: an option of the command line or of Python, and what the page has for it
     "Medium(..., unusual=True), --trust-input": "vouch for it in step 2",
     " (if it is meant: unusual=True)": "",
+    "leave out --verify none": "choose one law and one bubble, or another uncertainty (step 3)",
     "add --trust-input": "vouch for it in step 2",
     "(--rmax-um)": "(step 2)",
     "--rmax-um": "R_max in step 2",
