@@ -85,6 +85,12 @@ def _load(path: str | Path) -> Document | Dataset:
     return read_json(path, getattr(import_module(f"cavirheo.{kind.module}"), kind.name))
 
 
+def print_table(document: Document) -> None:
+    """The table of a document, as its verb and `cavirheo show` print it."""
+    module, _, name = KINDS[document.kind].table.rpartition(".")
+    getattr(import_module(f"cavirheo.{module}"), name)(document)
+
+
 def kind_of(path: Path) -> Kind:
     """Of a document: what it says of itself. Raises InputError: no document."""
     try:

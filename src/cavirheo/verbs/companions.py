@@ -21,7 +21,7 @@ _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables wit
 
 
 @dataclass(kw_only=True)
-class Compare(options.Printing, options.Documents, options.Pictures, options.Trust, options.OneBubble):
+class Compare(options.Printing, options.Verb, options.Pictures, options.Trust, options.OneBubble):
     """Your answers beside published values, with relative errors: those of `infer`, with the field's bubble."""
 
     source: Annotated[Path, argument("FOLDER", _SOURCE)]
@@ -55,7 +55,7 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
 
 
 @dataclass(kw_only=True)
-class Rheometer(options.Printing, options.Documents, options.Pictures):
+class Rheometer(options.Printing, options.Verb, options.Pictures):
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
@@ -70,7 +70,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         from cavirheo.companions.published_values import add_to_groups
         from cavirheo.reporting import comparison, read_json
         from cavirheo.writing import style
-        from cavirheo.writing.document import Outputs, write_json
+        from cavirheo.writing.document import Outputs
 
         require(self.at > 0, f"--at must be an angular frequency in rad/s, got {self.at!r}")
         require(0 < self.tolerance < 50, f"--tolerance must be between 0 and 50 %, got {self.tolerance!r}")
@@ -94,16 +94,14 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         for kind in ("strain", "frequency") if drawing else ():
             if rheometry.of(kind):
                 rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, rheometer.figure, rheometry, kind)
-        outputs.write("rheometer.json", write_json, rheometry)
-        outputs.finish()
-        run.show(rheometry, rheometer.print_rheometry)
+        run.deliver(outputs, rheometry)
         if result and not run.quiet:
             comparison.print_with_published(result, rheometer.regimes(rheometry, result))
-        run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
+        run.end(f"written to {self.out} in {{seconds}}", any(sweep.message for sweep in rheometry.sweeps))
 
 
 @dataclass(kw_only=True)
-class CollapseTime(options.Printing, options.Documents, options.Pictures, options.Liquid):
+class CollapseTime(options.Printing, options.Verb, options.Pictures, options.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
@@ -125,7 +123,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
         from cavirheo.io.shots import shot_numbers
         from cavirheo.reporting import file_names
         from cavirheo.writing import style
-        from cavirheo.writing.document import Outputs, write_json
+        from cavirheo.writing.document import Outputs
 
         shot_numbers(self.shots)
         files, liquid = run.files(self.files), self.liquid
@@ -136,16 +134,11 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
         run.refuse(problems)
         run.notes += remarks
         run.need(groups, "collapse time")
+        known = {"shear_modulus": self.shear_modulus, "viscosity": self.viscosity}
         if self.exact:
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
         for group in groups:
-            group.answer(
-                self.material,
-                medium=liquid,
-                exact=self.exact,
-                shear_modulus=self.shear_modulus,
-                viscosity=self.viscosity,
-            )
+            group.answer(self.material, exact=self.exact, medium=liquid, **known)
         answered_groups = [group for group in groups if group.estimate] if self.drawing(run) else []
         document = collapse_times.CollapseTimes(
             material=self.material, medium=asdict(liquid), groups=groups, **run.head
@@ -153,17 +146,13 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
         outputs.write("shots.csv", collapse_times.write_csv, document)
         for group, stem in zip(answered_groups, file_names([group.name for group in answered_groups]), strict=True):
             document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
-        outputs.write("collapse-time.json", write_json, document)
-        outputs.finish()
-        run.show(document, collapse_times.print_table)
-        run.end(
-            f"written to {self.out}",
-            any(group.incomplete or (self.exact and group.model != "exact") for group in groups),
-        )
+        run.deliver(outputs, document)
+        failed = any(group.incomplete or (self.exact and group.model != "exact") for group in groups)
+        run.end(f"written to {self.out} in {{seconds}}", failed)
 
 
 @dataclass(kw_only=True)
-class Design(options.Printing, options.Documents, options.Seed, options.Liquid, options.OneBubble):
+class Design(options.Printing, options.Verb, options.Seed, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
@@ -188,10 +177,10 @@ class Design(options.Printing, options.Documents, options.Seed, options.Liquid, 
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.design import Rig, design, print_table
+        from cavirheo.companions.design import Rig, design
         from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.writing.document import Outputs, write_json
+        from cavirheo.writing.document import Outputs
 
         message = "--group names a group of a result.json: give the file, or leave out --group"
         require(self.result is not None or self.group is None, message, "design.group")
@@ -224,9 +213,7 @@ class Design(options.Printing, options.Documents, options.Seed, options.Liquid, 
                 seed=self.seed,
                 done=advance,
             ).model_copy(update=run.head)
-        outputs.write("design.json", write_json, document)
-        outputs.finish()
-        run.show(document, print_table)
+        run.deliver(outputs, document)
         run.end(f"written to {self.out} in {{seconds}}")
 
 

@@ -25,7 +25,7 @@ _OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other wa
 
 
 @dataclass(kw_only=True)
-class _Report(options.Cluster, options.Figures, options.Measured):
+class _Report(options.Measured):
     """The curves of files answered by one analysis, with a report."""
 
     def requested(self, files: Sequence[Path]) -> Analysis:
@@ -132,7 +132,7 @@ class _LawOptions:
 
 
 @dataclass(kw_only=True)
-class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyBubbles, _LawOptions):
+class WhichLaw(options.Measured, options.ManyBubbles, _LawOptions):
     """Which of several laws explains the curves best? Evidence by importance sampling, 1 to 30 s a curve and law."""
 
     out: options.Out = Path("cavirheo-laws")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,8 +35,10 @@ def show(
     require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
     if network:
         _show_model(file.with_suffix(".onnx"))
+    elif any(file.glob("shard-*.h5")) or any(file.glob("curves-*.h5")):
+        _show_training_set(file)
     elif document:
-        _show_written(file, json)
+        _show_document(file, json)
     else:
         _show_curves(file, shots)
 
@@ -58,32 +59,18 @@ def _exists(file: Path) -> bool:
         return False
 
 
-def _is_training_set(folder: Path) -> bool:
-    return any(folder.glob("shard-*.h5")) or any(folder.glob("curves-*.h5"))
-
-
-def _show_written(path: Path, json: bool) -> None:
-    from cavirheo.loading import load
-    from cavirheo.writing.document import Document
-
-    if path.is_dir() and _is_training_set(path):
-        _show_training_set(path)
-    elif isinstance(document := load(path), Document):
-        _show_document(document, path, json)
-
-
-def _show_document(document: Document, path: Path, json: bool) -> None:
-    from cavirheo.loading import KINDS
+def _show_document(path: Path, json: bool) -> None:
+    from cavirheo.loading import load, print_table
     from cavirheo.writing.document import as_json
     from cavirheo.writing.terminal import console
 
+    document: Document = load(path)
     if json:
         print(as_json(document), end="")
         return
-    name, date = type(document).__name__, f", {document.date}" if document.date else ""
-    console().print(f"{path}: {name.lower()}, written by cavirheo {document.version}{date}\n{document.command}\n")
-    module, _, name = KINDS[document.kind].table.rpartition(".")
-    getattr(import_module(f"cavirheo.{module}"), name)(document)
+    name, date = type(document).__name__.lower(), f", {document.date}" if document.date else ""
+    console().print(f"{path}: {name}, written by cavirheo {document.version}{date}\n{document.command}\n")
+    print_table(document)
 
 
 def _show_training_set(path: Path) -> None:

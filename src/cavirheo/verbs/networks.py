@@ -99,7 +99,7 @@ def train(
 
 
 @dataclass(kw_only=True)
-class Evaluate(options.Documents):
+class Evaluate(options.Verb):
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
 
     model: Annotated[str, argument("MODEL", "a shipped model or an .onnx file", autocompletion=completion.model_names)]

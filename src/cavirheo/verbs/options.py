@@ -27,14 +27,6 @@ INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
 FIGURES = ("png", "svg", "pdf")
 
 
-class Verb:
-    """A command with all that was typed; its arguments are its fields, those of the last base first."""
-
-    def __call__(self, run: "Run") -> None:
-        """Do it. Raises InputError, and typer.Exit with the status."""
-        raise NotImplementedError
-
-
 def argument(metavar: str, help: str, **how: Any) -> Any:
     """A positional argument."""
     return Argument(metavar=metavar, help=help, **how)
@@ -175,19 +167,25 @@ class _BubbleValues:
     wall_distance_um: WallDistanceUm = None
     vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, "free")] = None
 
-    def _changed(self, names: list[str], damages: list[str]) -> "tuple[Bubble, ...] | None":
-        """The bubbles of these names with these values; None where nothing is asked for."""
+    def _changed(self, named: str | None, damage: str) -> "tuple[Bubble, ...] | None":
+        """The bubbles of these names, with commas, with each damage and these values; None where nothing is asked for.
+
+        Raises InputError: a word that is none, or values that cannot be.
+        """
         from dataclasses import replace
 
-        from cavirheo.physics.bubble import bubbles_of
+        from cavirheo.physics.bubble import DAMAGES, bubbles_of
 
+        damages = [word.strip() for word in damage.split(",")]
+        message = f"--damage must be {', '.join(DAMAGES)}, got {damage!r}"
+        require(set(damages) <= set(DAMAGES), message, "option.damage")
         fields = ("contents", "accommodation", "confinement_damping", "confinement_inertia", "vapour_excess")
         values = {name: value for name in fields if (value := getattr(self, name)) is not None}
         if self.wall_distance_um is not None:
             values["wall_distance"] = self.wall_distance_um * 1e-6
-        if not names and not values and damages == ["none"]:
+        if named is None and not values and damages == ["none"]:
             return None
-        bubbles = (bubble for name in names or ["real"] for bubble in bubbles_of(name))
+        bubbles = [bubble for name in (named or "real").split(",") for bubble in bubbles_of(name.strip())]
         return tuple(replace(bubble, damage=damage, **values) for bubble in bubbles for damage in damages)
 
 
@@ -201,7 +199,7 @@ class OneBubble(_BubbleValues):
     @property
     def bubbles(self) -> "tuple[Bubble, ...] | None":
         """None where nothing is asked for. Raises InputError: values that cannot be."""
-        return self._changed([self.bubble] if self.bubble else [], [self.damage])
+        return self._changed(self.bubble, self.damage)
 
 
 @dataclass(kw_only=True)
@@ -224,12 +222,7 @@ class ManyBubbles(_BubbleValues):
     @property
     def bubbles(self) -> "tuple[Bubble, ...] | None":
         """Raises InputError: a word that is none, or values that cannot be."""
-        from cavirheo.physics.bubble import DAMAGES
-
-        damages = [word.strip() for word in self.damage.split(",")]
-        message = f"--damage must be {', '.join(DAMAGES)}, got {self.damage!r}"
-        require(set(damages) <= set(DAMAGES), message, "option.damage")
-        return self._changed([word.strip() for word in self.bubble.split(",")], damages)
+        return self._changed(self.bubble, self.damage)
 
 
 @dataclass(kw_only=True)
@@ -240,11 +233,16 @@ class Seed:
 
 
 @dataclass(kw_only=True)
-class Documents(Verb):
-    """A verb that writes documents into a folder, which it holds."""
+class Verb:
+    """A command that writes documents into a folder, which it holds, with all that was typed; its arguments are its
+    fields, those of the last base first."""
 
     out: Out = Path("cavirheo-result")
     replace: Annotated[bool, option("write over the answers of another run in that folder", None, "--replace")] = False
+
+    def __call__(self, run: "Run") -> None:
+        """Do it. Raises InputError, and typer.Exit with the status."""
+        raise NotImplementedError
 
 
 @dataclass(kw_only=True)
@@ -273,34 +271,6 @@ class Pictures:
 
 
 @dataclass(kw_only=True)
-class Figures(Pictures):
-    """Pictures as files, too."""
-
-    figures: Annotated[
-        str | None, option(_FIGURES, OUTPUT, autocompletion=completion.values(*FIGURES, commas=True))
-    ] = None
-
-    @property
-    def figure_kinds(self) -> tuple[str, ...]:
-        """Of figures that are asked for as files. Raises InputError: another word, or no matplotlib."""
-        kinds = tuple(dict.fromkeys(word.strip() for word in (self.figures or "").split(",") if word.strip()))
-        if kinds:
-            from cavirheo.reporting.figures import check_figures
-            from cavirheo.writing.style import available
-
-            check_figures(kinds)
-            require(available(), '--figures needs matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
-        return kinds
-
-
-@dataclass(kw_only=True)
-class Cluster:
-    """Where the work is done."""
-
-    scheduler: Scheduler = None
-
-
-@dataclass(kw_only=True)
 class Question:
     """What a network is asked."""
 
@@ -315,7 +285,7 @@ class Question:
 
 
 @dataclass(kw_only=True)
-class Answering(Printing, Documents, Pictures, Seed, Liquid, FileSettings):
+class Answering(Printing, Verb, Pictures, Seed, Liquid, FileSettings):
     """What all verbs share that answer measured curves."""
 
     def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
@@ -344,10 +314,26 @@ class Answering(Printing, Documents, Pictures, Seed, Liquid, FileSettings):
 
 @dataclass(kw_only=True)
 class Measured(Answering):
-    """Files that are given by name."""
+    """Files that are given by name, figures as files, too, and where the work is done."""
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
+    figures: Annotated[
+        str | None, option(_FIGURES, OUTPUT, autocompletion=completion.values(*FIGURES, commas=True))
+    ] = None
+    scheduler: Scheduler = None
+
+    @property
+    def figure_kinds(self) -> tuple[str, ...]:
+        """Of figures that are asked for as files. Raises InputError: another word, or no matplotlib."""
+        kinds = tuple(dict.fromkeys(word.strip() for word in (self.figures or "").split(",") if word.strip()))
+        if kinds:
+            from cavirheo.reporting.figures import check_figures
+            from cavirheo.writing.style import available
+
+            check_figures(kinds)
+            require(available(), '--figures needs matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
+        return kinds
 
     def read(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """All curves of the files, with what a declared column says of them, and the solver loaded. Raises InputError:

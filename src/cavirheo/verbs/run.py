@@ -8,7 +8,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
@@ -18,13 +18,13 @@ import typer
 from typer.core import TyperCommand
 
 from cavirheo.errors import InputError, require
-from cavirheo.verbs.options import Documents, Verb
+from cavirheo.verbs.options import Verb
 from cavirheo.writing import terminal
 from cavirheo.writing.claim import Claim, claimed, current
 
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
-    from cavirheo.writing.document import Document
+    from cavirheo.writing.document import Document, Outputs
 
 # options that change no answer
 _SHOWING = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
@@ -94,14 +94,24 @@ class Run:
         if not items:
             raise typer.Exit(2)
 
-    def show(self, document: Document, table: Callable[[Any], None]) -> None:
-        """The result on stdout: as `table` prints it, or the document as it is in its file (--json)."""
+    def show(self, document: Document, table: Callable[[Any], None] | None = None) -> None:
+        """The result on stdout: by `table`, else as `cavirheo show`; or the document as it is in its file (--json)."""
         if self.json:
             from cavirheo.writing.document import as_json
 
             sys.stdout.write(as_json(document))
         elif not self.quiet:
-            table(document)
+            from cavirheo.loading import print_table
+
+            (table or print_table)(document)
+
+    def deliver(self, outputs: Outputs, document: Document) -> None:
+        """The last file of a run, KIND.json, and the same on stdout."""
+        from cavirheo.writing.document import write_json
+
+        outputs.write(f"{document.kind}.json", write_json, document)
+        outputs.finish()
+        self.show(document)
 
     def say(self, text: str) -> None:
         """One line on stderr, if it may."""
@@ -132,7 +142,7 @@ class Command(TyperCommand):
         try:
             verb = super().invoke(ctx)
             if isinstance(verb, Verb):
-                with claimed(_claim(verb)) if isinstance(verb, Documents) else nullcontext():
+                with claimed(_claim(verb)):
                     verb(Run(json=getattr(verb, "json", False), quiet=getattr(verb, "quiet", False)))
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
@@ -164,7 +174,7 @@ class Command(TyperCommand):
         return " ".join((self.help or "").partition("\n\n")[0].split())
 
 
-def _claim(verb: Documents) -> Claim:
+def _claim(verb: Verb) -> Claim:
     """The same for two calls that ask for the same answers, from whichever folder."""
     request = {name: _resolved(value) for name, value in vars(verb).items() if name not in _SHOWING}
     return Claim(command_line(), {"verb": type(verb).__name__, **request}, verb.replace)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -33,7 +31,7 @@ _CONTENTS = "fields.h5, too: temperature and vapour in the bubble at every frame
 
 
 @dataclass(kw_only=True)
-class Simulate(options.Documents, options.Liquid):
+class Simulate(options.Verb, options.Liquid):
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
     Columns of simulation.csv: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of
@@ -105,7 +103,7 @@ class Simulate(options.Documents, options.Liquid):
         writers = {_FRAMES: _write_frames} | ({_FIELDS: _write_fields} if self.fields else {})
         outputs = Outputs(self.out, *writers, inputs=[driving] if driving else [])
         forward.load_solver()
-        with _naming(driving):
+        try:
             simulation = forward.simulate(
                 law,
                 max_radius=self.rmax_um * 1e-6,
@@ -118,6 +116,8 @@ class Simulate(options.Documents, options.Liquid):
                 fields=self.fields,
                 accuracy=PRECISE if self.precise else DEFAULT,
             )
+        except SolverError as error:  # of the file that drives it, if one does
+            raise SolverError(f"{driving}: {error}" if driving else str(error)) from None
         for name, writer in writers.items():
             outputs.write(name, writer, simulation)
         outputs.finish()
@@ -164,15 +164,6 @@ class Simulate(options.Documents, options.Liquid):
         message = f"--material {self.material!r} holds its own parameters: leave out {words}"
         require(not values, message, "simulate.parameters_twice")
         return law
-
-
-@contextmanager
-def _naming(driving: Path | None) -> Iterator[None]:
-    """A simulation that fails is that of the file that drives it, if one does."""
-    try:
-        yield
-    except SolverError as error:
-        raise SolverError(f"{driving}: {error}" if driving else str(error)) from None
 
 
 def _write_frames(path: Path, run: Simulation) -> None:
