@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -57,16 +56,16 @@ class _Report(options.Measured):
         answers = unfinished.answers(curves, analysis)
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
         note = unfinished.note(len(answers), len(curves))
-        if note:
-            if folder.holds("report.html"):
-                run.stop(f"{note}; until then the earlier answers stay", out / "result.json")
-            if pairs:
-                notes = [note, *run.notes]
-                write_report(out, pairs, run.command, date=run.date, notes=notes, complete=False)
-            run.stop(note, out / "result.json" if pairs else None)
-        how: dict[str, Any] = {"date": run.date, "notes": run.notes, "draw": self.pictures}
-        with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
+        if note and folder.holds("report.html"):
+            run.stop(f"{note}; until then the earlier answers stay", out / "result.json")
+        if note and not pairs:
+            run.stop(note, None)
+        how: dict[str, Any] = {"date": run.date, "draw": self.pictures, "complete": not note}
+        how["notes"] = [note, *run.notes] if note else run.notes
+        with run.bar("drawing", unit="figures", visible=bool(figures)) as advance:
             result = write_report(out, pairs, run.command, figures, advance=advance, **how)
+        if note:
+            run.stop(note, out / "result.json")
         unfinished.remove()
         run.show(result, partial(print_table, analysis=analysis, out=out, notes_shown=run.refusals))
         message = f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
@@ -176,7 +175,7 @@ class WhichLaw(options.Measured, options.ManyBubbles, _LawOptions):
         outputs.finish()
         pairs = list(zip(complete_curves, choose_answers(singles, groups), strict=True))
         how = {"date": run.date, "draw": self.pictures, "notes": [*firmly(laws), *laws.notes]}
-        with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
+        with run.bar("drawing", unit="figures", visible=bool(figures)) as advance:
             reporting.write_report(out, pairs, run.command, figures, advance=advance, **how)
         unfinished.remove()
         run.show(laws, print_table)

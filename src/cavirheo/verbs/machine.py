@@ -16,6 +16,7 @@ from typer import Exit
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
+from cavirheo.verbs.run import Run
 
 _VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # beginnings of those that change speed or answers
 
@@ -57,28 +58,25 @@ def cluster(
     from cavirheo.writing import terminal
     from cavirheo.writing.digits import MISSING
 
-    def say(text: str) -> None:
-        if not quiet:
-            terminal.say(text)
-
-    with client_of(scheduler, say) as (client, wait):
+    run = Run(quiet=quiet)
+    with client_of(scheduler, run.say) as (client, wait):
         arrived(client, wait)
         workers = reports(client)
     table = terminal.table("worker", ["on", "threads", "code", "bits"], left=["on"])
     for worker in workers:
         sums = [worker.identity.code[:8], worker.identity.bits[:8]] if worker.identity else [MISSING] * 2
         table.add_row(worker.address, worker.host, str(worker.threads), *sums)
-    if not quiet:
+    if not run.quiet:
         terminal.console().print(table)
     for versions in sorted({worker.versions for worker in workers if worker.versions}):
-        say(f"{sum(worker.versions == versions for worker in workers)} workers with {versions}")
+        run.say(f"{sum(worker.versions == versions for worker in workers)} workers with {versions}")
     for worker in workers:
         if worker.wrong:
             terminal.say(f"refused: {worker.address} on {worker.host}: {worker.wrong}")
     usable, mine = [worker for worker in workers if not worker.wrong], identity()
     bits = {worker.identity.bits for worker in usable if worker.identity}
     same = "the bits of this machine" if bits == {mine.bits} else "other last bits than this machine"
-    say(f"{len(usable)} of {len(workers)} workers can be used, with {same} ({mine.bits[:8]})")
+    run.say(f"{len(usable)} of {len(workers)} workers can be used, with {same} ({mine.bits[:8]})")
     if len(usable) < len(workers):
         raise Exit(1)
 

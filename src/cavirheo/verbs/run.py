@@ -60,10 +60,10 @@ class Run:
         return {"command": self.command, "date": self.date, "notes": [*self.notes]}
 
     def bar(
-        self, what: str, total: int | None = None, *, unit: str = "curves"
+        self, what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
     ) -> AbstractContextManager[Callable[..., None]]:
         """`terminal.bar`, if anything is to be seen."""
-        return terminal.bar(what, total, visible=not self.quiet, unit=unit)
+        return terminal.bar(what, total, visible=visible and not self.quiet, unit=unit)
 
     def files(self, patterns: list[Path]) -> list[Path]:
         """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""
