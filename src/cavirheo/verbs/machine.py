@@ -54,14 +54,13 @@ def cluster(
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
     from cavirheo.workflow.cluster import client_of
-    from cavirheo.workflow.cluster.check import arrived, identity, reports
+    from cavirheo.workflow.cluster.check import identity, reports
     from cavirheo.writing import terminal
     from cavirheo.writing.digits import MISSING
 
     run = Run(quiet=quiet)
     with client_of(scheduler, run.say) as (client, wait):
-        arrived(client, wait)
-        workers = reports(client)
+        workers = reports(client, wait)
     table = terminal.table("worker", ["on", "threads", "code", "bits"], left=["on"])
     for worker in workers:
         sums = [worker.identity.code[:8], worker.identity.bits[:8]] if worker.identity else [MISSING] * 2
