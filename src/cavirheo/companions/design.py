@@ -7,7 +7,7 @@ tell; here these are averaged, counted and printed.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -17,7 +17,7 @@ from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.inference.design import Expected, Setting, expectations, gain, reached, shared, shots_wanted, variance
+from cavirheo.inference.design import Draws, Expected, Setting, gain, shared, shots_wanted, variance
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.parameters import STRETCH_RANGE
@@ -287,17 +287,16 @@ def design(
     family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), medium(rig.medium)
     goal = _Goal(family, float(np.log10(1.0 + wanted)), _knowledge(known, group, family, dict(ranges or {}), spread))
     settings = _settings(rig, sizes)
-    law, stretches = goal.knowledge.draw(draws, seed)
-    how: Any = {"bubble": bubble, "workers": workers}
-    expected = expectations(settings, family, law, stretches, liquid, seed=seed, done=done, **how)
+    drawn = Draws(family, *goal.knowledge.draw(draws, seed), liquid, bubble, seed)
+    expected = drawn.expected(settings, workers, done)
     gains = np.array([[goal.gain(shot) for shot in shots] for shots in expected])
     rows = [goal.row(*columns) for columns in zip(settings, expected, gains, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     best, fewest = _chosen(rows, gains)
-    checked = []
-    for i in dict.fromkeys((best, best if fewest is None else fewest)) if check else ():
-        widths = reached(settings[i], family, law[:check], stretches[:check], liquid, seed=seed + CHECKED, **how)
-        checked.append(goal.checked(i, check, widths, expected[i]))
+    law, stretches = drawn.law, drawn.stretch
+    recorded = replace(drawn, law=law[:check], stretch=stretches[:check], seed=seed + CHECKED)
+    recommended = dict.fromkeys((best, best if fewest is None else fewest)) if check else ()
+    checked = [goal.checked(i, check, recorded.reached(settings[i], workers), expected[i]) for i in recommended]
     scatter = np.sqrt(np.diag(goal.knowledge.scatter))
     samples = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
     return Design(
