@@ -81,7 +81,15 @@ def _load(path: str | Path) -> Document | Dataset:
         held = ", ".join(document.name for document in documents) or f"none of {', '.join(NAMES)}, and no training set"
         require(len(documents) == 1, f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents
-    kind = kind_of(path)
+    name = None
+    try:
+        name = read_object(path, LARGEST).get("kind")
+    except InputError as error:
+        if error.code != "files.json":
+            raise
+    message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
+    require(isinstance(name, str) and name in KINDS, message, "document.other")
+    kind = KINDS[str(name)]
     return read_json(path, getattr(import_module(f"cavirheo.{kind.module}"), kind.name))
 
 
@@ -89,16 +97,3 @@ def print_table(document: Document) -> None:
     """The table of a document, as its verb and `cavirheo show` print it."""
     module, _, name = KINDS[document.kind].table.rpartition(".")
     getattr(import_module(f"cavirheo.{module}"), name)(document)
-
-
-def kind_of(path: Path) -> Kind:
-    """Of a document: what it says of itself. Raises InputError: no document."""
-    try:
-        kind = read_object(path, LARGEST).get("kind")
-    except InputError as error:
-        if error.code != "files.json":
-            raise
-        kind = None
-    message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
-    require(isinstance(kind, str) and kind in KINDS, message, "document.other")
-    return KINDS[str(kind)]

@@ -165,15 +165,8 @@ def checked(session: Session, name: str) -> str:
     if name not in answers.bands:
         answers.bands[name] = band(curve, posterior, session.settings_of(name).analysis)
     fit, simulated = answers.fits.get(name), f"simulation: {digits.simulated(posterior.method)}"
-    panels = check_panels(
-        curve,
-        posterior.checks,
-        simulated,
-        fit=fit.checks if fit else None,
-        what_if=answers.trials.get(name),
-        band=answers.bands[name],
-    )
-    return pictures([curve_svg(panels, 840, 460)])
+    beside: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name), "band": answers.bands[name]}
+    return pictures([curve_svg(check_panels(curve, posterior.checks, simulated, **beside), 840, 460)])
 
 
 def warned(session: Session) -> str:
