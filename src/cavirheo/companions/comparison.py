@@ -124,8 +124,9 @@ def compare(
         document = earlier.model_copy(update={**head, "notes": [*earlier.notes, *notes]})
         document.add_published(by_group((group.name for group in document.groups), published), against)
         report = Outputs(out, *DOCUMENTS, inputs=inputs)  # the same documents, without pictures of shots
-        for name, writer in zip(DOCUMENTS, (write_json, table.write_csv, html.write), strict=True):
-            report.write(name, writer, document)
+        report.write("result.json", write_json, document)
+        report.write("result.csv", table.write_csv, document)
+        report.write("report.html", html.write, document)
         report.finish()
         _write_table(table_outputs(), document)
         return ComparisonRun(document)
@@ -144,16 +145,8 @@ def compare(
     if note and report.holds("report.html"):  # which stays until all is answered
         interrupted = result(pairs, command, notes=[f"{note}; until then the earlier answers stay"])
         return ComparisonRun(interrupted, unread, True)
-    document = write_report(
-        out,
-        pairs,
-        **head,
-        notes=[note, *notes] if note else notes,
-        complete=not note,
-        draw=pictures,
-        published=published,
-        references=against,
-    )
+    head |= {"notes": [note, *notes] if note else notes, "complete": not note, "draw": pictures}
+    document = write_report(out, pairs, **head, published=published, references=against)
     _write_table(table_outputs(), document)
     if not note:
         unfinished.remove()

@@ -155,6 +155,10 @@ class Sweep(Record):
     notes: list[str] = []
     message: str = ""
 
+    def model_post_init(self, _: Any) -> None:
+        if len(self.x):  # not of a document that is read back
+            self.points, self.x_from, self.x_to = len(self.x), self.x[0], self.x[-1]
+
 
 def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
     """The same sweep with its linear range, plateau and crossover.
@@ -178,7 +182,6 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
         band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
     yields = [(x, modulus) for x, modulus, falls in _crossovers(sweep) if falls and x > gamma[first]]
-    sweep.x_from, sweep.x_to = gamma[0], gamma[-1]
     if yields:
         sweep.crossover, sweep.crossover_modulus_Pa = yields[0]
     return sweep
@@ -222,7 +225,7 @@ def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
     through their logarithms, never extrapolated.
     """
     omega = sweep.x
-    sweep.x_from, sweep.x_to, sweep.at_rad_per_s = omega[0], omega[-1], at
+    sweep.at_rad_per_s = at
     if flat := _plateau(omega, sweep.storage):
         first, last = flat
         sweep.plateau_from, sweep.plateau_to = omega[first], omega[last]
@@ -362,7 +365,7 @@ def _sweep(table: Table, label: str) -> Sweep:
     x, storage, loss = (np.bincount(group, row) / count for row in data)
     if repeated := data.shape[1] - len(count):
         notes.append(f"{counted(repeated, 'row')} at the {kind} of another averaged with it")
-    return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=label, points=len(x), held=held, notes=notes)
+    return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=label, held=held, notes=notes)
 
 
 def _ratio(values: Floats) -> float:
