@@ -13,6 +13,8 @@ from cavirheo.verbs.run import Run, doubtful
 
 CAMERA, SEARCH = "Camera", "Search"
 _Range = tuple[float, float]
+_Material = Literal["nhkv", "nh", "newtonian"]
+_MODULUS = "range in Pa, if there is no result.json"
 _SOURCE = "holds the measurements, a file, subfolder or glob per set; or a result.json"
 _REFERENCE = "errors are relative to it; may be repeated  [default: IMR, rheometer]"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
@@ -105,9 +107,7 @@ class CollapseTime(options.Printing, options.Verb, options.Pictures, options.Liq
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
-    material: Annotated[Literal["nhkv", "nh", "newtonian"], option("nh has no viscosity, newtonian no elasticity")] = (
-        "nhkv"
-    )
+    material: Annotated[_Material, option("nh has no viscosity, newtonian no elasticity")] = "nhkv"
     exact: Annotated[bool, option("fit with simulated collapse times: seconds", None, "--exact")] = False
     shear_modulus: Annotated[float | None, option("Pa, if it is known: only µ is fitted")] = None
     viscosity: Annotated[float | None, option("Pa s, if it is known: only G is fitted")] = None
@@ -157,9 +157,7 @@ class Design(options.Printing, options.Verb, options.Seed, options.Liquid, optio
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
     group: Annotated[str | None, option("group of the result.json whose material is meant")] = None
-    shear_modulus: Annotated[_Range | None, option("range in Pa, if there is no result.json", metavar="LOW HIGH")] = (
-        None
-    )
+    shear_modulus: Annotated[_Range | None, option(_MODULUS, metavar="LOW HIGH")] = None
     viscosity: Annotated[_Range | None, option("Pa s", metavar="LOW HIGH")] = None
     stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
     material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=completion.sum_names)] = "nhkv"

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
     from cavirheo.parallel import Executor
 
+_FITTED = "nhkv, newtonian, power-law, ...; auto: the evidence chooses"
+_WEIGHED = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
 _WEIGHTS = "learnt: the residuals tell how much less frames beside collapses count"
 _OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other way round"
@@ -84,10 +86,7 @@ class Infer(_Report, options.Inference):
 
 @dataclass(kw_only=True)
 class _FitOptions:
-    material: Annotated[
-        str,
-        option("nhkv, newtonian, power-law, ...; auto: the evidence chooses", autocompletion=completion.law_names),
-    ] = "nhkv"
+    material: Annotated[str, option(_FITTED, autocompletion=completion.law_names)] = "nhkv"
     stretch: options.Stretch = None
     window: options.Window = None
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
@@ -122,9 +121,7 @@ class Fit(_Report, options.OneBubble, _FitOptions):
 
 @dataclass(kw_only=True)
 class _LawOptions:
-    laws: Annotated[str, option("two or more laws, with commas", autocompletion=completion.many_law_names)] = (
-        "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
-    )
+    laws: Annotated[str, option("two or more laws, with commas", autocompletion=completion.many_law_names)] = _WEIGHED
     stretch: options.Stretch = None
     window: options.Window = None
     exact_law: options.ExactLaw = False

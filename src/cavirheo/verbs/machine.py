@@ -18,17 +18,15 @@ from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
 
+_HOST = "address to listen on; 0.0.0.0 is open to the network, without a password"
+_LIVE = "folder of results of `cavirheo watch`, whose page is served at /live"
 _VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # beginnings of those that change speed or answers
 
 
 def app(
-    host: Annotated[str, option("address to listen on; 0.0.0.0 is open to the network, without a password")] = (
-        "127.0.0.1"
-    ),
+    host: Annotated[str, option(_HOST)] = "127.0.0.1",
     port: Annotated[int, option("port; 0: any free one", min=0, max=65535)] = 7860,
-    live: Annotated[
-        Path | None, option("folder of results of `cavirheo watch`, whose page is served at /live", readable=False)
-    ] = None,
+    live: Annotated[Path | None, option(_LIVE, readable=False)] = None,
     browser: Annotated[bool, option("open the page in the browser", None, "--browser/--no-browser")] = True,
     max_file_mb: Annotated[float, option("largest file that may be uploaded, MB", min=0.001)] = 50.0,
     max_files: Annotated[int, option("largest number of files of one visitor", min=1)] = 50,

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for experts"
 INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
-FIGURES = ("png", "svg", "pdf")
 
 
 def argument(metavar: str, help: str, **how: Any) -> Any:
@@ -100,6 +99,11 @@ _BUBBLE = (
     "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; auto: the "
 )
 _BUBBLE += "evidence chooses"
+_MEDIUM = "named constants: water, bu2026, estrada2018, ..."
+_ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
+_DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
+_PICTURES = "draw pictures; --no-pictures is faster"
+_STATED = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 _FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
 _VERIFY = (
     "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; none: network alone"
@@ -136,9 +140,7 @@ class FileSettings(Trust):
 class Liquid(Trust):
     """The constants of what surrounds the bubble."""
 
-    medium: Annotated[
-        str, option("named constants: water, bu2026, estrada2018, ...", autocompletion=completion.medium_names)
-    ] = "water"
+    medium: Annotated[str, option(_MEDIUM, autocompletion=completion.medium_names)] = "water"
     density: Annotated[float | None, option("density of the liquid or gel, kg/m3", MATERIAL)] = None
     sound_speed: Annotated[float | None, option("m/s", MATERIAL)] = None
     surface_tension: Annotated[float | None, option("N/m", MATERIAL)] = None
@@ -159,9 +161,7 @@ class _BubbleValues:
     """What is assumed of the bubble, where it differs from the named one."""
 
     contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(CONTENTS, BUBBLE)] = None
-    accommodation: Annotated[Any, number("accommodation coefficient of kinetic contents, up to 10", BUBBLE, "free")] = (
-        None
-    )
+    accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, "free")] = None
     confinement_damping: Annotated[Any, number("2 pi (R_max^2/A) c/U_c of a tube around it", BUBBLE, "free")] = None
     confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, "free")] = None
     wall_distance_um: WallDistanceUm = None
@@ -206,18 +206,8 @@ class OneBubble(_BubbleValues):
 class ManyBubbles(_BubbleValues):
     """Several bubbles, with commas."""
 
-    bubble: Annotated[
-        str,
-        option("real, field, or both with a comma", autocompletion=completion.values("real", "field", commas=True)),
-    ] = "real"
-    damage: Annotated[
-        str,
-        option(
-            "softening of the gel: none, first-rebound, strain, with commas",
-            BUBBLE,
-            autocompletion=completion.values("none", "first-rebound", "strain", commas=True),
-        ),
-    ] = "none"
+    bubble: Annotated[str, option("real, field, or both with a comma", autocompletion=completion.bubble_names)] = "real"
+    damage: Annotated[str, option(_DAMAGES, BUBBLE, autocompletion=completion.damage_names)] = "none"
 
     @property
     def bubbles(self) -> "tuple[Bubble, ...] | None":
@@ -257,9 +247,7 @@ class Printing:
 class Pictures:
     """Pictures in the documents."""
 
-    pictures: Annotated[bool, option("draw pictures; --no-pictures is faster", OUTPUT, "--pictures/--no-pictures")] = (
-        True
-    )
+    pictures: Annotated[bool, option(_PICTURES, OUTPUT, "--pictures/--no-pictures")] = True
 
     def drawing(self, run: "Run") -> bool:
         """Whether pictures are drawn; where they are asked for and cannot be, a note of the run says so."""
@@ -275,9 +263,7 @@ class Question:
     """What a network is asked."""
 
     material: Material = None
-    stretch: Annotated[
-        Any, number("R_max/R_0; free: without the prior that a file states  [default: with it]", None, "free")
-    ] = None
+    stretch: Annotated[Any, number(_STATED, None, "free")] = None
     verify: Annotated[Literal["auto", "full", "map", "none"], option(_VERIFY)] = "auto"
     window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
     model: ModelName = "posterior"
@@ -318,9 +304,7 @@ class Measured(Answering):
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
-    figures: Annotated[
-        str | None, option(_FIGURES, OUTPUT, autocompletion=completion.values(*FIGURES, commas=True))
-    ] = None
+    figures: Annotated[str | None, option(_FIGURES, OUTPUT, autocompletion=completion.figure_names)] = None
     scheduler: Scheduler = None
 
     @property

@@ -22,6 +22,9 @@ DRIVEN = "Driving"
 _FRAMES, _FIELDS = "simulation.csv", "fields.h5"
 _MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
 _MATERIAL += "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
+_Motion = Literal["keller-miksis", "rayleigh-plesset", "gilmore"]
+_Damage = Literal["first-rebound", "strain"]
+_POLYTROPIC = "exponent of the gas, instead of heat and vapour transport"
 _PULSE = "ultrasound: peak kPa (negative: tension), MHz, us of the peak"
 _DRIVING = "far-field pressure above ambient: CSV file with columns time_us,pressure_kPa"
 _INERTIA = "R_max sum(s/d) over image bubbles: R_max/2h for one wall at h"
@@ -48,18 +51,12 @@ class Simulate(options.Verb, options.Liquid):
     fps: Annotated[float, option("frames per second")] = 1e6
     pulse: Annotated[tuple[float, float, float] | None, option(_PULSE, DRIVEN, metavar="KPA MHZ US")] = None
     driving: Annotated[Path | None, option(_DRIVING, DRIVEN)] = None
-    motion: Annotated[
-        Literal["keller-miksis", "rayleigh-plesset", "gilmore"], option("equation of the wall", BUBBLE)
-    ] = "keller-miksis"
-    polytropic: Annotated[float | None, option("exponent of the gas, instead of heat and vapour transport", BUBBLE)] = (
-        None
-    )
+    motion: Annotated[_Motion, option("equation of the wall", BUBBLE)] = "keller-miksis"
+    polytropic: Annotated[float | None, option(_POLYTROPIC, BUBBLE)] = None
     contents: Annotated[Literal["equilibrium", "kinetic"], option(options.CONTENTS, BUBBLE)] = "equilibrium"
     accommodation: Annotated[float | None, option("of kinetic contents, up to 10  [default: 0.07]", BUBBLE)] = None
     damage: Annotated[tuple[float, float] | None, option(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")] = None
-    damage_by: Annotated[
-        Literal["first-rebound", "strain"], option("strain: factors at a tenfold contraction", BUBBLE)
-    ] = "first-rebound"
+    damage_by: Annotated[_Damage, option("strain: factors at a tenfold contraction", BUBBLE)] = "first-rebound"
     confinement_inertia: Annotated[float, option(_INERTIA, BUBBLE)] = 0.0
     wall_distance_um: options.WallDistanceUm = None
     confinement_damping: Annotated[float, option(_DAMPING, BUBBLE)] = 0.0
