@@ -63,10 +63,8 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     expect(object if kind is None else kind, type, "a class such as Result, of cavirheo.reporting.record")
     loaded = _load(path)
     if kind is not None and not isinstance(loaded, kind):
-        message = (
-            f"{path} is a {type(loaded).__name__}, not a {kind.__name__}: give another file, or leave out the kind"
-        )
-        raise InputError(message, "loading.kind")
+        message = f"{path} is a {type(loaded).__name__}, not a {kind.__name__}"
+        raise InputError(f"{message}: give another file, or leave out the kind", "loading.kind")
     return loaded
 
 

@@ -192,14 +192,10 @@ class Design(Document):
         else:
             more = " more" * bool(self.shots_before)
             shots, series = digits.counted(setting.shots or 0, "shot"), best.shots or "more than 10,000"
-            single = (
-                f"if you take one shot only: {best.words}, where it tells most ({best.gain}; there {setting.gain}); "
-            )
-            single += f"{goal} of {law} would need {series} such shots"
-            lines = [
-                f"next: {shots}{more} at {setting.words}, for {goal} of {law}",
-                f"one shot there tells most, too ({best.gain})" if best is setting else single,
-            ]
+            single = f"if you take one shot only: {best.words}, where it tells most ({best.gain}; there {setting.gain})"
+            single += f"; {goal} of {law} would need {series} such shots"
+            single = f"one shot there tells most, too ({best.gain})" if best is setting else single
+            lines = [f"next: {shots}{more} at {setting.words}, for {goal} of {law}", single]
         return [*lines, *(self._words(checked) for checked in self.checked)]
 
     def _words(self, checked: CheckedSetting) -> str:

@@ -13,9 +13,8 @@ from cavirheo.verbs.options import argument, option
 if TYPE_CHECKING:
     from cavirheo.writing.document import Document
 
-_FILE = (
-    "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped network"
-)
+_FILE = "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped "
+_FILE += "network"
 
 
 def show(

@@ -95,19 +95,16 @@ _COLUMN = "table with a number (a concentration, ...) for each shot, file or gro
 _BLUR = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
 _TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
-_BUBBLE = (
-    "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; auto: the "
-)
-_BUBBLE += "evidence chooses"
+_BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; "
+_BUBBLE += "auto: the evidence chooses"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ..."
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
 _DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
 _PICTURES = "draw pictures; --no-pictures is faster"
 _STATED = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 _FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
-_VERIFY = (
-    "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; none: network alone"
-)
+_VERIFY = "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; "
+_VERIFY += "none: network alone"
 
 
 @dataclass(kw_only=True)
