@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import completion, options
@@ -140,9 +140,8 @@ class CollapseTime(options.Printing, options.Verb, options.Pictures, options.Liq
         for group in groups:
             group.answer(self.material, exact=self.exact, medium=liquid, **known)
         answered_groups = [group for group in groups if group.estimate] if self.drawing(run) else []
-        document = collapse_times.CollapseTimes(
-            material=self.material, medium=asdict(liquid), groups=groups, **run.head
-        )
+        head = {"material": self.material, "medium": asdict(liquid), **run.head}
+        document = collapse_times.CollapseTimes(groups=groups, **head)
         outputs.write("shots.csv", collapse_times.write_csv, document)
         for group, stem in zip(answered_groups, file_names([group.name for group in answered_groups]), strict=True):
             document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
@@ -193,25 +192,14 @@ class Design(options.Printing, options.Verb, options.Seed, options.Liquid, optio
             medium=self.liquid,
             bubble=self.bubbles or "real",
         )
-        names = ("shear_modulus", "viscosity", "stretch")
-        inputs = [self.result] if self.result else []
-        outputs = Outputs(self.out, "design.json", inputs=inputs)
+        ranges = {name: getattr(self, name) for name in ("shear_modulus", "viscosity", "stretch")}
+        how: dict[str, Any] = {"ranges": {name: ends for name, ends in ranges.items() if ends}}
+        how |= {name: getattr(self, name) for name in ("group", "spread", "sizes", "draws", "check", "seed")}
+        outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
         run_in_thread(load_solver)
         with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
-            document = design(
-                self.result,
-                rig,
-                group=self.group,
-                ranges={name: ends for name in names if (ends := getattr(self, name))},
-                wanted=0.01 * self.wanted_percent,
-                spread=self.spread,
-                sizes=self.sizes,
-                draws=self.draws,
-                check=self.check,
-                seed=self.seed,
-                done=advance,
-            ).model_copy(update=run.head)
-        run.deliver(outputs, document)
+            document = design(self.result, rig, wanted=0.01 * self.wanted_percent, done=advance, **how)
+        run.deliver(outputs, document.model_copy(update=run.head))
         run.end(f"written to {self.out} in {{seconds}}")
 
 

@@ -208,21 +208,10 @@ class Watch(options.Inference):
             read_column(self.column)
         names = [field.name for field in fields(options.FileSettings) if field.name != "column"]
         read_settings = {name: getattr(self, name) for name in names}
-        watched = watch.Watch(
-            folder,
-            out,
-            analysis,
-            lambda path: self.recordings([path]),
-            read_settings,
-            group=self.group,
-            column=self.column,
-            command=run.command,
-            date=run.date,
-            say=run.say,
-            show=print_line if not run.quiet else lambda _: None,
-            patience=self.patience,
-            half_width=0.01 * self.wanted_percent,
-        )
+        how: dict[str, Any] = {"group": self.group, "column": self.column, "patience": self.patience}
+        how |= {"command": run.command, "date": run.date, "half_width": 0.01 * self.wanted_percent, "say": run.say}
+        how |= {} if run.quiet else {"show": print_line}
+        watched = watch.Watch(folder, out, analysis, lambda path: self.recordings([path]), read_settings, **how)
         run_in_thread(load_solver)
         result = watched.write()
         page = f"{out / html.LIVE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
@@ -234,8 +223,7 @@ class Watch(options.Inference):
         except KeyboardInterrupt:  # the usual end
             stopped = True
         pairs, notes = watched.pairs()
-        how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": self.pictures}
-        result = write_report(out, pairs, run.command, **how)
+        result = write_report(out, pairs, run.command, date=run.date, notes=notes, draw=self.pictures)
         run.show(result, print_table)
         run.unreadable = 0 if stopped else watched.unreadable
         message = f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}"

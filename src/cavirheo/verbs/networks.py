@@ -46,18 +46,10 @@ def generate(
     message = "--workers are threads of this machine, and --scheduler has its own: leave out one of them"
     require(workers is None or scheduler is None, message, "option.workers")
     load_solver()
-    run = Run(quiet=quiet)
+    run, seed = Run(quiet=quiet), content.data.seed if seed is None else seed
+    how: dict[str, Any] = {"seed": seed, "workers": workers, "shard": (part, parts), "progress": not quiet}
     with connected(scheduler, run.say) as executor:
-        written = dataset.generate(
-            content.problem,
-            content.data.n if n is None else n,
-            out,
-            seed=content.data.seed if seed is None else seed,
-            workers=workers,
-            shard=(part, parts),
-            progress=not quiet,
-            executor=executor,
-        )
+        written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **how)
     run.say(f"{written.curves} curves in {out}: {written.written} files written, {written.skipped} already there")
     if written.simulated:
         rate = written.simulated / written.seconds

@@ -277,19 +277,10 @@ class Answering(Printing, Verb, Pictures, Seed, Liquid, FileSettings):
 
         message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
         require(exclude is None or len(files) == 1, message, "option.exclude")
-        exposure = self.exposure_us and self.exposure_us * 1e-6
-        curve_set = read_shots(
-            files,
-            max_radius=None if self.rmax_um is None else self.rmax_um * 1e-6,
-            group=self.group,
-            density=self.liquid.density,
-            pressure=self.liquid.pressure,
-            shots=self.shots,
-            frame_rate_hz=self.fps,
-            exclude=exclude,
-            um_per_px=self.um_per_px,
-            exposure=exposure,
-        )
+        exposure, scale = self.exposure_us and self.exposure_us * 1e-6, self.rmax_um and self.rmax_um * 1e-6
+        video = {"um_per_px": self.um_per_px, "exposure": exposure, "exclude": exclude}
+        how: dict[str, Any] = {"density": self.liquid.density, "pressure": self.liquid.pressure, "shots": self.shots}
+        curve_set = read_shots(files, max_radius=scale, group=self.group, frame_rate_hz=self.fps, **how, **video)
         if exposure is None:
             return curve_set
         return curve_set._replace(curves=[curve.labelled(exposure_s=exposure) for curve in curve_set.curves])

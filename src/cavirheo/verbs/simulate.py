@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.verbs import completion, options
@@ -128,18 +128,13 @@ class Simulate(options.Verb, options.Liquid):
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
         message = "--damage-by changes nothing without --damage: give that too"
         require(self.damage is not None or self.damage_by == "first-rebound", message, "simulate.idle")
+        names = ("contents", "confinement_inertia", "confinement_damping", "vapour_excess", "motion")
+        values: dict[str, Any] = {name: getattr(self, name) for name in names} | {"exponent": self.polytropic}
+        values["accommodation"] = ACCOMMODATION if self.accommodation is None else self.accommodation
+        if self.wall_distance_um is not None:
+            values["wall_distance"] = self.wall_distance_um * 1e-6
         try:
-            return Bubble(
-                contents=self.contents,
-                accommodation=ACCOMMODATION if self.accommodation is None else self.accommodation,
-                damage=Damage(*self.damage, self.damage_by) if self.damage else "none",
-                confinement_inertia=self.confinement_inertia,
-                wall_distance=None if self.wall_distance_um is None else self.wall_distance_um * 1e-6,
-                vapour_excess=self.vapour_excess,
-                confinement_damping=self.confinement_damping,
-                motion=self.motion,
-                exponent=self.polytropic,
-            )
+            return Bubble(**values, damage=Damage(*self.damage, self.damage_by) if self.damage else "none")
         except InputError as error:
             raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
 
