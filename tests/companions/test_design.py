@@ -151,6 +151,8 @@ def test_what_is_known_comes_from_the_trusted_answers(quick):
     assert made.known["shear_modulus"].median == pytest.approx(5e3, rel=0.02)
     half = np.log10(made.known["shear_modulus"].q95 / 5e3)
     assert half == pytest.approx(0.1 / np.sqrt(2), rel=0.15)
+    narrow = cavirheo.design(result_of(rows, "x"), draws=40, ranges={"stretch": (5, 8)})
+    assert narrow.known["shear_modulus"] == made.known["shear_modulus"]  # a range of the stretch tells nothing of it
     scattered = cavirheo.design(result_of([row(4e3, 0.05, 0.02), row(8e3, 0.05, 0.02)], "x"))
     assert scattered.spread_decades == pytest.approx(np.log10(2) / np.sqrt(2), rel=0.1)
     two = result_of([*rows, row(9e5, 0.05, 0.1, group="y")], "x")

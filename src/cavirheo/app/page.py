@@ -171,7 +171,8 @@ class Page(film.FilmPart):
         js = "() => [document.body.dataset.{}]".format
         out = [self.steps, self.checked, *check]
         latest(self.answers.click, self._picked, [self.checked], out, js=js("picked"))
-        latest(self.found.change, self._warn, [], [self.warned], works=True)
+        # what compares with simulations comes later: the table need not wait for the solver
+        latest(self.found.change, lambda session, **_: words.warned(session), [], [self.warned], works=True)
         out, materials = [self.found, *viewed, *self.state], "(_, shown) => [document.body.dataset.materials, shown]"
         latest(self.found.submit, self._name, [self.link, self.shown], out, js=materials)
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
@@ -232,10 +233,6 @@ class Page(film.FilmPart):
             if paths:  # or they were taken with those that were sent before
                 session.add(paths, _settings(settings))
         return self._loaded(session)
-
-    def _warn(self, session: Session, **_: Any) -> list[Any]:
-        """What compares with simulations, so that the table need not wait for the solver."""
-        return [words.warned(session)]
 
     def _example(self, name: str, session: Session, *settings: Any) -> list[Any]:
         session.add([steps.examples()[name]], _settings(settings), copy=True)

@@ -345,7 +345,7 @@ class _Goal:
         cube = Halton(len(self.mean) + 1, seed=seed).random(draws)
         first, second = self.stretch
         deviation = np.sqrt(np.diag(self.covariance))
-        law = self.mean + deviation * (ndtri(cube[:, :-1]) if self.measured else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
+        law = self.mean + deviation * (ndtri(cube[:, :-1]) if self.shots else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
         logs = first + second * ndtri(cube[:, -1]) if self.measured else first + (second - first) * cube[:, -1]
         return law, np.clip(10.0**logs, STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
 
