@@ -154,8 +154,8 @@ class Liquid(Trust):
 
 
 @dataclass(kw_only=True)
-class _BubbleValues:
-    """What is assumed of the bubble, where it differs from the named one."""
+class OneBubble:
+    """One bubble, or auto, and what is assumed of it where it differs from the named one."""
 
     contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(CONTENTS, BUBBLE)] = None
     accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, "free")] = None
@@ -163,9 +163,12 @@ class _BubbleValues:
     confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, "free")] = None
     wall_distance_um: WallDistanceUm = None
     vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, "free")] = None
+    bubble: Annotated[Literal["real", "field", "auto"] | None, option(_BUBBLE)] = None
+    damage: Annotated[Literal["none", "first-rebound", "strain"], option("softening of the gel", BUBBLE)] = "none"
 
-    def _changed(self, named: str | None, damage: str) -> "tuple[Bubble, ...] | None":
-        """The bubbles of these names, with commas, with each damage and these values; None where nothing is asked for.
+    @property
+    def bubbles(self) -> "tuple[Bubble, ...] | None":
+        """Those of the names, each with each damage and the values; None where nothing is asked for.
 
         Raises InputError: a word that is none, or values that cannot be.
         """
@@ -173,43 +176,30 @@ class _BubbleValues:
 
         from cavirheo.physics.bubble import DAMAGES, bubbles_of
 
-        damages = [word.strip() for word in damage.split(",")]
-        message = f"--damage must be {', '.join(DAMAGES)}, got {damage!r}"
+        damages = [word.strip() for word in self.damage.split(",")]
+        message = f"--damage must be {', '.join(DAMAGES)}, got {self.damage!r}"
         require(set(damages) <= set(DAMAGES), message, "option.damage")
         fields = ("contents", "accommodation", "confinement_damping", "confinement_inertia", "vapour_excess")
         values = {name: value for name in fields if (value := getattr(self, name)) is not None}
         if self.wall_distance_um is not None:
             values["wall_distance"] = self.wall_distance_um * 1e-6
-        if named is None and not values and damages == ["none"]:
+        if self.bubble is None and not values and damages == ["none"]:
             return None
-        bubbles = [bubble for name in (named or "real").split(",") for bubble in bubbles_of(name.strip())]
+        names = "real" if self.bubble is None else self.bubble
+        bubbles = [bubble for name in names.split(",") for bubble in bubbles_of(name.strip())]
         return tuple(replace(bubble, damage=damage, **values) for bubble in bubbles for damage in damages)
 
 
-@dataclass(kw_only=True)
-class OneBubble(_BubbleValues):
-    """One bubble, or auto."""
-
-    bubble: Annotated[Literal["real", "field", "auto"] | None, option(_BUBBLE)] = None
-    damage: Annotated[Literal["none", "first-rebound", "strain"], option("softening of the gel", BUBBLE)] = "none"
-
-    @property
-    def bubbles(self) -> "tuple[Bubble, ...] | None":
-        """None where nothing is asked for. Raises InputError: values that cannot be."""
-        return self._changed(self.bubble, self.damage)
+_BUBBLE_NAMES = option("real, field, or both with a comma", autocompletion=completion.bubble_names)
+_DAMAGE_NAMES = option(_DAMAGES, BUBBLE, autocompletion=completion.damage_names)
 
 
 @dataclass(kw_only=True)
-class ManyBubbles(_BubbleValues):
+class ManyBubbles(OneBubble):
     """Several bubbles, with commas."""
 
-    bubble: Annotated[str, option("real, field, or both with a comma", autocompletion=completion.bubble_names)] = "real"
-    damage: Annotated[str, option(_DAMAGES, BUBBLE, autocompletion=completion.damage_names)] = "none"
-
-    @property
-    def bubbles(self) -> "tuple[Bubble, ...] | None":
-        """Raises InputError: a word that is none, or values that cannot be."""
-        return self._changed(self.bubble, self.damage)
+    bubble: Annotated[str, _BUBBLE_NAMES] = "real"  # type: ignore[assignment]
+    damage: Annotated[str, _DAMAGE_NAMES] = "none"  # type: ignore[assignment]
 
 
 @dataclass(kw_only=True)
