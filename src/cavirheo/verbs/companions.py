@@ -23,7 +23,7 @@ _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables wit
 
 
 @dataclass(kw_only=True)
-class Compare(options.Printing, options.Verb, options.Pictures, options.Trust, options.OneBubble):
+class Compare(options.Printing, options.Pictures, options.Trust, options.OneBubble):
     """Your answers beside published values, with relative errors: those of `infer`, with the field's bubble."""
 
     source: Annotated[Path, argument("FOLDER", _SOURCE)]
@@ -57,7 +57,7 @@ class Compare(options.Printing, options.Verb, options.Pictures, options.Trust, o
 
 
 @dataclass(kw_only=True)
-class Rheometer(options.Printing, options.Verb, options.Pictures):
+class Rheometer(options.Printing, options.Pictures):
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
@@ -103,7 +103,7 @@ class Rheometer(options.Printing, options.Verb, options.Pictures):
 
 
 @dataclass(kw_only=True)
-class CollapseTime(options.Printing, options.Verb, options.Pictures, options.Liquid):
+class CollapseTime(options.Printing, options.Pictures, options.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
@@ -151,7 +151,7 @@ class CollapseTime(options.Printing, options.Verb, options.Pictures, options.Liq
 
 
 @dataclass(kw_only=True)
-class Design(options.Printing, options.Verb, options.Seed, options.Liquid, options.OneBubble):
+class Design(options.Printing, options.Seed, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None

@@ -20,7 +20,7 @@ _VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx); a folder of imag
 
 
 @dataclass(kw_only=True)
-class Measure(options.Printing, options.Verb):
+class Measure(options.Printing):
     """Radii of a bubble, with standard deviations, from a high-speed recording."""
 
     video: Annotated[Path, argument("VIDEO", _VIDEO, readable=False)]

@@ -95,7 +95,6 @@ class Evaluate(options.Verb):
 
     model: Annotated[str, argument("MODEL", "a shipped model or an .onnx file", autocompletion=completion.model_names)]
     data: Annotated[Path, argument("DATA", "folder written by `cavirheo generate`")]
-    quiet: options.Quiet = False
     out: options.Out = Path("cavirheo-evaluation")
 
     def __call__(self, run: Run) -> None:

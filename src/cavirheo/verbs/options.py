@@ -216,6 +216,7 @@ class Verb:
 
     out: Out = Path("cavirheo-result")
     replace: Annotated[bool, option("write over the answers of another run in that folder", None, "--replace")] = False
+    quiet: Quiet = False
 
     def __call__(self, run: "Run") -> None:
         """Do it. Raises InputError, and typer.Exit with the status."""
@@ -223,11 +224,10 @@ class Verb:
 
 
 @dataclass(kw_only=True)
-class Printing:
-    """What is printed."""
+class Printing(Verb):
+    """A verb with a document that can be printed."""
 
     json: Annotated[bool, option("print the JSON document instead of the table", None, "--json")] = False
-    quiet: Quiet = False
 
 
 @dataclass(kw_only=True)
@@ -258,7 +258,7 @@ class Question:
 
 
 @dataclass(kw_only=True)
-class Answering(Printing, Verb, Pictures, Seed, Liquid, FileSettings):
+class Answering(Printing, Pictures, Seed, Liquid, FileSettings):
     """What all verbs share that answer measured curves."""
 
     def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":

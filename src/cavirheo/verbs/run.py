@@ -143,7 +143,7 @@ class Command(TyperCommand):
             verb = super().invoke(ctx)
             if isinstance(verb, Verb):
                 with claimed(_claim(verb)):
-                    verb(Run(json=getattr(verb, "json", False), quiet=getattr(verb, "quiet", False)))
+                    verb(Run(json=getattr(verb, "json", False), quiet=verb.quiet))
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             raise typer.Exit(130) from None
@@ -151,7 +151,8 @@ class Command(TyperCommand):
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:
         """(argument or option, its help) of each panel, by title."""
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
-        for parameter in sorted(self.get_params(ctx), key=lambda parameter: parameter.name in _LAST):
+        last = {name: place for place, name in enumerate(_LAST)}
+        for parameter in sorted(self.get_params(ctx), key=lambda parameter: last.get(parameter.name, -1)):
             if row := parameter.get_help_record(ctx):
                 argument = parameter.param_type_name == "argument"
                 title = getattr(parameter, "rich_help_panel", None) or ("Arguments" if argument else "Options")

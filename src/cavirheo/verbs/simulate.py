@@ -64,7 +64,6 @@ class Simulate(options.Verb, options.Liquid):
     relaxed: Annotated[bool, option("laws with memory start unstressed", MATERIAL, "--relaxed")] = False
     precise: Annotated[bool, option("ten times as accurate, five times as long", OUTPUT, "--precise")] = False
     fields: Annotated[bool, option(_CONTENTS, OUTPUT, "--fields")] = False
-    quiet: options.Quiet = False
     out: options.Out = Path("cavirheo-simulation")
 
     def __call__(self, run: Run) -> None:
