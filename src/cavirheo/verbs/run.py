@@ -3,6 +3,7 @@ that it read, what it says, the time that it took, its exit status."""
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import sys
@@ -177,11 +178,6 @@ class Command(TyperCommand):
 
 def _claim(verb: Verb) -> Claim:
     """The same for two calls that ask for the same answers, from whichever folder."""
-    request = {name: _resolved(value) for name, value in vars(verb).items() if name not in _SHOWING}
+    options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
+    request = json.loads(json.dumps(options, default=os.path.realpath))
     return Claim(command_line(), {"verb": type(verb).__name__, **request}, verb.replace)
-
-
-def _resolved(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return [_resolved(item) for item in value]
-    return os.path.realpath(value) if isinstance(value, Path) else value
