@@ -87,7 +87,7 @@ class PageSettings:
             object.__setattr__(self, "material", None)
             object.__setattr__(self, "bubble", "field")
         _ = self.analysis
-        if self.material == "auto":
+        if self.material == "auto":  # which is what none asks for
             object.__setattr__(self, "material", None)
 
     @classmethod
