@@ -87,6 +87,7 @@ def _lines() -> Iterator[tuple[str, str]]:
     import cavirheo
     from cavirheo.inference.model import shipped
     from cavirheo.parallel import cores
+    from cavirheo.physics import cache, solver
 
     yield "cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"
     yield "python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"
@@ -95,7 +96,9 @@ def _lines() -> Iterator[tuple[str, str]]:
     yield "needs", _installed(libraries.pop(""))
     for extra, names in libraries.items():
         yield f"[{extra}]", _installed(names)
-    yield "solver", _solver()
+    folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # it is not compiled for that
+    kept = f"compiled, kept in {', '.join(sorted(folders))}"
+    yield "solver", kept if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"
     for name, path in shipped().items():
         yield "model", f"{name}, sha256 {checksum(path)}"
     variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
@@ -133,13 +136,3 @@ def checksum(path: Path) -> str:
     digest: str = hashlib.sha256(read_bytes(path, LARGEST)).hexdigest()
     same = card(path)["onnx"]["sha256"] == digest
     return digest + ("" if same else ", which is NOT the file that its card describes")
-
-
-def _solver() -> str:
-    """Whether the compiled solver is kept on this machine, and where. It is not compiled for that."""
-    from cavirheo.physics import cache, solver
-
-    folders = {file.parent for file in cache.stored_files(solver.integrate)}
-    if folders:
-        return f"compiled, kept in {', '.join(map(str, sorted(folders)))}"
-    return "not compiled yet: the first simulation takes 10 to 30 s longer"
