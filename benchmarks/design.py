@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo import InputError, SolverError, infer_many, population
-from cavirheo.inference.design import NORMAL_90, Setting, expectations, expected, shared, shots_wanted
-from cavirheo.inference.design import reached as answered
+from cavirheo.inference.design import NORMAL_90, Draws, Setting, expected, shared, shots_wanted
 from cavirheo.inference.law import Family
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
@@ -77,7 +76,7 @@ def reached(setting: Setting, count: int, seed: int) -> tuple[np.ndarray, list[s
 @cache
 def expected_shots(setting: Setting) -> float:
     """That `design` names, from recordings of its own."""
-    (found,) = expectations([setting], FAMILY, *drawn(DRAWS, 0))
+    (found,) = Draws(FAMILY, *drawn(DRAWS, 0)).expected([setting])
     read, known = [one.information for one in found if one], 1e6 * np.eye(2)
     counts = [shots_wanted(len(read) / DRAWS * one, known, WANTED) or np.inf for one in read]
     return float(np.sort(counts or [np.inf])[len(counts) // 2])
@@ -167,7 +166,7 @@ def halves(setting: Setting, count: int) -> Halves | None:
     law, stretch = drawn(3 * count, 1)
     both = []
     for k, part in enumerate((slice(count), slice(count, None))):
-        told, got = answered(setting, FAMILY, law[part], stretch[part], seed=10_000 + 1000 * k)
+        told, got = Draws(FAMILY, law[part], stretch[part], seed=10_000 + 1000 * k).reached(setting)
         both.append((middle(told), middle(got), len(got)))
     (told, checked, n), (expects, got, others) = both
     if n < 0.8 * count or others < 1.6 * count:

@@ -68,8 +68,9 @@ def row(answers: list[Posterior]) -> list[str]:
 
 def rows(about: ReferenceSet, folder: Path, references: Path) -> Iterator[list[str]]:
     read = shots_of(about, folder, references)
-    if read.unread or not read.curves:
-        yield [about.name, published(about), "; ".join(read.notes) or "no curves", *[""] * (len(COLUMNS) - 3)]
+    if read.problems or not read.curves:
+        notes = "; ".join(read.problems + read.remarks)
+        yield [about.name, published(about), notes or "no curves", *[""] * (len(COLUMNS) - 3)]
         return
     curves = [replace(curve, meta={**curve.meta, "group": about.name, "group_source": ""}) for curve in read.curves]
     law = "nhkv" if about.solid else "newtonian"

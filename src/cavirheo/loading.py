@@ -63,10 +63,8 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     expect(object if kind is None else kind, type, "a class such as Result, of cavirheo.reporting.record")
     loaded = _load(path)
     if kind is not None and not isinstance(loaded, kind):
-        message = (
-            f"{path} is a {type(loaded).__name__}, not a {kind.__name__}: give another file, or leave out the kind"
-        )
-        raise InputError(message, "loading.kind")
+        message = f"{path} is a {type(loaded).__name__}, not a {kind.__name__}"
+        raise InputError(f"{message}: give another file, or leave out the kind", "loading.kind")
     return loaded
 
 
@@ -81,18 +79,19 @@ def _load(path: str | Path) -> Document | Dataset:
         held = ", ".join(document.name for document in documents) or f"none of {', '.join(NAMES)}, and no training set"
         require(len(documents) == 1, f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents
-    kind = kind_of(path)
-    return read_json(path, getattr(import_module(f"cavirheo.{kind.module}"), kind.name))
-
-
-def kind_of(path: Path) -> Kind:
-    """Of a document: what it says of itself. Raises InputError: no document."""
+    name = None
     try:
-        kind = read_object(path, LARGEST).get("kind")
+        name = read_object(path, LARGEST).get("kind")
     except InputError as error:
         if error.code != "files.json":
             raise
-        kind = None
     message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
-    require(isinstance(kind, str) and kind in KINDS, message, "document.other")
-    return KINDS[str(kind)]
+    require(isinstance(name, str) and name in KINDS, message, "document.other")
+    kind = KINDS[str(name)]
+    return read_json(path, getattr(import_module(f"cavirheo.{kind.module}"), kind.name))
+
+
+def print_table(document: Document) -> None:
+    """The table of a document, as its verb and `cavirheo show` print it."""
+    module, _, name = KINDS[document.kind].table.rpartition(".")
+    getattr(import_module(f"cavirheo.{module}"), name)(document)

@@ -205,16 +205,13 @@ class Watch:
                     states[path] = state
         except OSError as error:  # a file that is gone again, a share that is away for a moment
             self._say_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
-        before, self._states = self._states, {}
-        for path, state in states.items():
-            same = path in before and before[path][0] == state
-            self._states[path] = before[path] if same else (state, now)
+        unchanged = {path: known for path, known in self._states.items() if states.get(path) == known[0]}
+        self._states = {path: (state, now) for path, state in states.items()} | unchanged
         for file in [file for file in self.files.values() if file.unreadable and pixels_of(Path(file.path)) in states]:
             del self.files[file.path]  # a header whose pixels came later than was waited for
             self.records.remove([key_of(file.path)])
         stable = [(path, state) for path, (state, since) in self._states.items() if now - since >= LOOK]
-        news = [(path, state) for path, state in stable if self._is_news(path, state)]
-        return sorted(news, key=lambda pair: (pair[1][1], pair[0]))
+        return sorted((pair for pair in stable if self._is_news(*pair)), key=lambda pair: (pair[1][1], pair[0]))
 
     def _is_news(self, path: Path, state: State) -> bool:
         file = self.files.get(str(path))

@@ -118,6 +118,15 @@ def test_bad_settings_are_told_to_programs(client, name, value):
         ask(client, SOFT, **{name: value})
 
 
+def test_the_network_alone_is_asked_for_one_law_as_on_the_command_line(client, tmp_path):
+    path = single(tmp_path / "one.csv")
+    with told("auto compares models by their evidence.*: choose one law and one bubble, or another uncertainty"):
+        ask(client, path, verify="none", material="auto")
+    (record,) = ask(client, path, verify="none")["curves"]
+    assert record["material"] == "nhkv"
+    assert ask(client, path, material="auto")["command"] == "cavirheo infer one.csv"
+
+
 def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path):
     (tmp_path / "bad.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\xff" * 500)
     (tmp_path / "long.csv").write_bytes(b"1,2\n" * 120_000)
@@ -369,6 +378,7 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
         ({"density": "1.05"}, ["density"]),
         ({"density": "1.05", "trust_input": True}, []),
         ({"bubble": "auto", "verify": "none"}, [""]),  # neither is wrong alone
+        ({"material": "auto", "verify": "none"}, [""]),
     ],
 )
 def test_the_fields_of_the_page_are_settings_or_say_why_not(typed, wrong):

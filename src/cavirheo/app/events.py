@@ -113,7 +113,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         stretch: float | str | None = None,
         window: int | None = None,
         verify: str = "auto",
-        material: str = "auto",
+        material: str | None = None,
         bubble: str = "real",
         trust_input: bool = False,
     ) -> dict:

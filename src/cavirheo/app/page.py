@@ -140,28 +140,10 @@ class Page(film.FilmPart):
     # which handler answers what
 
     def _wire(self, settings: list[Any]) -> None:
-        self.state = [
-            *self.tabs[1:],
-            self.to_prepare,
-            self.infer_now,
-            self.answers,
-            self.to_check,
-            self.which,
-            self.groups,
-            self.published,
-        ]
-        outputs = [
-            self.refused,
-            self.sure,
-            self.found,
-            self.welcome,
-            self.overview,
-            self.chosen,
-            self.shown,
-            self.link,
-            *self.state,
-            *self._wire_film(),
-        ]
+        answered = [self.answers, self.to_check, self.which, self.groups, self.published]
+        self.state = [*self.tabs[1:], self.to_prepare, self.infer_now, *answered]
+        loaded = [self.refused, self.sure, self.found, self.welcome, self.overview, self.chosen, self.shown, self.link]
+        outputs = [*loaded, *self.state, *self._wire_film()]
         wrong = self.validated(lambda session, *texts: film.unready(session.current, *texts))
         checked: dict[str, Any] = {"validator": wrong, "show_progress_on": [self.film_told]}
         self.on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], outputs, **checked)
@@ -189,7 +171,8 @@ class Page(film.FilmPart):
         js = "() => [document.body.dataset.{}]".format
         out = [self.steps, self.checked, *check]
         latest(self.answers.click, self._picked, [self.checked], out, js=js("picked"))
-        latest(self.found.change, self._warn, [], [self.warned], works=True)
+        # what compares with simulations comes later: the table need not wait for the solver
+        latest(self.found.change, lambda session, **_: words.warned(session), [], [self.warned], works=True)
         out, materials = [self.found, *viewed, *self.state], "(_, shown) => [document.body.dataset.materials, shown]"
         latest(self.found.submit, self._name, [self.link, self.shown], out, js=materials)
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
@@ -203,10 +186,9 @@ class Page(film.FilmPart):
         zipped = self.on(self.make.click, self._zip, [], out, works=True, **single)
         zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
-        self._field_names = sorted(
-            self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox)
-        )  # choices first
-        everything = [*outputs, *(self.fields[name] for name in self._field_names), self.checked, *check]
+        # choices first
+        self.fields = dict(sorted(self.fields.items(), key=lambda item: isinstance(item[1], gr.Textbox)))
+        everything = [*outputs, *self.fields.values(), self.checked, *check]
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
 
@@ -234,9 +216,9 @@ class Page(film.FilmPart):
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
             values = {name: value for name, value in vars(session.settings).items() if value is not None}
-            choices = {"window": 0, "material": "auto"} | values
-            shown_values = [choices.get(name, gr.skip()) for name in self._field_names]
-            settings = [f"{value:.10g}" if isinstance(value, float) else value for value in shown_values]
+            values = {"window": 0, "material": "auto"} | values
+            texts = {name: f"{value:.10g}" for name, value in values.items() if isinstance(value, float)}
+            settings = [(values | texts).get(name, gr.skip()) for name in self.fields]
             checked = gr.Dropdown(choices=names, value=next(iter(names), None))
             check = self._show(session, names[0]) if names and not session.stale else [gr.skip()] * 6
             return [*self._loaded(session), *settings, checked, *check]
@@ -251,10 +233,6 @@ class Page(film.FilmPart):
             if paths:  # or they were taken with those that were sent before
                 session.add(paths, _settings(settings))
         return self._loaded(session)
-
-    def _warn(self, session: Session, **_: Any) -> list[Any]:
-        """What compares with simulations, so that the table need not wait for the solver."""
-        return [words.warned(session)]
 
     def _example(self, name: str, session: Session, *settings: Any) -> list[Any]:
         session.add([steps.examples()[name]], _settings(settings), copy=True)

@@ -72,7 +72,7 @@ class PageSettings:
     window: int | None = None
     group: str = "auto"  # whose shots are one material
     model: str = DEFAULT
-    material: str | None = "auto"  # None for a network that knows one law
+    material: str | None = None  # as `infer` has it: all laws, or the one that a model or the network alone knows
     bubble: str = "real"
     verify: str = "auto"
     trust_input: bool = False  # scale, frame rate and medium are as they are given, however odd they look
@@ -87,6 +87,8 @@ class PageSettings:
             object.__setattr__(self, "material", None)
             object.__setattr__(self, "bubble", "field")
         _ = self.analysis
+        if self.material == "auto":  # which is what none asks for
+            object.__setattr__(self, "material", None)
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
@@ -126,9 +128,8 @@ class PageSettings:
     @property
     def analysis(self) -> Analysis:
         """What is asked of each curve. Raises InputError."""
-        names = ("model", "bubble", "stretch", "window", "trust_input", "verify")
-        material = None if self.material == "auto" else self.material  # the network alone weighs no laws
-        return Analysis(material=material, medium=self.liquid, **{name: getattr(self, name) for name in names})
+        names = ("model", "material", "bubble", "stretch", "window", "trust_input", "verify")
+        return Analysis(medium=self.liquid, **{name: getattr(self, name) for name in names})
 
 
 @dataclass(eq=False)

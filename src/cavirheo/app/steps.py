@@ -139,11 +139,11 @@ def fit(session: Session, name: str | None) -> None:
     """The conventional fit of one answered curve: same law, bubble, medium, window and stretch. Raises InputError."""
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings_of(name or "")
-    end = None
-    if settings.material is None:  # a network that reads its own window
-        end = compared_window(curve, settings.analysis).end * (1.0 + 1e-9)
+    asked, end = settings.analysis, None
+    if asked.method == "bdt":  # a network that reads its own window
+        end = compared_window(curve, asked).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
-    analysis = replace(settings.analysis, method="fit", free=None, verify="auto", end=end, **model)
+    analysis = replace(asked, method="fit", free=None, verify="auto", end=end, **model)
     (answer,) = session.runs.each(analysis.answer, [curve])
     with session.lock:
         if answer is None or session.answers is not answers:
@@ -169,7 +169,7 @@ def what_if(session: Session, name: str, values: Sequence[float | None]) -> Chec
 def law_in_doubt(session: Session) -> bool:
     """Whether most answers ask for another law, and it could be asked."""
     records = session.answers.document.curves if session.answers else []
-    open_law = session.settings.material in (None, "auto") or session.stale
+    open_law = session.settings.material is None or session.stale
     return not open_law and unexplained(records) > len(records) / 2
 
 

@@ -81,6 +81,7 @@ def welcome() -> str:
 _PAGE_WORDS = {  # by what stands in messages: an option of the command line or of Python, and what the page has for it
     "Medium(..., unusual=True), --trust-input": "vouch for it in step 2",
     " (if it is meant: unusual=True)": "",
+    "leave out --verify none": "choose one law and one bubble, or another uncertainty (step 3)",
     "add --trust-input": "vouch for it in step 2",
     "(--rmax-um)": "(step 2)",
     "--rmax-um": "R_max in step 2",
@@ -164,15 +165,8 @@ def checked(session: Session, name: str) -> str:
     if name not in answers.bands:
         answers.bands[name] = band(curve, posterior, session.settings_of(name).analysis)
     fit, simulated = answers.fits.get(name), f"simulation: {digits.simulated(posterior.method)}"
-    panels = curve_panels(
-        curve,
-        posterior.checks,
-        simulated,
-        fit=fit.checks if fit else None,
-        what_if=answers.trials.get(name),
-        draws=answers.bands[name],
-    )
-    return pictures([curve_svg(panels, 840, 460)])
+    beside: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name), "draws": answers.bands[name]}
+    return pictures([curve_svg(curve_panels(curve, posterior.checks, simulated, **beside), 840, 460)])
 
 
 def warned(session: Session) -> str:

@@ -193,12 +193,11 @@ def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
         shots, origin = shot(curve, stretch)
     except InputError as error:
         return CollapseShot(name=curve.name, message=error.message)
-    return _shot(curve.name, (shots.max_radius[0], shots.stretch[0], shots.time[0]), origin)
+    return _shot(curve.name, origin, shots.max_radius[0], shots.stretch[0], shots.time[0])
 
 
-def _shot(name: str, values: Sequence[float], origin: str) -> CollapseShot:
-    """Of R_max, lambda and t_1 in SI, and where lambda comes from."""
-    R, stretch, t = values
+def _shot(name: str, origin: str, R: float, stretch: float, t: float) -> CollapseShot:
+    """Of R_max, lambda, which comes from `origin`, and t_1 in SI."""
     how: Any = {"stretch_from": origin, "message": unusable(R, stretch, t)}
     return CollapseShot(name=name, max_radius_m=R, stretch=stretch, collapse_time_s=t, **how)
 
@@ -229,7 +228,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         rows = np.column_stack([radius, np.full(len(time), stretch) if stretches is None else stretches, time]).tolist()
         names = names or [str(k) for k in range(1, len(rows) + 1)]
         origin = "given" if stretches is None else "table"
-        shots = [_shot(name, of, origin) for name, of in zip(names, rows, strict=True)]
+        shots = [_shot(name, origin, *row) for name, row in zip(names, rows, strict=True)]
         head: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from cavirheo.companions.published_values import ReferenceSet, by_group, read_references
-from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import card, path_of
 from cavirheo.io.files import expand
-from cavirheo.io.shots import read_shots, shot_numbers
+from cavirheo.io.shots import CurveSet, read_shots, shot_numbers
 from cavirheo.parallel import run_in_thread
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
@@ -66,15 +65,6 @@ class Answering:
         how: dict[str, Any] = {name: reference.settings.get(name) for name in ("stretch", "window")}
         how |= {"medium": reference.medium, "trust_input": self.trust_input, "bubble": self.bubble}
         return Analysis("infer", model, law, **how)
-
-
-@dataclass(frozen=True)
-class Shots:
-    """What was read of a set: its curves, the number of files that cannot be read, and what is to be said of it."""
-
-    curves: Sequence[RadiusCurve] = ()
-    unread: int = 0
-    notes: Sequence[str] = ()
 
 
 class ComparisonRun(NamedTuple):
@@ -130,15 +120,23 @@ def compare(
     if source.is_file():
         message = f"{source} is not answered again: leave out --model, --material, --bubble and --trust-input"
         require(how in (None, Answering()), message, "compare.answered")
-        document = _with_published(source, Outputs(out, *DOCUMENTS, inputs=inputs), published, against, notes, head)
-        _write_tables(table_outputs(), document)
+        earlier = read_json(source)
+        document = earlier.model_copy(update={**head, "notes": [*earlier.notes, *notes]})
+        document.add_published(by_group((group.name for group in document.groups), published), against)
+        report = Outputs(out, *DOCUMENTS, inputs=inputs)  # the same documents, without pictures of shots
+        report.write("result.json", write_json, document)
+        report.write("result.csv", table.write_csv, document)
+        report.write("report.html", html.write, document)
+        report.finish()
+        _write_table(table_outputs(), document)
         return ComparisonRun(document)
     how = how or Answering()
     for reference in sets.values():
         how.check(reference)
     shots = _distinct_names({name: shots_of(reference, source, references) for name, reference in sets.items()})
-    notes = [f"{name}: {note}" for name, read in shots.items() for note in read.notes] + notes
-    curves, unread = [curve for read in shots.values() for curve in read.curves], sum(r.unread for r in shots.values())
+    notes = [f"{name}: {note}" for name, read in shots.items() for note in read.problems + read.remarks] + notes
+    curves = [curve for read in shots.values() for curve in read.curves]
+    unread = sum(len(read.problems) for read in shots.values())
     unfinished, report = Unfinished(out, visible=progress), outputs(out, curves)
     run_in_thread(load_solver)
     answers = {name: unfinished.answers(read.curves, how.analysis(sets[name])) for name, read in shots.items()}
@@ -147,17 +145,9 @@ def compare(
     if note and report.holds("report.html"):  # which stays until all is answered
         interrupted = result(pairs, command, notes=[f"{note}; until then the earlier answers stay"])
         return ComparisonRun(interrupted, unread, True)
-    document = write_report(
-        out,
-        pairs,
-        **head,
-        notes=[note, *notes] if note else notes,
-        complete=not note,
-        draw=pictures,
-        published=published,
-        references=against,
-    )
-    _write_tables(table_outputs(), document)
+    head |= {"notes": [note, *notes] if note else notes, "complete": not note, "draw": pictures}
+    document = write_report(out, pairs, **head, published=published, references=against)
+    _write_table(table_outputs(), document)
     if not note:
         unfinished.remove()
     return ComparisonRun(document, unread, bool(note))
@@ -172,46 +162,27 @@ def _reference_methods(path: Path, published: Mapping[str, Published], requested
     return list(dict.fromkeys(requested)) or [name for name in REFERENCES if name in methods]
 
 
-def _write_tables(outputs: Outputs, document: Result) -> None:
+def _write_table(outputs: Outputs, document: Result) -> None:
     """The comparison, beside result.json."""
     outputs.write(_TABLE, tables.write_csv, document)
     outputs.finish()
 
 
-def _with_published(
-    source: Path,
-    outputs: Outputs,
-    sets: Mapping[str, Published],
-    against: Sequence[str],
-    notes: Sequence[str],
-    head: Mapping[str, str],
-) -> Result:
-    """The answers that are there, with the values beside them: the same documents, without pictures of shots."""
-    earlier = read_json(source)
-    document = earlier.model_copy(update={**head, "notes": [*earlier.notes, *notes]})
-    document.add_published(by_group((group.name for group in document.groups), sets), against)
-    outputs.write("result.json", write_json, document)
-    outputs.write("result.csv", table.write_csv, document)
-    outputs.write("report.html", html.write, document)
-    outputs.finish()
-    return document
-
-
-def _distinct_names(sets: Mapping[str, Shots]) -> dict[str, Shots]:
+def _distinct_names(sets: Mapping[str, CurveSet]) -> dict[str, CurveSet]:
     """A set is a group; names of shots that several sets share get the set before them."""
     names = Counter(curve.name for shots in sets.values() for curve in shots.curves)
     distinct = {}
     for name, shots in sets.items():
         curves = [curve.with_group(name, "") for curve in shots.curves]
         curves = [curve.labelled(name=f"{name}/{curve.name}") if names[curve.name] > 1 else curve for curve in curves]
-        distinct[name] = replace(shots, curves=curves)
+        distinct[name] = shots._replace(curves=curves)
     return distinct
 
 
-def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> Shots:
-    """The recordings of a set in the folder; `references` is none of them."""
+def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> CurveSet:
+    """The recordings of a set in the folder, without hints; `references` is none of them."""
     if not reference.recorded:
-        return Shots(notes=["no open recording: published values alone"])
+        return CurveSet([], [], ["no open recording: published values alone"], [])
     settings = reference.settings
     name = settings.get("files", reference.name)
     matches, files = list[Path](), list[Path]()
@@ -225,14 +196,14 @@ def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> Shots:
     ignored = ", ".join(file.name for file in neighbours if file.is_file() and file not in files)
     notes = [f"left out, for they do not look like measurements: {ignored}"] if ignored else []
     if not files:
-        return Shots((), 1, [f"no file matches {name!r} in {folder}", *notes])
+        return CurveSet([], [f"no file matches {name!r} in {folder}"], notes, [])
     constants: Any = {"density": reference.medium.density, "pressure": reference.medium.pressure}
     scale, shots = settings["rmax_um"] * 1e-6 if "rmax_um" in settings else None, settings.get("shots")
     try:
         curves, problems, repeated, hints = read_shots(files, max_radius=scale, shots=shots, **constants)
     except InputError as error:  # a scale that is none of these shots
-        return Shots((), 1, [str(error), *notes])
+        return CurveSet([], [str(error)], notes, [])
     values = {key: f"{value:g}" if isinstance(value, float) else value for key, value in settings.items()}
     words = ", ".join(f"{key} {value}" for key, value in values.items() if key != "files")
     notes += [*repeated, *hints, *([f"with {words}"] if words else [])]
-    return Shots(curves, len(problems), [*problems, *notes])
+    return CurveSet(curves, problems, notes, [])

@@ -7,9 +7,9 @@ tell; here these are averaged, counted and printed.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,7 +17,7 @@ from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.inference.design import Expected, Setting, expectations, gain, reached, shared, shots_wanted, variance
+from cavirheo.inference.design import Draws, Expected, Setting, gain, shared, shots_wanted, variance
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.parameters import STRETCH_RANGE
@@ -193,14 +193,10 @@ class Design(Document):
         else:
             more = " more" * bool(self.shots_before)
             shots, series = digits.counted(setting.shots or 0, "shot"), best.shots or "more than 10,000"
-            single = (
-                f"if you take one shot only: {best.words}, where it tells most ({best.gain}; there {setting.gain}); "
-            )
-            single += f"{goal} of {law} would need {series} such shots"
-            lines = [
-                f"next: {shots}{more} at {setting.words}, for {goal} of {law}",
-                f"one shot there tells most, too ({best.gain})" if best is setting else single,
-            ]
+            single = f"if you take one shot only: {best.words}, where it tells most ({best.gain}; there {setting.gain})"
+            single += f"; {goal} of {law} would need {series} such shots"
+            single = f"one shot there tells most, too ({best.gain})" if best is setting else single
+            lines = [f"next: {shots}{more} at {setting.words}, for {goal} of {law}", single]
         return [*lines, *(self._words(checked) for checked in self.checked)]
 
     def _words(self, checked: CheckedSetting) -> str:
@@ -286,20 +282,19 @@ def design(
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
     require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
     family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), medium(rig.medium)
-    goal = _Goal(family, float(np.log10(1.0 + wanted)), _knowledge(known, group, family, dict(ranges or {}), spread))
+    goal = _goal(family, float(np.log10(1.0 + wanted)), known, group, dict(ranges or {}), spread)
     settings = _settings(rig, sizes)
-    law, stretches = goal.knowledge.draw(draws, seed)
-    how: Any = {"bubble": bubble, "workers": workers}
-    expected = expectations(settings, family, law, stretches, liquid, seed=seed, done=done, **how)
+    drawn = Draws(family, *goal.draw(draws, seed), liquid, bubble, seed)
+    expected = drawn.expected(settings, workers, done)
     gains = np.array([[goal.gain(shot) for shot in shots] for shots in expected])
     rows = [goal.row(*columns) for columns in zip(settings, expected, gains, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     best, fewest = _chosen(rows, gains)
-    checked = []
-    for i in dict.fromkeys((best, best if fewest is None else fewest)) if check else ():
-        widths = reached(settings[i], family, law[:check], stretches[:check], liquid, seed=seed + CHECKED, **how)
-        checked.append(goal.checked(i, check, widths, expected[i]))
-    scatter = np.sqrt(np.diag(goal.knowledge.scatter))
+    law, stretches = drawn.law, drawn.stretch
+    recorded = replace(drawn, law=law[:check], stretch=stretches[:check], seed=seed + CHECKED)
+    recommended = dict.fromkeys((best, best if fewest is None else fewest)) if check else ()
+    checked = [goal.checked(i, check, recorded.reached(settings[i], workers), expected[i]) for i in recommended]
+    scatter = np.sqrt(np.diag(goal.scatter))
     samples = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
     return Design(
         command="cavirheo.design",
@@ -310,7 +305,7 @@ def design(
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
         spreads_decades=goal.by_parameter(scatter),
         known={name: _quantity(values) for name, values in samples.items()},
-        shots_before=goal.knowledge.shots,
+        shots_before=goal.shots,
         settings=rows,
         best=best,
         fewest=fewest,
@@ -330,10 +325,14 @@ def _settings(rig: Rig, sizes: int) -> list[Setting]:
     ]
 
 
-class _Knowledge(NamedTuple):
-    """Of the material, in log10 of the law's parameters: mean (l,), covariance (l, l), and that of its shots about it
-    (l, l). stretch: log10 (low, high), or (mean, deviation) where it is `measured`. shots: how many say so."""
+@dataclass(frozen=True, eq=False)
+class _Goal:
+    """Each parameter of a law to within `half` decades, from what is known of the material, in log10 of the law's
+    parameters: mean (l,), covariance (l, l), and that of its shots about it (l, l). stretch: log10 (low, high), or
+    (mean, deviation) where it is `measured`. shots: how many say so."""
 
+    family: Family
+    half: float
     mean: Floats
     covariance: Floats
     scatter: Floats
@@ -347,32 +346,21 @@ class _Knowledge(NamedTuple):
         cube = Halton(len(self.mean) + 1, seed=seed).random(draws)
         first, second = self.stretch
         deviation = np.sqrt(np.diag(self.covariance))
-        law = self.mean + deviation * (ndtri(cube[:, :-1]) if self.measured else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
+        law = self.mean + deviation * (ndtri(cube[:, :-1]) if self.shots else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
         logs = first + second * ndtri(cube[:, -1]) if self.measured else first + (second - first) * cube[:, -1]
         return law, np.clip(10.0**logs, STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
-
-
-@dataclass(frozen=True)
-class _Goal:
-    """Each parameter of a law to within `half` decades, from what is known of it."""
-
-    family: Family
-    half: float
-    knowledge: _Knowledge
 
     def by_parameter(self, values: Floats) -> dict[str, Any]:
         return dict(zip(self.family.parameters, values.tolist(), strict=True))
 
     def gain(self, shot: Expected | None) -> float:
         """Nats of a shot; nothing where its recording cannot be read."""
-        knowledge = self.knowledge
-        return 0.0 if shot is None else gain(shared(shot.information, knowledge.scatter), knowledge.covariance)
+        return 0.0 if shot is None else gain(shared(shot.information, self.scatter), self.covariance)
 
-    def shots(self, information: Sequence[Floats], share: float) -> int | None:
+    def count(self, information: Sequence[Floats], share: float) -> int | None:
         """Of the middle draw, where a share of the recordings can be used."""
-        knowledge = self.knowledge
-        each = (share * shared(shot, knowledge.scatter) for shot in information)
-        counts = [shots_wanted(shot, knowledge.covariance, self.half) for shot in each]
+        each = (share * shared(shot, self.scatter) for shot in information)
+        counts = [shots_wanted(shot, self.covariance, self.half) for shot in each]
         middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
         return int(middle) if np.isfinite(middle) else None
 
@@ -388,7 +376,7 @@ class _Goal:
             noise_m=setting.sigma,
             readable=share,
             half_width_percent=self.by_parameter(_percent(np.median(widths, axis=0))),
-            shots=self.shots([shot.information for shot in read], share),
+            shots=self.count([shot.information for shot in read], share),
             gain_nats=float(np.mean(gains)),
             gain_error_nats=_error(gains),
         )
@@ -409,7 +397,7 @@ class _Goal:
             answers=answers,
             told_percent=self.by_parameter(_percent(expected_width)),
             reached_percent=self.by_parameter(_percent(answered_width)),
-            shots=self.shots(information, answers / recordings) if answers else None,
+            shots=self.count(information, answers / recordings) if answers else None,
         )
 
 
@@ -439,13 +427,14 @@ def _quantity(logs: Floats) -> Quantity:
     return Quantity(q05=low, median=middle, q95=high)
 
 
-def _knowledge(
+def _goal(
+    family: Family,
+    half: float,
     result: Result | str | Path | None,
     group: str | None,
-    family: Family,
     ranges: dict[str, Sequence[float]],
     spread: float | None,
-) -> _Knowledge:
+) -> _Goal:
     names = (*family.parameters, "stretch")
     unknown = ", ".join(set(ranges) - {*names})
     require(not unknown, f"{family.name} has no {unknown}; known: {', '.join(names)}", "design.range")
@@ -460,8 +449,8 @@ def _knowledge(
     if result is None:
         searched = zip(family.parameters, family.bounds(started=True), strict=True)
         logs = np.array([np.log10(ranges[name]) if name in ranges else ends for name, ends in searched])
-        wide = np.diag(np.ptp(logs, axis=1) ** 2 / 12.0)
-        return _Knowledge(logs.mean(axis=1), wide, np.zeros((size, size)) if scatter is None else scatter, (low, high))
+        wide, none = np.diag(np.ptp(logs, axis=1) ** 2 / 12.0), np.zeros((size, size))
+        return _Goal(family, half, logs.mean(axis=1), wide, none if scatter is None else scatter, (low, high))
     if not isinstance(result, Result):
         result = read_json(Path(result) / "result.json" if Path(result).is_dir() else result)
     chosen, rows = _answers(result, group, family)
@@ -469,7 +458,7 @@ def _knowledge(
     logs = np.log10([row.stretch.median for row in rows if row.stretch.median])
     measured = "stretch" not in ranges and len(logs) > 0
     stretch = (float(np.mean(logs)), max(float(np.std(logs)), NARROWEST)) if measured else (low, high)
-    return _Knowledge(mean, covariance, scatter, stretch, measured, shots)
+    return _Goal(family, half, mean, covariance, scatter, stretch, measured, shots)
 
 
 def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:

@@ -19,16 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    NonNegativeFloat,
-    PositiveFloat,
-    PositiveInt,
-    TypeAdapter,
-    ValidationError,
-)
+import pydantic
+from pydantic import Field, NonNegativeFloat, PositiveFloat, TypeAdapter
 
 from cavirheo.errors import InputError, require
 from cavirheo.io.files import guarded
@@ -47,10 +39,10 @@ _UNITS = {
 }
 
 
-class _ReferenceLine(BaseModel):
+class _ReferenceLine(pydantic.BaseModel):
     """One line: the columns and what they may hold. Settings are as the options of `infer`, SI."""
 
-    model_config = ConfigDict(allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(allow_inf_nan=False)
 
     set: str
     method: str | None = None
@@ -62,7 +54,7 @@ class _ReferenceLine(BaseModel):
     model: str | None = None
     material: str | None = None
     medium: str | None = None
-    window: PositiveInt | None = None
+    window: pydantic.PositiveInt | None = None
     stretch: PositiveFloat | None = None
     rmax_um: PositiveFloat | None = None
     density: PositiveFloat | None = None
@@ -149,7 +141,7 @@ def _add_line(
 
     try:
         line = _ReferenceLine.model_validate(row)
-    except ValidationError as error:
+    except pydantic.ValidationError as error:
         wrong = error.errors(include_url=False)[0]
         column = str(wrong["loc"][0])
         expect(False, column, "a name" if column == "set" else wrong["msg"].removeprefix("Input should be "))

@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -155,6 +155,10 @@ class Sweep(Record):
     notes: list[str] = []
     message: str = ""
 
+    def model_post_init(self, _: Any) -> None:
+        if len(self.x):  # not of a document that is read back
+            self.points, self.x_from, self.x_to = len(self.x), self.x[0], self.x[-1]
+
 
 def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
     """The same sweep with its linear range, plateau and crossover.
@@ -178,7 +182,6 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
         band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
     yields = [(x, modulus) for x, modulus, falls in _crossovers(sweep) if falls and x > gamma[first]]
-    sweep.x_from, sweep.x_to = gamma[0], gamma[-1]
     if yields:
         sweep.crossover, sweep.crossover_modulus_Pa = yields[0]
     return sweep
@@ -222,7 +225,7 @@ def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
     through their logarithms, never extrapolated.
     """
     omega = sweep.x
-    sweep.x_from, sweep.x_to, sweep.at_rad_per_s = omega[0], omega[-1], at
+    sweep.at_rad_per_s = at
     if flat := _plateau(omega, sweep.storage):
         first, last = flat
         sweep.plateau_from, sweep.plateau_to = omega[first], omega[last]
@@ -362,21 +365,13 @@ def _sweep(table: Table, label: str) -> Sweep:
     x, storage, loss = (np.bincount(group, row) / count for row in data)
     if repeated := data.shape[1] - len(count):
         notes.append(f"{counted(repeated, 'row')} at the {kind} of another averaged with it")
-    return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=label, points=len(x), held=held, notes=notes)
+    return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=label, held=held, notes=notes)
 
 
 def _ratio(values: Floats) -> float:
     """Largest over smallest of the positive ones."""
     positive = values[np.isfinite(values) & (values > 0)]
     return float(np.max(positive) / np.min(positive)) if positive.size else 1.0
-
-
-class Column(NamedTuple):
-    """A number of a sweep in the table; field: of the sweep."""
-
-    head: str
-    field: str
-    factor: float = 1.0
 
 
 class Rheometry(Document):
@@ -424,21 +419,20 @@ class Rheometry(Document):
         return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": published}
 
 
-def columns_of(document: Rheometry, kind: str) -> list[Column]:
-    """What the table has of the sweeps of a kind."""
+def _columns(document: Rheometry, kind: str) -> dict[str, tuple[str, float]]:
+    """What the table has of the sweeps of a kind: field and factor from SI, by title."""
     factor, unit = document.unit
-    plateau = Column(f"plateau G'\n{unit}", "plateau_storage_Pa", factor)
+    plateau = {f"plateau G'\n{unit}": ("plateau_storage_Pa", factor)}
     if kind == "strain":
-        linear = Column(f"linear, ±{100 * document.tolerance:g} %\n%", "plateau_to", 100.0)
-        return [linear, plateau, Column("G' = G''\nat %", "crossover", 100.0)]
-    return [
-        plateau,
-        Column("over\nrad/s", "plateau_to"),
-        Column("µ = G''/ω\nPa s", "viscosity_Pa_s"),
-        Column("tan δ\n", "tan_delta"),
-        Column("|η*|\nPa s", "complex_viscosity_Pa_s"),
-        Column("G' = G''\nat rad/s", "crossover"),
-    ]
+        linear = {f"linear, ±{100 * document.tolerance:g} %\n%": ("plateau_to", 100.0)}
+        return linear | plateau | {"G' = G''\nat %": ("crossover", 100.0)}
+    return plateau | {
+        "over\nrad/s": ("plateau_to", 1.0),
+        "µ = G''/ω\nPa s": ("viscosity_Pa_s", 1.0),
+        "tan δ\n": ("tan_delta", 1.0),
+        "|η*|\nPa s": ("complex_viscosity_Pa_s", 1.0),
+        "G' = G''\nat rad/s": ("crossover", 1.0),
+    }
 
 
 def rheometry(
@@ -502,33 +496,32 @@ def print_rheometry(document: Rheometry) -> None:
     """The sweeps, the material, the remarks."""
     from rich.text import Text
 
-    console, frequency = terminal.console(), bool(document.of("frequency"))
+    console = terminal.console()
     for kind in ("strain", "frequency"):
         if not (sweeps := document.of(kind)):
             continue
-        columns = columns_of(document, kind)
-        table = terminal.table(f"{kind} sweep", [column.head for column in columns])
+        columns = _columns(document, kind)
+        table = terminal.table(f"{kind} sweep", list(columns))
         for sweep in sweeps:
-            table.add_row(sweep.name, *(_cell(sweep, column) for column in columns))
+            table.add_row(sweep.name, *(_cell(sweep, *column) for column in columns.values()))
         table.add_section()
         if len(sweeps) > 1:
-            means = [spread_of([getattr(sweep, column.field) for sweep in sweeps]) for column in columns]
-            texts = [digits.spread(mean, column.factor) for mean, column in zip(means, columns, strict=True)]
-            table.add_row("mean ± std", *texts, style="bold")
+            means = (digits.spread(spread_of([getattr(s, name) for s in sweeps]), x) for name, x in columns.values())
+            table.add_row("mean ± std", *means, style="bold")
         console.print(table)
-    at = f"{document.at_rad_per_s:g} rad/s"
     answer = f": G = {_with_unit(document.shear_modulus_Pa, *document.unit)} ({document.shear_modulus_from})"
-    answer += f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {at}" * frequency
+    if document.of("frequency"):
+        answer += f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {document.at_rad_per_s:g} rad/s"
     console.print(Text.assemble((digits.printable(document.material), "bold"), answer))
     remarks = [(sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes)]
     terminal.print_remarks(console, terminal.by_message(remarks), document.notes)
 
 
-def _cell(sweep: Sweep, column: Column) -> str:
+def _cell(sweep: Sweep, field: str, factor: float) -> str:
     """A number, or the ends of the plateau."""
-    if column.field != "plateau_to":
-        return digits.spread(Spread(mean=getattr(sweep, column.field)), column.factor)
-    ends = [column.factor * end for end in _present([sweep.plateau_from, sweep.plateau_to])]
+    if field != "plateau_to":
+        return digits.spread(Spread(mean=getattr(sweep, field)), factor)
+    ends = [factor * end for end in _present([sweep.plateau_from, sweep.plateau_to])]
     return _span(ends, to=" to " if sweep.departs or sweep.kind == "frequency" else " to ≥ ")
 
 

@@ -184,67 +184,58 @@ def linearised(noise: MarginalNoise, u: Floats, residual: Floats, jacobian: Floa
     return mean, np.einsum("g,gij->ij", share, np.array(spreads)) + np.einsum("g,gi,gj->ij", share, off, off)
 
 
-def expectations(
-    settings: Sequence[Setting],
-    family: Family,
-    law: Floats,
-    stretch: Floats,
-    medium: Medium = WATER,
-    *,
-    seed: int = 0,
-    bubble: Bubble = REAL,
-    workers: int | None = None,
-    done: Callable[[], None] | None = None,
-) -> list[list[Expected | None]]:
-    """Of each setting with each draw: law (draws, l) log10, stretch (draws,). None: a recording that cannot be read,
-    such as one that ends before the collapse. The noise of a draw is the same at all settings."""
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """What a shot may meet: law (draws, l) log10 of the parameters of `family`, stretch (draws,), medium and bubble.
+    The noise of a draw, by the seed, is the same at all settings."""
 
-    def evaluate(job: tuple[Setting, int]) -> Expected | None:
-        setting, k = job
-        try:
-            film = setting.film(family, law[k], float(stretch[k]), medium, seed + k, bubble)
-            return expected(*film, family, medium, bubble=bubble)
-        except (InputError, SolverError, np.linalg.LinAlgError):
-            return None
+    family: Family
+    law: Floats
+    stretch: Floats
+    medium: Medium = WATER
+    bubble: Bubble = REAL
+    seed: int = 0
 
-    jobs = [(setting, k) for setting in settings for k in range(len(law))]
-    expectations = each(evaluate, jobs, workers, (lambda *_: done()) if done else None)
-    return [expectations[i : i + len(law)] for i in range(0, len(jobs), len(law))]
-
-
-def reached(
-    setting: Setting,
-    family: Family,
-    law: Floats,
-    stretch: Floats,
-    medium: Medium = WATER,
-    *,
-    seed: int = 0,
-    bubble: Bubble = REAL,
-    workers: int | None = None,
-) -> tuple[Floats, Floats]:
-    """Half-widths (answers, l) in decades that are expected of simulated recordings, and those of the intervals that
-    `infer` then gives; of the recordings that have both. law: (draws, l) log10, stretch: (draws,)."""
-    from cavirheo.inference import infer_many
-
-    def record(k: int) -> tuple[RadiusCurve, Floats] | None:
+    def shot(self, setting: Setting, k: int) -> tuple[RadiusCurve, Expected] | None:
+        """The recording of a draw and what it tells; None: it cannot be read, such as one that ends before the
+        collapse."""
+        family, medium, bubble = self.family, self.medium, self.bubble
         with suppress(InputError, SolverError, np.linalg.LinAlgError):
-            curve, truth = setting.film(family, law[k], float(stretch[k]), medium, seed + k, bubble)
-            return curve, expected(curve, truth, family, medium, bubble=bubble).half_width
+            curve, truth = setting.film(family, self.law[k], float(self.stretch[k]), medium, self.seed + k, bubble)
+            return curve, expected(curve, truth, family, medium, bubble=bubble)
         return None
 
-    films = [film for film in each(record, range(len(law)), workers) if film]
-    how: Any = {"material": family.name, "medium": medium, "bubble": bubble, "workers": workers}
-    answers = infer_many([curve for curve, _ in films], **how)
-    widths, inferred = [], []
-    for answer, (_, half_width) in zip(answers, films, strict=True):
-        counts = answer.theta.size and answer.checks.verdict != "check_input"  # the prior's width is no width reached
-        ends = [answer.interval(name) if counts else None for name in family.parameters]
-        if all(ends):
-            widths.append(half_width)
-            inferred.append([0.5 * np.log10(high / low) for low, high in filter(None, ends)])
-    shape = (len(widths), len(family.parameters))
-    return np.reshape(widths, shape), np.reshape(inferred, shape)
+    def expected(
+        self, settings: Sequence[Setting], workers: int | None = None, done: Callable[[], None] | None = None
+    ) -> list[list[Expected | None]]:
+        """Of each setting with each draw; None: a recording that cannot be read."""
+
+        def evaluate(job: tuple[Setting, int]) -> Expected | None:
+            shot = self.shot(*job)
+            return shot[1] if shot else None
+
+        count = len(self.law)
+        jobs = [(setting, k) for setting in settings for k in range(count)]
+        told = each(evaluate, jobs, workers, (lambda *_: done()) if done else None)
+        return [told[i : i + count] for i in range(0, len(jobs), count)]
+
+    def reached(self, setting: Setting, workers: int | None = None) -> tuple[Floats, Floats]:
+        """Half-widths (answers, l) in decades that are expected of simulated recordings, and those of the intervals
+        that `infer` then gives; of the recordings that have both."""
+        from cavirheo.inference import infer_many
+
+        shots = [shot for shot in each(lambda k: self.shot(setting, k), range(len(self.law)), workers) if shot]
+        how: Any = {"material": self.family.name, "medium": self.medium, "bubble": self.bubble, "workers": workers}
+        answers = infer_many([curve for curve, _ in shots], **how)
+        widths, inferred = [], []
+        for answer, (_, told) in zip(answers, shots, strict=True):
+            counts = answer.theta.size and answer.checks.verdict != "check_input"  # else the width is the prior's
+            ends = [answer.interval(name) if counts else None for name in self.family.parameters]
+            if all(ends):
+                widths.append(told.half_width)
+                inferred.append([0.5 * np.log10(high / low) for low, high in filter(None, ends)])
+        shape = (len(widths), len(self.family.parameters))
+        return np.reshape(widths, shape), np.reshape(inferred, shape)
 
 
 def variance(ends: Floats) -> Floats:

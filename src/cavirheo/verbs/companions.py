@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import completion, options
@@ -13,6 +13,8 @@ from cavirheo.verbs.run import Run, doubtful
 
 CAMERA, SEARCH = "Camera", "Search"
 _Range = tuple[float, float]
+_Material = Literal["nhkv", "nh", "newtonian"]
+_MODULUS = "range in Pa, if there is no result.json"
 _SOURCE = "holds the measurements, a file, subfolder or glob per set; or a result.json"
 _REFERENCE = "errors are relative to it; may be repeated  [default: IMR, rheometer]"
 _SWEEPS = "sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"
@@ -21,7 +23,7 @@ _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables wit
 
 
 @dataclass(kw_only=True)
-class Compare(options.Printing, options.Documents, options.Pictures, options.Trust, options.OneBubble):
+class Compare(options.Printing, options.Pictures, options.Trust, options.OneBubble):
     """Your answers beside published values, with relative errors: those of `infer`, with the field's bubble."""
 
     source: Annotated[Path, argument("FOLDER", _SOURCE)]
@@ -55,7 +57,7 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
 
 
 @dataclass(kw_only=True)
-class Rheometer(options.Printing, options.Documents, options.Pictures):
+class Rheometer(options.Printing, options.Pictures):
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
 
     files: Annotated[list[Path], argument("FILE...", _SWEEPS, readable=False)]
@@ -70,7 +72,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         from cavirheo.companions.published_values import add_to_groups
         from cavirheo.reporting import comparison, read_json
         from cavirheo.writing import style
-        from cavirheo.writing.document import Outputs, write_json
+        from cavirheo.writing.document import Outputs
 
         require(self.at > 0, f"--at must be an angular frequency in rad/s, got {self.at!r}")
         require(0 < self.tolerance < 50, f"--tolerance must be between 0 and 50 %, got {self.tolerance!r}")
@@ -94,22 +96,18 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         for kind in ("strain", "frequency") if drawing else ():
             if rheometry.of(kind):
                 rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, rheometer.figure, rheometry, kind)
-        outputs.write("rheometer.json", write_json, rheometry)
-        outputs.finish()
-        run.show(rheometry, rheometer.print_rheometry)
+        run.deliver(outputs, rheometry)
         if result and not run.quiet:
             comparison.print_with_published(result, rheometer.regimes(rheometry, result))
-        run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
+        run.end(f"written to {self.out} in {{seconds}}", any(sweep.message for sweep in rheometry.sweeps))
 
 
 @dataclass(kw_only=True)
-class CollapseTime(options.Printing, options.Documents, options.Pictures, options.Liquid):
+class CollapseTime(options.Printing, options.Pictures, options.Liquid):
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
 
     files: Annotated[list[Path], argument("FILE...", _TIMES, readable=False)]
-    material: Annotated[Literal["nhkv", "nh", "newtonian"], option("nh has no viscosity, newtonian no elasticity")] = (
-        "nhkv"
-    )
+    material: Annotated[_Material, option("nh has no viscosity, newtonian no elasticity")] = "nhkv"
     exact: Annotated[bool, option("fit with simulated collapse times: seconds", None, "--exact")] = False
     shear_modulus: Annotated[float | None, option("Pa, if it is known: only µ is fitted")] = None
     viscosity: Annotated[float | None, option("Pa s, if it is known: only G is fitted")] = None
@@ -125,7 +123,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
         from cavirheo.io.shots import shot_numbers
         from cavirheo.reporting import file_names
         from cavirheo.writing import style
-        from cavirheo.writing.document import Outputs, write_json
+        from cavirheo.writing.document import Outputs
 
         shot_numbers(self.shots)
         files, liquid = run.files(self.files), self.liquid
@@ -136,41 +134,29 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
         run.refuse(problems)
         run.notes += remarks
         run.need(groups, "collapse time")
+        known = {"shear_modulus": self.shear_modulus, "viscosity": self.viscosity}
         if self.exact:
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
         for group in groups:
-            group.answer(
-                self.material,
-                medium=liquid,
-                exact=self.exact,
-                shear_modulus=self.shear_modulus,
-                viscosity=self.viscosity,
-            )
+            group.answer(self.material, exact=self.exact, medium=liquid, **known)
         answered_groups = [group for group in groups if group.estimate] if self.drawing(run) else []
-        document = collapse_times.CollapseTimes(
-            material=self.material, medium=asdict(liquid), groups=groups, **run.head
-        )
+        head = {"material": self.material, "medium": asdict(liquid), **run.head}
+        document = collapse_times.CollapseTimes(groups=groups, **head)
         outputs.write("shots.csv", collapse_times.write_csv, document)
         for group, stem in zip(answered_groups, file_names([group.name for group in answered_groups]), strict=True):
             document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
-        outputs.write("collapse-time.json", write_json, document)
-        outputs.finish()
-        run.show(document, collapse_times.print_table)
-        run.end(
-            f"written to {self.out}",
-            any(group.incomplete or (self.exact and group.model != "exact") for group in groups),
-        )
+        run.deliver(outputs, document)
+        failed = any(group.incomplete or (self.exact and group.model != "exact") for group in groups)
+        run.end(f"written to {self.out} in {{seconds}}", failed)
 
 
 @dataclass(kw_only=True)
-class Design(options.Printing, options.Documents, options.Seed, options.Liquid, options.OneBubble):
+class Design(options.Printing, options.Seed, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
     group: Annotated[str | None, option("group of the result.json whose material is meant")] = None
-    shear_modulus: Annotated[_Range | None, option("range in Pa, if there is no result.json", metavar="LOW HIGH")] = (
-        None
-    )
+    shear_modulus: Annotated[_Range | None, option(_MODULUS, metavar="LOW HIGH")] = None
     viscosity: Annotated[_Range | None, option("Pa s", metavar="LOW HIGH")] = None
     stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
     material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=completion.sum_names)] = "nhkv"
@@ -188,10 +174,10 @@ class Design(options.Printing, options.Documents, options.Seed, options.Liquid, 
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.design import Rig, design, print_table
+        from cavirheo.companions.design import Rig, design
         from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.writing.document import Outputs, write_json
+        from cavirheo.writing.document import Outputs
 
         message = "--group names a group of a result.json: give the file, or leave out --group"
         require(self.result is not None or self.group is None, message, "design.group")
@@ -206,27 +192,14 @@ class Design(options.Printing, options.Documents, options.Seed, options.Liquid, 
             medium=self.liquid,
             bubble=self.bubbles or "real",
         )
-        names = ("shear_modulus", "viscosity", "stretch")
-        inputs = [self.result] if self.result else []
-        outputs = Outputs(self.out, "design.json", inputs=inputs)
+        ranges = {name: getattr(self, name) for name in ("shear_modulus", "viscosity", "stretch")}
+        how: dict[str, Any] = {"ranges": {name: ends for name, ends in ranges.items() if ends}}
+        how |= {name: getattr(self, name) for name in ("group", "spread", "sizes", "draws", "check", "seed")}
+        outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
         run_in_thread(load_solver)
         with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
-            document = design(
-                self.result,
-                rig,
-                group=self.group,
-                ranges={name: ends for name in names if (ends := getattr(self, name))},
-                wanted=0.01 * self.wanted_percent,
-                spread=self.spread,
-                sizes=self.sizes,
-                draws=self.draws,
-                check=self.check,
-                seed=self.seed,
-                done=advance,
-            ).model_copy(update=run.head)
-        outputs.write("design.json", write_json, document)
-        outputs.finish()
-        run.show(document, print_table)
+            document = design(self.result, rig, wanted=0.01 * self.wanted_percent, done=advance, **how)
+        run.deliver(outputs, document.model_copy(update=run.head))
         run.end(f"written to {self.out} in {{seconds}}")
 
 

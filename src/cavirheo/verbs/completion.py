@@ -7,9 +7,14 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 
-def values(*words: str, commas: bool = False) -> Callable[[str], list[str]]:
-    """These values; with `commas` also after each comma."""
-    return lambda incomplete: _continuations(incomplete, words, "," if commas else "")
+def _several(*words: str) -> Callable[[str], list[str]]:
+    """These words, also after each comma."""
+    return lambda incomplete: _continuations(incomplete, words, ",")
+
+
+bubble_names = _several("real", "field")
+damage_names = _several("none", "first-rebound", "strain")
+figure_names = _several("png", "svg", "pdf")
 
 
 def law_names(incomplete: str) -> list[str]:

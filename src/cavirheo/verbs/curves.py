@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -19,13 +18,15 @@ if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
     from cavirheo.parallel import Executor
 
+_FITTED = "nhkv, newtonian, power-law, ...; auto: the evidence chooses"
+_WEIGHED = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
 _WEIGHTS = "learnt: the residuals tell how much less frames beside collapses count"
 _OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other way round"
 
 
 @dataclass(kw_only=True)
-class _Report(options.Cluster, options.Figures, options.Measured):
+class _Report(options.Measured):
     """The curves of files answered by one analysis, with a report."""
 
     def requested(self, files: Sequence[Path]) -> Analysis:
@@ -57,16 +58,16 @@ class _Report(options.Cluster, options.Figures, options.Measured):
         answers = unfinished.answers(curves, analysis)
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
         note = unfinished.note(len(answers), len(curves))
-        if note:
-            if folder.holds("report.html"):
-                run.stop(f"{note}; until then the earlier answers stay", out / "result.json")
-            if pairs:
-                notes = [note, *run.notes]
-                write_report(out, pairs, run.command, date=run.date, notes=notes, complete=False)
-            run.stop(note, out / "result.json" if pairs else None)
-        how: dict[str, Any] = {"date": run.date, "notes": run.notes, "draw": self.pictures}
-        with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
+        if note and folder.holds("report.html"):
+            run.stop(f"{note}; until then the earlier answers stay", out / "result.json")
+        if note and not pairs:
+            run.stop(note, None)
+        how: dict[str, Any] = {"date": run.date, "draw": self.pictures, "complete": not note}
+        how["notes"] = [note, *run.notes] if note else run.notes
+        with run.bar("drawing", unit="figures", visible=bool(figures)) as advance:
             result = write_report(out, pairs, run.command, figures, advance=advance, **how)
+        if note:
+            run.stop(note, out / "result.json")
         unfinished.remove()
         run.show(result, partial(print_table, analysis=analysis, out=out, notes_shown=run.refusals))
         message = f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
@@ -85,10 +86,7 @@ class Infer(_Report, options.Inference):
 
 @dataclass(kw_only=True)
 class _FitOptions:
-    material: Annotated[
-        str,
-        option("nhkv, newtonian, power-law, ...; auto: the evidence chooses", autocompletion=completion.law_names),
-    ] = "nhkv"
+    material: Annotated[str, option(_FITTED, autocompletion=completion.law_names)] = "nhkv"
     stretch: options.Stretch = None
     window: options.Window = None
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
@@ -123,16 +121,14 @@ class Fit(_Report, options.OneBubble, _FitOptions):
 
 @dataclass(kw_only=True)
 class _LawOptions:
-    laws: Annotated[str, option("two or more laws, with commas", autocompletion=completion.many_law_names)] = (
-        "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
-    )
+    laws: Annotated[str, option("two or more laws, with commas", autocompletion=completion.many_law_names)] = _WEIGHED
     stretch: options.Stretch = None
     window: options.Window = None
     exact_law: options.ExactLaw = False
 
 
 @dataclass(kw_only=True)
-class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyBubbles, _LawOptions):
+class WhichLaw(options.Measured, options.ManyBubbles, _LawOptions):
     """Which of several laws explains the curves best? Evidence by importance sampling, 1 to 30 s a curve and law."""
 
     out: options.Out = Path("cavirheo-laws")
@@ -176,7 +172,7 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.ManyB
         outputs.finish()
         pairs = list(zip(complete_curves, choose_answers(singles, groups), strict=True))
         how = {"date": run.date, "draw": self.pictures, "notes": [*firmly(laws), *laws.notes]}
-        with run.bar("drawing", unit="figures") if figures else nullcontext() as advance:
+        with run.bar("drawing", unit="figures", visible=bool(figures)) as advance:
             reporting.write_report(out, pairs, run.command, figures, advance=advance, **how)
         unfinished.remove()
         run.show(laws, print_table)
@@ -212,21 +208,10 @@ class Watch(options.Inference):
             read_column(self.column)
         names = [field.name for field in fields(options.FileSettings) if field.name != "column"]
         read_settings = {name: getattr(self, name) for name in names}
-        watched = watch.Watch(
-            folder,
-            out,
-            analysis,
-            lambda path: self.recordings([path]),
-            read_settings,
-            group=self.group,
-            column=self.column,
-            command=run.command,
-            date=run.date,
-            say=run.say,
-            show=print_line if not run.quiet else lambda _: None,
-            patience=self.patience,
-            half_width=0.01 * self.wanted_percent,
-        )
+        how: dict[str, Any] = {"group": self.group, "column": self.column, "patience": self.patience}
+        how |= {"command": run.command, "date": run.date, "half_width": 0.01 * self.wanted_percent, "say": run.say}
+        how |= {} if run.quiet else {"show": print_line}
+        watched = watch.Watch(folder, out, analysis, lambda path: self.recordings([path]), read_settings, **how)
         run_in_thread(load_solver)
         result = watched.write()
         page = f"{out / html.LIVE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
@@ -238,8 +223,7 @@ class Watch(options.Inference):
         except KeyboardInterrupt:  # the usual end
             stopped = True
         pairs, notes = watched.pairs()
-        how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": self.pictures}
-        result = write_report(out, pairs, run.command, **how)
+        result = write_report(out, pairs, run.command, date=run.date, notes=notes, draw=self.pictures)
         run.show(result, print_table)
         run.unreadable = 0 if stopped else watched.unreadable
         message = f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}"

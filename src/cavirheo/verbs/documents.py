@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from importlib import import_module
+from os.path import exists  # False of a name that is too long
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,9 +13,8 @@ from cavirheo.verbs.options import argument, option
 if TYPE_CHECKING:
     from cavirheo.writing.document import Document
 
-_FILE = (
-    "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped network"
-)
+_FILE = "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped "
+_FILE += "network"
 
 
 def show(
@@ -27,63 +26,42 @@ def show(
 
     Of a network: what it answers, for which recordings, how well, and where its card is.
     """
-    if len(file.parts) == 1 and not file.suffix and not _exists(file):
-        file = _shipped(file.name)
+    if len(file.parts) == 1 and not file.suffix and not exists(file):
+        from cavirheo.inference.model import shipped
+
+        networks = shipped()
+        message = f"{file} does not exist, nor is it the name of a shipped network ({', '.join(networks)})"
+        require(file.name in networks, message, "show.missing")
+        file = networks[file.name]
     network = file.suffix.lower() == ".onnx" or (file.suffix == ".json" and file.with_suffix(".onnx").is_file())
     document = not network and (file.is_dir() or file.suffix.lower() == ".json")
     message = f"--shots is for measurements, and {file} is none: leave it out"
     require(shots is None or not (network or document), message, "show.shots")
     require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
     if network:
-        _show_model(file.with_suffix(".onnx"))
+        from cavirheo.verbs.networks import explain
+
+        explain(file.with_suffix(".onnx"))
+    elif any(file.glob("shard-*.h5")) or any(file.glob("curves-*.h5")):
+        _show_training_set(file)
     elif document:
-        _show_written(file, json)
+        _show_document(file, json)
     else:
         _show_curves(file, shots)
 
 
-def _shipped(name: str) -> Path:
-    from cavirheo.inference.model import shipped
-
-    networks = shipped()
-    message = f"{name} does not exist, nor is it the name of a shipped network ({', '.join(networks)})"
-    require(name in networks, message, "show.missing")
-    return networks[name]
-
-
-def _exists(file: Path) -> bool:
-    try:
-        return file.exists()
-    except OSError:  # a name that is too long
-        return False
-
-
-def _is_training_set(folder: Path) -> bool:
-    return any(folder.glob("shard-*.h5")) or any(folder.glob("curves-*.h5"))
-
-
-def _show_written(path: Path, json: bool) -> None:
-    from cavirheo.loading import load
-    from cavirheo.writing.document import Document
-
-    if path.is_dir() and _is_training_set(path):
-        _show_training_set(path)
-    elif isinstance(document := load(path), Document):
-        _show_document(document, path, json)
-
-
-def _show_document(document: Document, path: Path, json: bool) -> None:
-    from cavirheo.loading import KINDS
+def _show_document(path: Path, json: bool) -> None:
+    from cavirheo.loading import load, print_table
     from cavirheo.writing.document import as_json
     from cavirheo.writing.terminal import console
 
+    document: Document = load(path)
     if json:
         print(as_json(document), end="")
         return
-    name, date = type(document).__name__, f", {document.date}" if document.date else ""
-    console().print(f"{path}: {name.lower()}, written by cavirheo {document.version}{date}\n{document.command}\n")
-    module, _, name = KINDS[document.kind].table.rpartition(".")
-    getattr(import_module(f"cavirheo.{module}"), name)(document)
+    name, date = type(document).__name__.lower(), f", {document.date}" if document.date else ""
+    console().print(f"{path}: {name}, written by cavirheo {document.version}{date}\n{document.command}\n")
+    print_table(document)
 
 
 def _show_training_set(path: Path) -> None:
@@ -101,17 +79,6 @@ def _show_training_set(path: Path) -> None:
         f"  {survey.size / 1e6:.3g} MB, {survey.size / survey.curves:.0f} bytes a curve; checksum {survey.sha256}",
     ]
     console().print("\n".join(lines))
-
-
-def _show_model(path: Path) -> None:
-    from cavirheo.inference.model import card
-    from cavirheo.verbs.networks import explain
-
-    content = card(path)
-    try:
-        explain(path, content)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
 
 
 def _show_curves(path: Path, shots: str | None) -> None:

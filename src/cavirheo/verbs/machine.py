@@ -16,18 +16,17 @@ from typer import Exit
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
+from cavirheo.verbs.run import Run
 
+_HOST = "address to listen on; 0.0.0.0 is open to the network, without a password"
+_LIVE = "folder of results of `cavirheo watch`, whose page is served at /live"
 _VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # beginnings of those that change speed or answers
 
 
 def app(
-    host: Annotated[str, option("address to listen on; 0.0.0.0 is open to the network, without a password")] = (
-        "127.0.0.1"
-    ),
+    host: Annotated[str, option(_HOST)] = "127.0.0.1",
     port: Annotated[int, option("port; 0: any free one", min=0, max=65535)] = 7860,
-    live: Annotated[
-        Path | None, option("folder of results of `cavirheo watch`, whose page is served at /live", readable=False)
-    ] = None,
+    live: Annotated[Path | None, option(_LIVE, readable=False)] = None,
     browser: Annotated[bool, option("open the page in the browser", None, "--browser/--no-browser")] = True,
     max_file_mb: Annotated[float, option("largest file that may be uploaded, MB", min=0.001)] = 50.0,
     max_files: Annotated[int, option("largest number of files of one visitor", min=1)] = 50,
@@ -53,32 +52,28 @@ def cluster(
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
     from cavirheo.workflow.cluster import client_of
-    from cavirheo.workflow.cluster.check import arrived, identity, reports
+    from cavirheo.workflow.cluster.check import identity, reports
     from cavirheo.writing import terminal
     from cavirheo.writing.digits import MISSING
 
-    def say(text: str) -> None:
-        if not quiet:
-            terminal.say(text)
-
-    with client_of(scheduler, say) as (client, wait):
-        arrived(client, wait)
-        workers = reports(client)
+    run = Run(quiet=quiet)
+    with client_of(scheduler, run.say) as (client, wait):
+        workers = reports(client, wait)
     table = terminal.table("worker", ["on", "threads", "code", "bits"], left=["on"])
     for worker in workers:
         sums = [worker.identity.code[:8], worker.identity.bits[:8]] if worker.identity else [MISSING] * 2
         table.add_row(worker.address, worker.host, str(worker.threads), *sums)
-    if not quiet:
+    if not run.quiet:
         terminal.console().print(table)
     for versions in sorted({worker.versions for worker in workers if worker.versions}):
-        say(f"{sum(worker.versions == versions for worker in workers)} workers with {versions}")
+        run.say(f"{sum(worker.versions == versions for worker in workers)} workers with {versions}")
     for worker in workers:
         if worker.wrong:
             terminal.say(f"refused: {worker.address} on {worker.host}: {worker.wrong}")
     usable, mine = [worker for worker in workers if not worker.wrong], identity()
     bits = {worker.identity.bits for worker in usable if worker.identity}
     same = "the bits of this machine" if bits == {mine.bits} else "other last bits than this machine"
-    say(f"{len(usable)} of {len(workers)} workers can be used, with {same} ({mine.bits[:8]})")
+    run.say(f"{len(usable)} of {len(workers)} workers can be used, with {same} ({mine.bits[:8]})")
     if len(usable) < len(workers):
         raise Exit(1)
 
@@ -92,6 +87,7 @@ def _lines() -> Iterator[tuple[str, str]]:
     import cavirheo
     from cavirheo.inference.model import shipped
     from cavirheo.parallel import cores
+    from cavirheo.physics import cache, solver
 
     yield "cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"
     yield "python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"
@@ -100,7 +96,9 @@ def _lines() -> Iterator[tuple[str, str]]:
     yield "needs", _installed(libraries.pop(""))
     for extra, names in libraries.items():
         yield f"[{extra}]", _installed(names)
-    yield "solver", _solver()
+    folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # it is not compiled for that
+    kept = f"compiled, kept in {', '.join(sorted(folders))}"
+    yield "solver", kept if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"
     for name, path in shipped().items():
         yield "model", f"{name}, sha256 {checksum(path)}"
     variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
@@ -138,13 +136,3 @@ def checksum(path: Path) -> str:
     digest: str = hashlib.sha256(read_bytes(path, LARGEST)).hexdigest()
     same = card(path)["onnx"]["sha256"] == digest
     return digest + ("" if same else ", which is NOT the file that its card describes")
-
-
-def _solver() -> str:
-    """Whether the compiled solver is kept on this machine, and where. It is not compiled for that."""
-    from cavirheo.physics import cache, solver
-
-    folders = {file.parent for file in cache.stored_files(solver.integrate)}
-    if folders:
-        return f"compiled, kept in {', '.join(map(str, sorted(folders)))}"
-    return "not compiled yet: the first simulation takes 10 to 30 s longer"

@@ -20,7 +20,7 @@ _VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx); a folder of imag
 
 
 @dataclass(kw_only=True)
-class Measure(options.Printing, options.Documents):
+class Measure(options.Printing):
     """Radii of a bubble, with standard deviations, from a high-speed recording."""
 
     video: Annotated[Path, argument("VIDEO", _VIDEO, readable=False)]
@@ -41,7 +41,7 @@ class Measure(options.Printing, options.Documents):
         from cavirheo.physics.media import WATER
         from cavirheo.video import document
         from cavirheo.video.frames import need
-        from cavirheo.writing.document import Outputs, write_json
+        from cavirheo.writing.document import Outputs
 
         need("PIL")  # the pictures' library, of the extra [video]
         from cavirheo.video import picture
@@ -67,9 +67,7 @@ class Measure(options.Printing, options.Documents):
         record.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
         if self.overlay:
             outputs.write("overlay.mp4", picture.write_overlay, measurement)
-        outputs.write("measure.json", write_json, record)
-        outputs.finish()
-        run.show(record, document.print_table)
+        run.deliver(outputs, record)
         run.end(f"written to {self.out} in {{seconds}}", bool(warnings or record.unusable))
 
 

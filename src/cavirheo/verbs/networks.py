@@ -12,7 +12,6 @@ from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
 from cavirheo.writing.digits import printable
-from cavirheo.writing.terminal import say
 
 
 def models() -> None:
@@ -47,24 +46,16 @@ def generate(
     message = "--workers are threads of this machine, and --scheduler has its own: leave out one of them"
     require(workers is None or scheduler is None, message, "option.workers")
     load_solver()
-    with connected(scheduler, lambda text: None if quiet else say(text)) as executor:
-        written = dataset.generate(
-            content.problem,
-            content.data.n if n is None else n,
-            out,
-            seed=content.data.seed if seed is None else seed,
-            workers=workers,
-            shard=(part, parts),
-            progress=not quiet,
-            executor=executor,
-        )
-    messages = [f"{written.curves} curves in {out}: {written.written} files written, {written.skipped} already there"]
+    run, seed = Run(quiet=quiet), content.data.seed if seed is None else seed
+    how: dict[str, Any] = {"seed": seed, "workers": workers, "shard": (part, parts), "progress": not quiet}
+    with connected(scheduler, run.say) as executor:
+        written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **how)
+    run.say(f"{written.curves} curves in {out}: {written.written} files written, {written.skipped} already there")
     if written.simulated:
         rate = written.simulated / written.seconds
-        messages.append(f"{written.simulated} simulated in {written.seconds:.0f} s ({rate:.0f} per s)")
-    messages += [f"{count} failed: {status}" for status, count in written.failures.items()]
-    if not quiet:
-        print(*messages, sep="\n", file=sys.stderr)
+        run.say(f"{written.simulated} simulated in {written.seconds:.0f} s ({rate:.0f} per s)")
+    for status, count in written.failures.items():
+        run.say(f"{count} failed: {status}")
 
 
 def train(
@@ -99,12 +90,11 @@ def train(
 
 
 @dataclass(kw_only=True)
-class Evaluate(options.Documents):
+class Evaluate(options.Verb):
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
 
     model: Annotated[str, argument("MODEL", "a shipped model or an .onnx file", autocompletion=completion.model_names)]
     data: Annotated[Path, argument("DATA", "folder written by `cavirheo generate`")]
-    quiet: options.Quiet = False
     out: options.Out = Path("cavirheo-evaluation")
 
     def __call__(self, run: Run) -> None:
@@ -137,18 +127,24 @@ def summary(name: str, content: dict[str, Any]) -> list[str]:
     return [*lines, f"  trained on {content['data']['train']} simulated curves"]
 
 
-def explain(path: Path, content: dict[str, Any]) -> None:
-    """Print a model's summary, who made it with what, and its files. Raises as `summary`."""
+def explain(path: Path) -> None:
+    """Print a model's summary, who made it with what, and its files. Raises InputError: no model, or its card lacks
+    what every card has."""
+    from cavirheo.inference.model import card
     from cavirheo.verbs.machine import checksum
 
+    content = card(path)
     libraries = content.get("made_with") or content.get("versions") or {}
     origin = [content.get("date", ""), *(f"{library} {version}" for library, version in libraries.items())]
     weights = content.get("network", {}).get("parameters")
     size = f"{path.stat().st_size / 1e6:.3g} MB" + (f", {weights} weights" if weights else "")
-    lines = [
-        *summary(path.stem, content),
-        f"  made {', '.join(filter(None, origin))}; license: {content.get('license', 'not on the card')}",
-        f"  file {path}, {size}, sha256 {checksum(path)}",
-        f"  card {path.with_suffix('.json')}: priors, training, losses and scores in full",
-    ]
+    try:
+        lines = [
+            *summary(path.stem, content),
+            f"  made {', '.join(filter(None, origin))}; license: {content.get('license', 'not on the card')}",
+            f"  file {path}, {size}, sha256 {checksum(path)}",
+            f"  card {path.with_suffix('.json')}: priors, training, losses and scores in full",
+        ]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
     print(printable("\n".join(lines)))

@@ -24,15 +24,6 @@ if TYPE_CHECKING:
 
 INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for experts"
 INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
-FIGURES = ("png", "svg", "pdf")
-
-
-class Verb:
-    """A command with all that was typed; its arguments are its fields, those of the last base first."""
-
-    def __call__(self, run: "Run") -> None:
-        """Do it. Raises InputError, and typer.Exit with the status."""
-        raise NotImplementedError
 
 
 def argument(metavar: str, help: str, **how: Any) -> Any:
@@ -104,14 +95,16 @@ _COLUMN = "table with a number (a concentration, ...) for each shot, file or gro
 _BLUR = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
 _TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
-_BUBBLE = (
-    "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; auto: the "
-)
-_BUBBLE += "evidence chooses"
+_BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; "
+_BUBBLE += "auto: the evidence chooses"
+_MEDIUM = "named constants: water, bu2026, estrada2018, ..."
+_ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
+_DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
+_PICTURES = "draw pictures; --no-pictures is faster"
+_STATED = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 _FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
-_VERIFY = (
-    "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; none: network alone"
-)
+_VERIFY = "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; "
+_VERIFY += "none: network alone"
 
 
 @dataclass(kw_only=True)
@@ -144,9 +137,7 @@ class FileSettings(Trust):
 class Liquid(Trust):
     """The constants of what surrounds the bubble."""
 
-    medium: Annotated[
-        str, option("named constants: water, bu2026, estrada2018, ...", autocompletion=completion.medium_names)
-    ] = "water"
+    medium: Annotated[str, option(_MEDIUM, autocompletion=completion.medium_names)] = "water"
     density: Annotated[float | None, option("density of the liquid or gel, kg/m3", MATERIAL)] = None
     sound_speed: Annotated[float | None, option("m/s", MATERIAL)] = None
     surface_tension: Annotated[float | None, option("N/m", MATERIAL)] = None
@@ -163,73 +154,52 @@ class Liquid(Trust):
 
 
 @dataclass(kw_only=True)
-class _BubbleValues:
-    """What is assumed of the bubble, where it differs from the named one."""
+class OneBubble:
+    """One bubble, or auto, and what is assumed of it where it differs from the named one."""
 
     contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(CONTENTS, BUBBLE)] = None
-    accommodation: Annotated[Any, number("accommodation coefficient of kinetic contents, up to 10", BUBBLE, "free")] = (
-        None
-    )
+    accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, "free")] = None
     confinement_damping: Annotated[Any, number("2 pi (R_max^2/A) c/U_c of a tube around it", BUBBLE, "free")] = None
     confinement_inertia: Annotated[Any, number("R_max sum(s/d) over image bubbles", BUBBLE, "free")] = None
     wall_distance_um: WallDistanceUm = None
     vapour_excess: Annotated[Any, number("vapour at R_max above saturation, Pa", BUBBLE, "free")] = None
-
-    def _changed(self, names: list[str], damages: list[str]) -> "tuple[Bubble, ...] | None":
-        """The bubbles of these names with these values; None where nothing is asked for."""
-        from dataclasses import replace
-
-        from cavirheo.physics.bubble import bubbles_of
-
-        fields = ("contents", "accommodation", "confinement_damping", "confinement_inertia", "vapour_excess")
-        values = {name: value for name in fields if (value := getattr(self, name)) is not None}
-        if self.wall_distance_um is not None:
-            values["wall_distance"] = self.wall_distance_um * 1e-6
-        if not names and not values and damages == ["none"]:
-            return None
-        bubbles = (bubble for name in names or ["real"] for bubble in bubbles_of(name))
-        return tuple(replace(bubble, damage=damage, **values) for bubble in bubbles for damage in damages)
-
-
-@dataclass(kw_only=True)
-class OneBubble(_BubbleValues):
-    """One bubble, or auto."""
-
     bubble: Annotated[Literal["real", "field", "auto"] | None, option(_BUBBLE)] = None
     damage: Annotated[Literal["none", "first-rebound", "strain"], option("softening of the gel", BUBBLE)] = "none"
 
     @property
     def bubbles(self) -> "tuple[Bubble, ...] | None":
-        """None where nothing is asked for. Raises InputError: values that cannot be."""
-        return self._changed([self.bubble] if self.bubble else [], [self.damage])
+        """Those of the names, each with each damage and the values; None where nothing is asked for.
 
+        Raises InputError: a word that is none, or values that cannot be.
+        """
+        from dataclasses import replace
 
-@dataclass(kw_only=True)
-class ManyBubbles(_BubbleValues):
-    """Several bubbles, with commas."""
-
-    bubble: Annotated[
-        str,
-        option("real, field, or both with a comma", autocompletion=completion.values("real", "field", commas=True)),
-    ] = "real"
-    damage: Annotated[
-        str,
-        option(
-            "softening of the gel: none, first-rebound, strain, with commas",
-            BUBBLE,
-            autocompletion=completion.values("none", "first-rebound", "strain", commas=True),
-        ),
-    ] = "none"
-
-    @property
-    def bubbles(self) -> "tuple[Bubble, ...] | None":
-        """Raises InputError: a word that is none, or values that cannot be."""
-        from cavirheo.physics.bubble import DAMAGES
+        from cavirheo.physics.bubble import DAMAGES, bubbles_of
 
         damages = [word.strip() for word in self.damage.split(",")]
         message = f"--damage must be {', '.join(DAMAGES)}, got {self.damage!r}"
         require(set(damages) <= set(DAMAGES), message, "option.damage")
-        return self._changed([word.strip() for word in self.bubble.split(",")], damages)
+        fields = ("contents", "accommodation", "confinement_damping", "confinement_inertia", "vapour_excess")
+        values = {name: value for name in fields if (value := getattr(self, name)) is not None}
+        if self.wall_distance_um is not None:
+            values["wall_distance"] = self.wall_distance_um * 1e-6
+        if self.bubble is None and not values and damages == ["none"]:
+            return None
+        names = "real" if self.bubble is None else self.bubble
+        bubbles = [bubble for name in names.split(",") for bubble in bubbles_of(name.strip())]
+        return tuple(replace(bubble, damage=damage, **values) for bubble in bubbles for damage in damages)
+
+
+_BUBBLE_NAMES = option("real, field, or both with a comma", autocompletion=completion.bubble_names)
+_DAMAGE_NAMES = option(_DAMAGES, BUBBLE, autocompletion=completion.damage_names)
+
+
+@dataclass(kw_only=True)
+class ManyBubbles(OneBubble):
+    """Several bubbles, with commas."""
+
+    bubble: Annotated[str, _BUBBLE_NAMES] = "real"  # type: ignore[assignment]
+    damage: Annotated[str, _DAMAGE_NAMES] = "none"  # type: ignore[assignment]
 
 
 @dataclass(kw_only=True)
@@ -240,28 +210,31 @@ class Seed:
 
 
 @dataclass(kw_only=True)
-class Documents(Verb):
-    """A verb that writes documents into a folder, which it holds."""
+class Verb:
+    """A command that writes documents into a folder, which it holds, with all that was typed; its arguments are its
+    fields, those of the last base first."""
 
     out: Out = Path("cavirheo-result")
     replace: Annotated[bool, option("write over the answers of another run in that folder", None, "--replace")] = False
+    quiet: Quiet = False
+
+    def __call__(self, run: "Run") -> None:
+        """Do it. Raises InputError, and typer.Exit with the status."""
+        raise NotImplementedError
 
 
 @dataclass(kw_only=True)
-class Printing:
-    """What is printed."""
+class Printing(Verb):
+    """A verb with a document that can be printed."""
 
     json: Annotated[bool, option("print the JSON document instead of the table", None, "--json")] = False
-    quiet: Quiet = False
 
 
 @dataclass(kw_only=True)
 class Pictures:
     """Pictures in the documents."""
 
-    pictures: Annotated[bool, option("draw pictures; --no-pictures is faster", OUTPUT, "--pictures/--no-pictures")] = (
-        True
-    )
+    pictures: Annotated[bool, option(_PICTURES, OUTPUT, "--pictures/--no-pictures")] = True
 
     def drawing(self, run: "Run") -> bool:
         """Whether pictures are drawn; where they are asked for and cannot be, a note of the run says so."""
@@ -273,12 +246,44 @@ class Pictures:
 
 
 @dataclass(kw_only=True)
-class Figures(Pictures):
-    """Pictures as files, too."""
+class Question:
+    """What a network is asked."""
 
-    figures: Annotated[
-        str | None, option(_FIGURES, OUTPUT, autocompletion=completion.values(*FIGURES, commas=True))
-    ] = None
+    material: Material = None
+    stretch: Annotated[Any, number(_STATED, None, "free")] = None
+    verify: Annotated[Literal["auto", "full", "map", "none"], option(_VERIFY)] = "auto"
+    window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
+    model: ModelName = "posterior"
+    exact_law: ExactLaw = False
+
+
+@dataclass(kw_only=True)
+class Answering(Printing, Pictures, Seed, Liquid, FileSettings):
+    """What all verbs share that answer measured curves."""
+
+    def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
+        """`read_shots` with these settings."""
+        from cavirheo.io.shots import read_shots
+
+        message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
+        require(exclude is None or len(files) == 1, message, "option.exclude")
+        exposure, scale = self.exposure_us and self.exposure_us * 1e-6, self.rmax_um and self.rmax_um * 1e-6
+        video = {"um_per_px": self.um_per_px, "exposure": exposure, "exclude": exclude}
+        how: dict[str, Any] = {"density": self.liquid.density, "pressure": self.liquid.pressure, "shots": self.shots}
+        curve_set = read_shots(files, max_radius=scale, group=self.group, frame_rate_hz=self.fps, **how, **video)
+        if exposure is None:
+            return curve_set
+        return curve_set._replace(curves=[curve.labelled(exposure_s=exposure) for curve in curve_set.curves])
+
+
+@dataclass(kw_only=True)
+class Measured(Answering):
+    """Files that are given by name, figures as files, too, and where the work is done."""
+
+    files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
+    exclude: Exclude = None
+    figures: Annotated[str | None, option(_FIGURES, OUTPUT, autocompletion=completion.figure_names)] = None
+    scheduler: Scheduler = None
 
     @property
     def figure_kinds(self) -> tuple[str, ...]:
@@ -291,63 +296,6 @@ class Figures(Pictures):
             check_figures(kinds)
             require(available(), '--figures needs matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
         return kinds
-
-
-@dataclass(kw_only=True)
-class Cluster:
-    """Where the work is done."""
-
-    scheduler: Scheduler = None
-
-
-@dataclass(kw_only=True)
-class Question:
-    """What a network is asked."""
-
-    material: Material = None
-    stretch: Annotated[
-        Any, number("R_max/R_0; free: without the prior that a file states  [default: with it]", None, "free")
-    ] = None
-    verify: Annotated[Literal["auto", "full", "map", "none"], option(_VERIFY)] = "auto"
-    window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
-    model: ModelName = "posterior"
-    exact_law: ExactLaw = False
-
-
-@dataclass(kw_only=True)
-class Answering(Printing, Documents, Pictures, Seed, Liquid, FileSettings):
-    """What all verbs share that answer measured curves."""
-
-    def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
-        """`read_shots` with these settings."""
-        from cavirheo.io.shots import read_shots
-
-        message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
-        require(exclude is None or len(files) == 1, message, "option.exclude")
-        exposure = self.exposure_us and self.exposure_us * 1e-6
-        curve_set = read_shots(
-            files,
-            max_radius=None if self.rmax_um is None else self.rmax_um * 1e-6,
-            group=self.group,
-            density=self.liquid.density,
-            pressure=self.liquid.pressure,
-            shots=self.shots,
-            frame_rate_hz=self.fps,
-            exclude=exclude,
-            um_per_px=self.um_per_px,
-            exposure=exposure,
-        )
-        if exposure is None:
-            return curve_set
-        return curve_set._replace(curves=[curve.labelled(exposure_s=exposure) for curve in curve_set.curves])
-
-
-@dataclass(kw_only=True)
-class Measured(Answering):
-    """Files that are given by name."""
-
-    files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
-    exclude: Exclude = None
 
     def read(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """All curves of the files, with what a declared column says of them, and the solver loaded. Raises InputError:

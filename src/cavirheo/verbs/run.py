@@ -3,12 +3,13 @@ that it read, what it says, the time that it took, its exit status."""
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from datetime import datetime
 from math import isfinite
 from pathlib import Path
@@ -18,13 +19,13 @@ import typer
 from typer.core import TyperCommand
 
 from cavirheo.errors import InputError, require
-from cavirheo.verbs.options import Documents, Verb
+from cavirheo.verbs.options import Verb
 from cavirheo.writing import terminal
 from cavirheo.writing.claim import Claim, claimed, current
 
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
-    from cavirheo.writing.document import Document
+    from cavirheo.writing.document import Document, Outputs
 
 # options that change no answer
 _SHOWING = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
@@ -60,10 +61,10 @@ class Run:
         return {"command": self.command, "date": self.date, "notes": [*self.notes]}
 
     def bar(
-        self, what: str, total: int | None = None, *, unit: str = "curves"
+        self, what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
     ) -> AbstractContextManager[Callable[..., None]]:
         """`terminal.bar`, if anything is to be seen."""
-        return terminal.bar(what, total, visible=not self.quiet, unit=unit)
+        return terminal.bar(what, total, visible=visible and not self.quiet, unit=unit)
 
     def files(self, patterns: list[Path]) -> list[Path]:
         """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""
@@ -94,14 +95,24 @@ class Run:
         if not items:
             raise typer.Exit(2)
 
-    def show(self, document: Document, table: Callable[[Any], None]) -> None:
-        """The result on stdout: as `table` prints it, or the document as it is in its file (--json)."""
+    def show(self, document: Document, table: Callable[[Any], None] | None = None) -> None:
+        """The result on stdout: by `table`, else as `cavirheo show`; or the document as it is in its file (--json)."""
         if self.json:
             from cavirheo.writing.document import as_json
 
             sys.stdout.write(as_json(document))
         elif not self.quiet:
-            table(document)
+            from cavirheo.loading import print_table
+
+            (table or print_table)(document)
+
+    def deliver(self, outputs: Outputs, document: Document) -> None:
+        """The last file of a run, KIND.json, and the same on stdout."""
+        from cavirheo.writing.document import write_json
+
+        outputs.write(f"{document.kind}.json", write_json, document)
+        outputs.finish()
+        self.show(document)
 
     def say(self, text: str) -> None:
         """One line on stderr, if it may."""
@@ -132,8 +143,8 @@ class Command(TyperCommand):
         try:
             verb = super().invoke(ctx)
             if isinstance(verb, Verb):
-                with claimed(_claim(verb)) if isinstance(verb, Documents) else nullcontext():
-                    verb(Run(json=getattr(verb, "json", False), quiet=getattr(verb, "quiet", False)))
+                with claimed(_claim(verb)):
+                    verb(Run(json=getattr(verb, "json", False), quiet=verb.quiet))
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             raise typer.Exit(130) from None
@@ -141,7 +152,8 @@ class Command(TyperCommand):
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:
         """(argument or option, its help) of each panel, by title."""
         panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
-        for parameter in sorted(self.get_params(ctx), key=lambda parameter: parameter.name in _LAST):
+        last = {name: place for place, name in enumerate(_LAST)}
+        for parameter in sorted(self.get_params(ctx), key=lambda parameter: last.get(parameter.name, -1)):
             if row := parameter.get_help_record(ctx):
                 argument = parameter.param_type_name == "argument"
                 title = getattr(parameter, "rich_help_panel", None) or ("Arguments" if argument else "Options")
@@ -164,13 +176,8 @@ class Command(TyperCommand):
         return " ".join((self.help or "").partition("\n\n")[0].split())
 
 
-def _claim(verb: Documents) -> Claim:
+def _claim(verb: Verb) -> Claim:
     """The same for two calls that ask for the same answers, from whichever folder."""
-    request = {name: _resolved(value) for name, value in vars(verb).items() if name not in _SHOWING}
+    options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
+    request = json.loads(json.dumps(options, default=os.path.realpath))
     return Claim(command_line(), {"verb": type(verb).__name__, **request}, verb.replace)
-
-
-def _resolved(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return [_resolved(item) for item in value]
-    return os.path.realpath(value) if isinstance(value, Path) else value

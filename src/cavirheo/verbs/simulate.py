@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.verbs import completion, options
@@ -24,6 +22,9 @@ DRIVEN = "Driving"
 _FRAMES, _FIELDS = "simulation.csv", "fields.h5"
 _MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
 _MATERIAL += "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
+_Motion = Literal["keller-miksis", "rayleigh-plesset", "gilmore"]
+_Damage = Literal["first-rebound", "strain"]
+_POLYTROPIC = "exponent of the gas, instead of heat and vapour transport"
 _PULSE = "ultrasound: peak kPa (negative: tension), MHz, us of the peak"
 _DRIVING = "far-field pressure above ambient: CSV file with columns time_us,pressure_kPa"
 _INERTIA = "R_max sum(s/d) over image bubbles: R_max/2h for one wall at h"
@@ -33,7 +34,7 @@ _CONTENTS = "fields.h5, too: temperature and vapour in the bubble at every frame
 
 
 @dataclass(kw_only=True)
-class Simulate(options.Documents, options.Liquid):
+class Simulate(options.Verb, options.Liquid):
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
     Columns of simulation.csv: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of
@@ -50,18 +51,12 @@ class Simulate(options.Documents, options.Liquid):
     fps: Annotated[float, option("frames per second")] = 1e6
     pulse: Annotated[tuple[float, float, float] | None, option(_PULSE, DRIVEN, metavar="KPA MHZ US")] = None
     driving: Annotated[Path | None, option(_DRIVING, DRIVEN)] = None
-    motion: Annotated[
-        Literal["keller-miksis", "rayleigh-plesset", "gilmore"], option("equation of the wall", BUBBLE)
-    ] = "keller-miksis"
-    polytropic: Annotated[float | None, option("exponent of the gas, instead of heat and vapour transport", BUBBLE)] = (
-        None
-    )
+    motion: Annotated[_Motion, option("equation of the wall", BUBBLE)] = "keller-miksis"
+    polytropic: Annotated[float | None, option(_POLYTROPIC, BUBBLE)] = None
     contents: Annotated[Literal["equilibrium", "kinetic"], option(options.CONTENTS, BUBBLE)] = "equilibrium"
     accommodation: Annotated[float | None, option("of kinetic contents, up to 10  [default: 0.07]", BUBBLE)] = None
     damage: Annotated[tuple[float, float] | None, option(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")] = None
-    damage_by: Annotated[
-        Literal["first-rebound", "strain"], option("strain: factors at a tenfold contraction", BUBBLE)
-    ] = "first-rebound"
+    damage_by: Annotated[_Damage, option("strain: factors at a tenfold contraction", BUBBLE)] = "first-rebound"
     confinement_inertia: Annotated[float, option(_INERTIA, BUBBLE)] = 0.0
     wall_distance_um: options.WallDistanceUm = None
     confinement_damping: Annotated[float, option(_DAMPING, BUBBLE)] = 0.0
@@ -69,7 +64,6 @@ class Simulate(options.Documents, options.Liquid):
     relaxed: Annotated[bool, option("laws with memory start unstressed", MATERIAL, "--relaxed")] = False
     precise: Annotated[bool, option("ten times as accurate, five times as long", OUTPUT, "--precise")] = False
     fields: Annotated[bool, option(_CONTENTS, OUTPUT, "--fields")] = False
-    quiet: options.Quiet = False
     out: options.Out = Path("cavirheo-simulation")
 
     def __call__(self, run: Run) -> None:
@@ -105,7 +99,7 @@ class Simulate(options.Documents, options.Liquid):
         writers = {_FRAMES: _write_frames} | ({_FIELDS: _write_fields} if self.fields else {})
         outputs = Outputs(self.out, *writers, inputs=[driving] if driving else [])
         forward.load_solver()
-        with _naming(driving):
+        try:
             simulation = forward.simulate(
                 law,
                 max_radius=self.rmax_um * 1e-6,
@@ -118,6 +112,8 @@ class Simulate(options.Documents, options.Liquid):
                 fields=self.fields,
                 accuracy=PRECISE if self.precise else DEFAULT,
             )
+        except SolverError as error:  # of the file that drives it, if one does
+            raise SolverError(f"{driving}: {error}" if driving else str(error)) from None
         for name, writer in writers.items():
             outputs.write(name, writer, simulation)
         outputs.finish()
@@ -131,18 +127,13 @@ class Simulate(options.Documents, options.Liquid):
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
         message = "--damage-by changes nothing without --damage: give that too"
         require(self.damage is not None or self.damage_by == "first-rebound", message, "simulate.idle")
+        names = ("contents", "confinement_inertia", "confinement_damping", "vapour_excess", "motion")
+        values: dict[str, Any] = {name: getattr(self, name) for name in names} | {"exponent": self.polytropic}
+        values["accommodation"] = ACCOMMODATION if self.accommodation is None else self.accommodation
+        if self.wall_distance_um is not None:
+            values["wall_distance"] = self.wall_distance_um * 1e-6
         try:
-            return Bubble(
-                contents=self.contents,
-                accommodation=ACCOMMODATION if self.accommodation is None else self.accommodation,
-                damage=Damage(*self.damage, self.damage_by) if self.damage else "none",
-                confinement_inertia=self.confinement_inertia,
-                wall_distance=None if self.wall_distance_um is None else self.wall_distance_um * 1e-6,
-                vapour_excess=self.vapour_excess,
-                confinement_damping=self.confinement_damping,
-                motion=self.motion,
-                exponent=self.polytropic,
-            )
+            return Bubble(**values, damage=Damage(*self.damage, self.damage_by) if self.damage else "none")
         except InputError as error:
             raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
 
@@ -164,15 +155,6 @@ class Simulate(options.Documents, options.Liquid):
         message = f"--material {self.material!r} holds its own parameters: leave out {words}"
         require(not values, message, "simulate.parameters_twice")
         return law
-
-
-@contextmanager
-def _naming(driving: Path | None) -> Iterator[None]:
-    """A simulation that fails is that of the file that drives it, if one does."""
-    try:
-        yield
-    except SolverError as error:
-        raise SolverError(f"{driving}: {error}" if driving else str(error)) from None
 
 
 def _write_frames(path: Path, run: Simulation) -> None:

@@ -42,11 +42,9 @@ def connected(scheduler: str | None, say: Callable[[str], None]) -> Iterator[Wor
 @contextmanager
 def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Client, float]]:
     """A client of the scheduler, and s in which a first worker must come. Raises InputError."""
-    message = (
-        f"--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, or slurm:FILE.toml, got {scheduler!r}"
-    )
+    expected = "--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, or slurm:FILE.toml"
     slurm = scheduler.startswith("slurm:")
-    require(slurm or bool(_ADDRESS.fullmatch(scheduler)), message, "cluster.scheduler")
+    require(slurm or bool(_ADDRESS.fullmatch(scheduler)), f"{expected}, got {scheduler!r}", "cluster.scheduler")
     try:
         from distributed import Client
 
@@ -67,9 +65,8 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
     try:
         client = Client(scheduler, timeout=WAIT)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
-        message = (
-            f"no dask scheduler answers at {scheduler} ({str(error).splitlines()[0] if str(error) else 'time out'})"
-        )
-        raise InputError(f"{message}; start one with `dask scheduler`", "cluster.unreachable") from None
+        reason = str(error).partition("\n")[0] or "time out"
+        message = f"no dask scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
+        raise InputError(message, "cluster.unreachable") from None
     with client:
         yield client, WAIT

@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -31,7 +31,7 @@ class Identity:
     bits: str
 
 
-@dataclass(frozen=True)
+@dataclass
 class WorkerReport:
     """One worker, as `cavirheo cluster check` shows it; `wrong`: why it is refused, or ""."""
 
@@ -102,22 +102,27 @@ def _probe() -> Callable[[], dict[str, Any]]:
     return probe
 
 
-def reports(client: Client) -> list[WorkerReport]:
-    """Of all workers that are there, each judged; by address."""
-    threads = client.nthreads()
-    answers: Mapping[str, Any] = client.run(_probe(), on_error="return")
+def reports(client: Client, wait: float) -> list[WorkerReport]:
+    """Of all workers that are there, each judged; by address. Raises InputError: none came within so many s."""
+    end = time.monotonic() + wait
+    while not (threads := client.nthreads()):
+        message = f"no worker came to {client.scheduler_info()['address']} within {wait:.0f} s"
+        require(time.monotonic() < end, f"{message}: start some, and try again", "cluster.no_worker")
+        time.sleep(LOOK)
     workers = []
-    for address in sorted(answers):
-        answer = answers[address]
+    for address, answer in sorted(client.run(_probe(), on_error="return").items()):
         if isinstance(answer, BaseException):
             answer = {"host": "?", "identity": None, "wrong": f"{type(answer).__name__}: {answer}"}
-        workers.append(WorkerReport(address, threads=threads.get(address, 0), **answer))
-    mine = identity()
-    bits = Counter(
-        worker.identity.bits for worker in workers if worker.identity and not _difference(worker.identity, mine)
-    )
-    usual = bits.most_common(1)[0][0] if bits else ""
-    return [_judged(worker, mine, usual) for worker in workers]
+        worker = WorkerReport(address, threads=threads.get(address, 0), **answer)
+        if worker.identity:
+            worker.wrong = _difference(worker.identity, identity())
+        workers.append(worker)
+    alike = {worker.address: worker.identity.bits for worker in workers if worker.identity and not worker.wrong}
+    ((usual, _),) = Counter(alike.values()).most_common(1) or [("", 0)]
+    for worker in workers:
+        if (bits := alike.get(worker.address, usual)) != usual:
+            worker.wrong = f"its simulations differ in their last bits ({bits[:8]}, the others {usual[:8]})"
+    return workers
 
 
 def _difference(theirs: Identity, mine: Identity) -> str:
@@ -127,30 +132,9 @@ def _difference(theirs: Identity, mine: Identity) -> str:
     return message if theirs.code != mine.code else ""
 
 
-def _judged(worker: WorkerReport, mine: Identity, usual: str) -> WorkerReport:
-    if worker.identity is None:
-        return worker
-    wrong = _difference(worker.identity, mine)
-    if not wrong and worker.identity.bits != usual:
-        wrong = f"its simulations differ in their last bits ({worker.identity.bits[:8]}, the others {usual[:8]})"
-    return replace(worker, wrong=wrong)
-
-
-def arrived(client: Client, wait: float) -> None:
-    """Wait for a first worker. Raises InputError: none came in so many s."""
-    end = time.monotonic() + wait
-    while not client.nthreads():
-        message = (
-            f"no worker came to {client.scheduler_info()['address']} within {wait:.0f} s: start some, and try again"
-        )
-        require(time.monotonic() < end, message, "cluster.no_worker")
-        time.sleep(LOOK)
-
-
 def admitted(client: Client, say: Callable[[str], None], wait: float) -> Identity:
     """What each worker must be, now and when it comes later. Raises InputError: there is none, or some are another."""
-    arrived(client, wait)
-    workers = reports(client)
+    workers = reports(client, wait)
     wrong = [f"{worker.address} on {worker.host}: {worker.wrong}" for worker in workers if worker.wrong]
     if wrong:
         more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
@@ -159,8 +143,8 @@ def admitted(client: Client, say: Callable[[str], None], wait: float) -> Identit
     (first, *_) = workers
     assert first.identity
     if first.identity.bits != identity().bits:
-        say("note: simulations of the workers differ from this machine's in their last bits: let a data set be made by "
-            "one kind of machine")  # fmt: skip
+        differ = "note: simulations of the workers differ from this machine's in their last bits"
+        say(f"{differ}: let a data set be made by one kind of machine")
     threads = sum(worker.threads for worker in workers)
     say(f"{len(workers)} workers with {threads} threads, all with cavirheo {first.identity.version} and the same bits")
     return first.identity

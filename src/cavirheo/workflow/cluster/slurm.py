@@ -76,12 +76,14 @@ def jobs_of(settings: SlurmSettings) -> Iterator[SLURMCluster]:
         if settings.tls:
             secure = {"security": Security.temporary(), "protocol": "tls://", "shared_temp_directory": settings.folder}
         cluster = SLURMCluster(
-            queue=settings.queue, account=settings.account, cores=settings.cores, processes=settings.cores,
-            memory=settings.memory, walltime=settings.walltime,
+            **settings.model_dump(include={"queue", "account", "cores", "memory", "walltime", "python", "interface"}),
+            processes=settings.cores,
             job_script_prologue=[_NO_PROFILE, *settings.environment],
-            job_extra_directives=settings.options, python=settings.python, interface=settings.interface,
-            log_directory=settings.folder, scheduler_options={"dashboard_address": "127.0.0.1:0"}, **secure,
-        )  # fmt: skip
+            job_extra_directives=settings.options,
+            log_directory=settings.folder,
+            scheduler_options={"dashboard_address": "127.0.0.1:0"},
+            **secure,
+        )
     except (ImportError, OSError, RuntimeError, ValueError) as error:
         raise InputError(f"no jobs of SLURM can be asked for: {error}", "cluster.slurm") from None
     with cluster:
