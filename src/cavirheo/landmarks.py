@@ -32,7 +32,7 @@ _SERIES = 0.004  # of R_max: what the series leaves of a fall in a viscous mater
 _SKEW = 0.5  # of the time of the fall to _STEEP: some agarose, recorded from R_max, falls as if it began at 0.36
 _PARAMETERS = 3  # of the series of a maximum
 _SPAN = 9.0  # squared standard deviations of its time that are possible,
-_CENTRES = 41  # looked for at so many
+_RESOLVED = 0.005  # of the samples' time to so much
 _EVIDENCE = 12.0  # chi-square of a maximum a frame before the first sample over that of the best one
 _SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
@@ -107,13 +107,20 @@ def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noi
         return float(time[first]) - frame, float(time[min(last, len(time) - 1)])
     unit = time[last - 1] - time[first]
     x, y, deviation = (time[first:last] - start) / unit, radius[first:last] / top, noise / top
-    centres = np.linspace(x[0] - frame / unit, x[-1], _CENTRES)
     knee = max(_KNEE, 3.0 * deviation)
-    cost = np.array([_fit_series(x, y, centre=centre, knee=knee)[2] for centre in centres])
-    variance = max(float(np.min(cost)) / (len(x) - _PARAMETERS), deviation**2)
-    possible = centres[cost < np.min(cost) + _SPAN * variance]
-    half = 0.5 * (centres[1] - centres[0])
-    return start + float(possible[0] - half) * unit, start + float(possible[-1] + half) * unit
+    best, _, least = _fit_series(x, y, knee=knee)
+    first_centre, last_centre = float(x[0]) - frame / unit, float(x[-1])
+    best, limit = min(max(best, first_centre), last_centre), max(least / (len(x) - _PARAMETERS), deviation**2) * _SPAN
+
+    def beyond(centre: float) -> float:
+        return _fit_series(x, y, centre=centre, knee=knee)[2] - least - limit
+
+    from scipy.optimize import brentq  # a third of a second to import
+
+    ends = [
+        end if beyond(end) < 0.0 else brentq(beyond, best, end, xtol=_RESOLVED) for end in (first_centre, last_centre)
+    ]
+    return float(start + ends[0] * unit), float(start + ends[1] * unit)
 
 
 def scatter(radius: Floats) -> float:
