@@ -3,6 +3,7 @@ And what a cell of a table may begin with."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -58,6 +59,12 @@ def read_bytes(path: str | Path, most: int) -> bytes:
         raise InputError(f"{str(path)[:200]!r} cannot be read: {reason}", "files.unreadable") from None
     require(len(content) <= most, large, "files.size")
     return content
+
+
+def sha256(path: Path) -> str:
+    """Of the content of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_object(path: str | Path, most: int) -> dict[str, Any]:

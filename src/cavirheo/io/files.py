@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import glob
-import hashlib
 import shutil
 import stat
 import sys
@@ -37,12 +36,6 @@ _temporary: set[Path] = set()
 def file_label(path: Path) -> str:
     """The name of a file as people see it."""
     return path.name if path in _temporary else printable(str(path))
-
-
-def sha256(path: Path) -> str:
-    """Of the content of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager

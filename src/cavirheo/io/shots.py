@@ -14,8 +14,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, numbered, require
+from cavirheo.files import sha256
 from cavirheo.io.curve_tables import ONE_SCALE
-from cavirheo.io.files import file_label, guarded, sha256
+from cavirheo.io.files import file_label, guarded
 from cavirheo.parameters import RADIUS
 from cavirheo.video.frames import is_video
 

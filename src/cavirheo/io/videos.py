@@ -9,7 +9,8 @@ from typing import NamedTuple, Unpack
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, number_of
-from cavirheo.io.files import file_label, guarded, sha256
+from cavirheo.files import sha256
+from cavirheo.io.files import file_label, guarded
 from cavirheo.video.frames import CAMERAS, STACKS
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
