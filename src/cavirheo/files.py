@@ -18,7 +18,7 @@ _FORMULA = re.compile("'*[=+@\uff1d\uff0b\uff0d\uff20-]")
 
 def as_cell(text: str) -> str:
     """The text of a cell, after a ' if a spreadsheet would take it for a formula; a number is none."""
-    return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
+    return f"'{text}" if _FORMULA.match(text) and not is_float(text) else text
 
 
 def as_remark(text: str) -> str:
@@ -31,12 +31,13 @@ def from_cell(cell: str) -> str:
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
 
 
-def _is_number(text: str) -> bool:
+def is_float(text: str) -> bool:
+    """Whether a cell is a number as it stands."""
     try:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text  # Python's 1_000
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from cavirheo.errors import InputError, require, without_unseen
-from cavirheo.files import from_cell
+from cavirheo.files import from_cell, is_float
 from cavirheo.io import limits
 
 CellTexts = list[str]
@@ -204,22 +204,10 @@ def with_points(rows: list[CellTexts]) -> tuple[list[CellTexts], int]:
     ], count
 
 
-def _is_float(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text  # Python's 1_000
-
-
 def is_number(cell: str) -> bool:
     """A number, or what stands for a missing one: nothing, a word such as nan, signs such as ---."""
-    return (
-        _is_float(cell)
-        or cell.strip().lower() in _MISSING
-        or not re.search(r"\w", cell)
-        or bool(_WITH_COMMA.fullmatch(cell))
-    )
+    missing = cell.strip().lower() in _MISSING or not re.search(r"\w", cell)
+    return missing or is_float(cell) or bool(_WITH_COMMA.fullmatch(cell))
 
 
 def number(cell: str) -> float:
@@ -228,7 +216,7 @@ def number(cell: str) -> float:
     Raises:
         InputError: no number ("tabular.number"), or one with a comma of unknown meaning ("tabular.comma").
     """
-    if _is_float(cell):
+    if is_float(cell):
         return float(cell)
     if _WITH_COMMA.fullmatch(cell):
         two = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
@@ -260,4 +248,5 @@ def plain_unit(text: str) -> str:
 def unit_of(written: str, units: Mapping[str, float]) -> str | None:
     """The one of these units that is written so, in any spelling; None for another."""
     unit = plain_unit(written)
-    return next((spelling for spelling in (unit, ALIASES.get(unit)) if spelling in units), None)
+    spellings = (unit, unit.lower(), ALIASES.get(unit), ALIASES.get(unit.lower()))
+    return next((spelling for spelling in spellings if spelling in units), None)

@@ -225,15 +225,14 @@ def _grouped(curves: list[RadiusCurve], group: str) -> list[RadiusCurve]:
     singles = Counter(folder for curve, folder in zip(curves, folders, strict=True) if per_file[curve.source] == 1)
     grouped = []
     for curve, folder in zip(curves, folders, strict=True):
-        with_others = per_file[curve.source] == 1 and singles[folder] > 1
-        if group == "none":
-            curve = curve.with_group(curve.name, curve.source)
-        elif group == "name":
-            stem = stem_of(curve.source)
-            curve = curve.with_group(stem or folder.name, str(folder / stem))
-        elif group == "folder" or (group == "auto" and with_others):
-            curve = curve.with_group(folder.name, str(folder))
-        grouped.append(curve)
+        stem, with_others = stem_of(curve.source), per_file[curve.source] == 1 and singles[folder] > 1
+        groups = {
+            "none": (curve.name, curve.source),
+            "name": (stem or folder.name, str(folder / stem)),
+            "folder": (folder.name, str(folder)),
+        }
+        by = "folder" if group == "auto" and with_others else group
+        grouped.append(curve.with_group(*groups[by]) if by in groups else curve)
     return grouped
 
 
@@ -253,10 +252,8 @@ def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCu
         return scaled, []
     low, high = min(factors, key=factors.__getitem__), max(factors, key=factors.__getitem__)
     option, ends = f"--rmax-um {1e6 * max_radius:g}", f"{factors[low]:.4g} ({low}) to {factors[high]:.4g} ({high})"
-    message = (
-        f"{option} would scale the shots by {ends}, but a wrong scale is one factor for all of them: give the R_max "
-        "of each shot in a column rmax_um of the file, or each shot in a run of its own"
-    )
+    message = f"{option} would scale the shots by {ends}, but a wrong scale is one factor for all of them: "
+    message += "give the R_max of each shot in a column rmax_um of the file, or each shot in a run of its own"
     require(factors[high] <= (1.0 + ONE_SCALE) * factors[low], message, "option.several_scales")
     pixels = any(curve.unscaled for curve in curves)
     return scaled, [option + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]

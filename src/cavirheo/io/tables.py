@@ -20,7 +20,6 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.io.formats import (
-    ALIASES,
     CellTexts,
     Row,
     Sheet,
@@ -29,7 +28,6 @@ from cavirheo.io.formats import (
     number,
     plain,
     plain_title,
-    plain_unit,
     read_sheets,
     unit_of,
 )
@@ -88,10 +86,8 @@ class Vocabulary:
             if kind is None:
                 continue
             written = text[cut.end() :].rstrip("]), ")
-            unit = plain_unit(written)
-            for spelling in (unit, unit.lower(), ALIASES.get(unit), ALIASES.get(unit.lower())):
-                if spelling is not None and spelling in self.terms[kind].units:
-                    return Name(kind, spelling)
+            if unit := unit_of(written, self.terms[kind].units):
+                return Name(kind, unit)
             if re.fullmatch(r"\s*[\[(][^\[\]()]+[\])]\s*", text[cut.start() :]):
                 with_foreign_unit = Name(kind, written)
         kind = self._kinds.get(plain_title(text))
