@@ -83,28 +83,26 @@ def read(path: Path) -> Footage:
 
     Raises InputError, or whatever the libraries raise of a damaged file.
     """
-    reader: Callable[[Path], Footage]
-    if path.is_dir():
-        reader = _folder
-    else:
-        with path.open("rb") as file:
-            head = file.read(4)
-        ending = path.suffix.lower()
-        if head[:2] == b"CI" and ending == ".cine":
-            reader = _cine
-        elif ending in (PIXELS, HEADER):
-            reader = _mraw
-        else:
-            reader = _stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _movie
-    footage = reader(path)
+    footage = _reader(path)(path)
     shape = footage.frames.shape
-    require(len(shape) == 3 and len(footage.frames) > 0, f"no frame in it (shape {shape})", "video.no_frames")
+    require(len(shape) == 3 and shape[0] > 0, f"no frame in it (shape {shape})", "video.no_frames")
     small = f"frames of {shape[2]} x {shape[1]} pixels; at least 16 x 16 are needed"
     require(min(shape[1:]) >= 16, small, "video.small")
-    fine = len(footage.frames) > 1
-    require(fine, "one frame is no recording: a bubble must be seen to grow and collapse", "video.one_frame")
-    damaged = footage.damaged if len(footage.damaged) else np.zeros(len(footage.frames), bool)
-    return replace(footage, damaged=damaged)
+    single = "one frame is no recording: a bubble must be seen to grow and collapse"
+    require(shape[0] > 1, single, "video.one_frame")
+    return footage if len(footage.damaged) else replace(footage, damaged=np.zeros(shape[0], bool))
+
+
+def _reader(path: Path) -> Callable[[Path], Footage]:
+    if path.is_dir():
+        return _folder
+    if (ending := path.suffix.lower()) in (PIXELS, HEADER):
+        return _mraw
+    with path.open("rb") as file:
+        head = file.read(4)
+    if ending == ".cine" and head[:2] == b"CI":
+        return _cine
+    return _stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _movie
 
 
 def need(library: str) -> None:
@@ -302,22 +300,21 @@ def _cine(path: Path) -> Footage:
         warnings.append(_cut_short(n, count))
     time = exposure = None
     if len(blocks.get(1002, b"")) >= 8 * n and n > 1:
-        stamps = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64)
-        time = (stamps[:, 1] - stamps[0, 1]) + (stamps[:, 0] - stamps[0, 0]) / 2**32
-        stamped, increases = (n - 1) / max(float(time[-1]), 1e-12), bool(np.all(np.diff(time) > 0))
-        if increases and np.all(np.abs(time * stamped - np.arange(n)) < _STEADY):  # stamps are rounded, often to 1 us
-            time = np.arange(n) / stamped
-        if increases:
+        parts, seconds = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64).T
+        time = (seconds - seconds[0]) + (parts - parts[0]) / 2**32
+        if np.all(np.diff(time) > 0):
+            stamped = (n - 1) / max(float(time[-1]), 1e-12)
+            if np.all(np.abs(time * stamped - np.arange(n)) < _STEADY):  # stamps are rounded, often to 1 us
+                time = np.arange(n) / stamped
             notes.append(f"{stamped:.6g} frames per second by the time stamps of the .cine file")
+            if rate and abs(stamped / rate - 1.0) > 0.01:
+                warnings.append(Message("check_input.camera_clock", {"header": rate, "stamps": stamped}))
         else:
             time = None
             warnings.append(Message("check_input.time_stamps"))
-        if increases and rate and abs(stamped / rate - 1.0) > 0.01:
-            warnings.append(Message("check_input.camera_clock", {"header": float(rate), "stamps": stamped}))
     if len(blocks.get(1003, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
-    times: dict[str, Any] = {"time": time, "frame_rate": rate or None, "exposure": exposure}
-    return replace(movie, notes=tuple(notes), warnings=tuple(warnings), **times)
+    return Footage(movie.frames, time, rate or None, exposure, None, movie.damaged, tuple(notes), tuple(warnings))
 
 
 def _cut_short(frames: int, stated: float, precision: str = "") -> Message:
