@@ -39,6 +39,7 @@ VOCABULARY = Vocabulary(
         "name": Term("shot curve name"),
     },
     "expected a header such as rmax_um,stretch,t1_us",
+    ("R_max", "t_1"),
     dict.fromkeys(("no_unit", "unit"), "collapse_time.unit")
     | {"twice": "collapse_time.twice", "rows": "collapse_time.no_rows"},
 )
@@ -214,7 +215,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         columns, names, notes = _array(path), list[str](), [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
         if columns is None:
             try:
-                (table,) = read_columns(path, VOCABULARY, ("R_max", "t_1"))
+                (table,) = read_columns(path, VOCABULARY)
             except InputError as error:
                 if error.code.startswith(_OF_A_TABLE):
                     raise

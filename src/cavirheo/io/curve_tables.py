@@ -76,11 +76,11 @@ CURVES = Vocabulary(
         "curve": Term("curve shot"),
     },
     _ADVICE,
+    need=("time|frame", "radius|diameter"),
     codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
     fallback=_of_one_shot,
     bare=True,
 )
-_NEED = ("time|frame", "radius|diameter")
 
 
 def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
@@ -89,7 +89,7 @@ def read(path: Path, density: float, pressure: float, frame_rate: float | None =
     Raises:
         InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
     """
-    (table,) = read_columns(path, CURVES, _NEED)
+    (table,) = read_columns(path, CURVES)
     curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
     notes = ["read from the first sheet of the workbook"] if table.sheet else []
     return [curve.with_notes(*notes) for curve in curves] if notes else curves
