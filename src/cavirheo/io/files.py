@@ -61,9 +61,8 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
     except Exception as error:  # damaged files make the libraries below raise nearly anything
         if isinstance(error, PermissionError):
             raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
-        reason = f"it may be damaged ({type(error).__name__}: {str(error)[:300]})"
-        message = "; ".join(filter(None, (f"{name} cannot be read, {reason}", expected)))
-        raise InputError(message, "reading.damaged") from error
+        message = f"{name} cannot be read, it may be damaged ({type(error).__name__}: {str(error)[:300]})"
+        raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from error
 
 
 def _check(path: Path, name: str) -> None:

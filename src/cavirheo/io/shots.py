@@ -87,8 +87,8 @@ def read_curves(
         curves = _read(head, path, density, pressure, frame_rate_hz)
         require(len(curves) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
         origin: dict[str, Any] = {"group": path.stem, "source": file_label(path), "source_sha256": sha256(path)}
-        labels = [path.stem] if len(curves) == 1 else []
-        labels = labels or [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
+        labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
+        labels = labels if len(curves) > 1 else [path.stem]
         chosen = selected(list(zip(curves, labels, strict=True)), shots)
         return [with_maximum_notes(curve.labelled(name=label, **origin)) for curve, label in chosen]
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import require
 from cavirheo.video.frames import Pixels, need
 
 _FINE = 3  # parts of a pixel's side that are drawn
@@ -124,8 +124,7 @@ def render(time: ArrayLike, radius: ArrayLike, *, frames: int, scene: Scene | No
     require(scene.bits in range(8, 17), f"8 to 16 bits, got {scene.bits}", "render.bits")
     camera = _Camera(time, radius, scene, np.random.default_rng(seed))
     first = scene.empty + scene.flash + scene.dark_frames
-    if frames <= first:
-        raise InputError(f"{frames} frames, and {first} before the bubble", "render.frames")
+    require(frames > first, f"{frames} frames, and {first} before the bubble", "render.frames")
     shots = [camera.expose(k, k - first + 0.5) for k in range(frames)]
     images, true, turned, centres = zip(*shots, strict=True)
     return Film(np.stack(images), np.array(true), np.array(turned), np.array(centres))
