@@ -94,14 +94,12 @@ def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], No
     """
     n = len(stage.frames)
     patches_of = {i: outline.patches(stage, i) for i in map(int, np.flatnonzero(stage.kinds == ""))}
-    chosen, elsewhere = _one_bubble(patches_of, n)
+    chosen, _ = _one_bubble(patches_of, n)
     levels = [patch.inside for patch in chosen.values() if patch.radius > 10 and np.isfinite(patch.inside)]
     stage = refined(stage, {i: (patch.x, patch.y, patch.radius) for i, patch in chosen.items()})
     if levels:
         stage = replace(stage, depth=stage.depth * float(np.median(levels)))
-    for i in patches_of:
-        if not patches_of[i]:
-            patches_of[i] = outline.patches(stage, i)
+    patches_of = {i: found or outline.patches(stage, i) for i, found in patches_of.items()}
     chosen, elsewhere = _one_bubble(patches_of, n)
     twins = sum(
         any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches_of[i])
