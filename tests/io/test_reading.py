@@ -462,6 +462,7 @@ BOOKS = {
     "heading and commas": lambda path: write_xlsx(
         path, {"a": [["Bubble data"], [None], ["Zeit", "Radius"], ["µs", "µm"], *COMMAS]}
     ),
+    "tab without a name": lambda path: write_xlsx(path, {"": sheet(US, UM)}),
     "open document": lambda path: write_ods(path, "".join(map(ods_row, sheet(US, UM)))),
     **{
         f"{name} text": lambda path, name=name: path.write_bytes(("time_µs,radius_µm\n" + PLAIN).encode(name))
