@@ -90,6 +90,12 @@ def mat_that_unpacks_to_gigabytes(path):
     mat(path, *huge)
 
 
+@bomb("mat", "limits.unpacked")
+def mat_that_unpacks_to_all_that_is_read_and_more(path):
+    exact = array("Rnew", 9, bytes(20_000_000 - 64), shape=(1, 2_499_992))
+    mat(path, deflated(exact), deflated(array("t", 9, bytes(24_000_000))))
+
+
 @bomb("mat", "limits.numbers")
 def mat_of_ten_million_bytes_as_numbers(path):
     mat(path, deflated(array("Rnew", 2, bytes(10_000_000))), array("t", 9, bytes(80)))

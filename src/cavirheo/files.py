@@ -3,6 +3,7 @@ And what a cell of a table may begin with."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -17,7 +18,7 @@ _FORMULA = re.compile("'*[=+@\uff1d\uff0b\uff0d\uff20-]")
 
 def as_cell(text: str) -> str:
     """The text of a cell, after a ' if a spreadsheet would take it for a formula; a number is none."""
-    return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
+    return f"'{text}" if _FORMULA.match(text) and not is_float(text) else text
 
 
 def as_remark(text: str) -> str:
@@ -30,12 +31,13 @@ def from_cell(cell: str) -> str:
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
 
 
-def _is_number(text: str) -> bool:
+def is_float(text: str) -> bool:
+    """Whether a cell is a number as it stands."""
     try:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text  # Python's 1_000
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:
@@ -58,6 +60,12 @@ def read_bytes(path: str | Path, most: int) -> bytes:
         raise InputError(f"{str(path)[:200]!r} cannot be read: {reason}", "files.unreadable") from None
     require(len(content) <= most, large, "files.size")
     return content
+
+
+def sha256(path: Path) -> str:
+    """Of the content of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_object(path: str | Path, most: int) -> dict[str, Any]:

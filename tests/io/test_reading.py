@@ -400,6 +400,7 @@ PLAIN, GERMAN, TABS = lines(",", US, UM), lines(";", US, UM, comma=True), lines(
 META = "Camera: Phantom v2512\nOperator: A, B\n\n"
 ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "metres": ("t (s);R (mm)\n" + "".join(map("{:.9g};{:.9g}\n".format, TIME, 1e3 * RADIUS)), ""),
+    "minus signs": ("time_us,radius_um\n" + PLAIN.replace("-", "−"), ""),
     "capitals": (" TIME_US , Radius_µm \n" + PLAIN, ""),
     "German": ("Zeit (µs);Blasenradius (µm)\n" + GERMAN, "360 decimal commas"),
     "French": ("temps (µs);rayon de la bulle (µm)\n" + GERMAN, "decimal commas"),
@@ -409,6 +410,7 @@ ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
     "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
     "unit row": ("Time,Radius\nus,um\n" + PLAIN, "units from the row below the titles: us, um"),
+    "capital unit row": ("Time_us,Radius\nUS,UM\n" + PLAIN, "below the titles: US, UM"),
     "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
     "an empty first frame": ("time_us,R_um,shot\n,,A\n" + PLAIN.replace("\n", ",A\n"), "1 of 181 frames without"),
@@ -460,6 +462,7 @@ BOOKS = {
     "heading and commas": lambda path: write_xlsx(
         path, {"a": [["Bubble data"], [None], ["Zeit", "Radius"], ["µs", "µm"], *COMMAS]}
     ),
+    "tab without a name": lambda path: write_xlsx(path, {"": sheet(US, UM)}),
     "open document": lambda path: write_ods(path, "".join(map(ods_row, sheet(US, UM)))),
     **{
         f"{name} text": lambda path, name=name: path.write_bytes(("time_µs,radius_µm\n" + PLAIN).encode(name))

@@ -41,7 +41,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("watch", "errors parallel physics posterior curve io inference workflow reporting writing"),
     (
         "companions",
-        "errors parallel parameters landmarks posterior curve io physics inference reporting writing workflow",
+        "errors files parallel parameters landmarks posterior curve io physics inference reporting writing workflow",
     ),
     (
         "app",

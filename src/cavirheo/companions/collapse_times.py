@@ -14,9 +14,10 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
+from cavirheo.files import sha256
 from cavirheo.inference import input_checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
-from cavirheo.io.files import file_label, guarded, sha256
+from cavirheo.io.files import file_label, guarded
 from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
 from cavirheo.io.matlab import read_variables
 from cavirheo.io.shots import Chosen, read_shots, selected
@@ -38,6 +39,7 @@ VOCABULARY = Vocabulary(
         "name": Term("shot curve name"),
     },
     "expected a header such as rmax_um,stretch,t1_us",
+    ("R_max", "t_1"),
     dict.fromkeys(("no_unit", "unit"), "collapse_time.unit")
     | {"twice": "collapse_time.twice", "rows": "collapse_time.no_rows"},
 )
@@ -212,7 +214,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         columns, names, notes = _array(path), list[str](), [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
         if columns is None:
             try:
-                (table,) = read_columns(path, VOCABULARY, ("R_max", "t_1"))
+                (table,) = read_columns(path, VOCABULARY)
             except InputError as error:
                 if error.code.startswith(_OF_A_TABLE):
                     raise

@@ -74,6 +74,7 @@ _CONSTANTS = _SETTINGS[_SETTINGS.index("density") :]
 _VOCABULARY = Vocabulary(
     {name: Term(name) for name in _COLUMNS},
     f"expected a first line of the titles {','.join(_COLUMNS)}, of which set is needed",
+    ["set"],
     {"columns": NO_SETS, "empty": NO_SETS, "rows": "references.no_set", "width": "references.cells"},
 )
 
@@ -107,7 +108,7 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
         InputError: the file cannot be read or has a mistake (line, column, what was expected).
     """
     with guarded(Path(path)):
-        (table,) = read_columns(Path(path), _VOCABULARY, ("set",))
+        (table,) = read_columns(Path(path), _VOCABULARY)
     names = [_VOCABULARY.name(title) for title in table.titles]
     for title, (kind, unit, _) in zip(table.titles, names, strict=True):
         place = f"{path}, line {table.line}, column {title or '(empty)'}"

@@ -23,7 +23,8 @@ from scipy.interpolate import PchipInterpolator
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, printable, require
-from cavirheo.io.files import file_label, guarded, sha256
+from cavirheo.files import sha256
+from cavirheo.io.files import file_label, guarded
 from cavirheo.io.tables import Table, Term, Vocabulary, read_columns
 from cavirheo.reporting.group import Published, PublishedValue
 from cavirheo.reporting.record import Result
@@ -92,6 +93,7 @@ VOCABULARY = Vocabulary(  # as exported, in English, German and French, as the p
         "interval": Term("actionname interval intervalno step stepname segment sweep sample run repeat replicate test"),
     },
     "expected a header such as omega (rad/s), G' (Pa), G'' (Pa) or strain (%), G' (Pa), G'' (Pa)",
+    ("storage", "loss"),
     {"columns": "rheometer.no_moduli", "empty": "rheometer.empty", "rows": _NO_SWEEP, "twice": "rheometer.two_columns"}
     | {"no_unit": "rheometer.no_unit", "unit": "rheometer.unknown_unit"},
     sections=True,
@@ -285,7 +287,7 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     sweeps: list[Sweep] = []
     refusals: list[str] = []
     with guarded(path):
-        parts = [part for table in read_columns(path, VOCABULARY, ("storage", "loss")) for part in _intervals(table)]
+        parts = [part for table in read_columns(path, VOCABULARY) for part in _intervals(table)]
         for number, (label, table) in enumerate(parts, 1):
             try:
                 sweeps.append(_sweep(table, label or (str(number) if len(parts) > 1 else "")))

@@ -76,11 +76,11 @@ CURVES = Vocabulary(
         "curve": Term("curve shot"),
     },
     _ADVICE,
+    need=("time|frame", "radius|diameter"),
     codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
     fallback=_of_one_shot,
     bare=True,
 )
-_NEED = ("time|frame", "radius|diameter")
 
 
 def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
@@ -89,30 +89,27 @@ def read(path: Path, density: float, pressure: float, frame_rate: float | None =
     Raises:
         InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
     """
-    (table,) = read_columns(path, CURVES, _NEED)
+    (table,) = read_columns(path, CURVES)
     curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
     notes = ["read from the first sheet of the workbook"] if table.sheet else []
     return [curve.with_notes(*notes) for curve in curves] if notes else curves
 
 
 def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
-    shot, std, max_radius = map(table.only, ("curve", "radius_std", "max_radius"))
-    stretches = [column for column in map(table.only, ("stretch", "stretch_std")) if column]
+    shot, std, max_radius, *stretches = map(table.only, ("curve", "radius_std", "max_radius", "stretch", "stretch_std"))
     radii, radius_notes = _radii(table)
     clock, time_unit, clock_notes = _clock(table, frame_rate)
-    units = {column.unit for column in radii}
-    fine = time_unit in (None, *TIME_UNITS) and units <= {None, *RADIUS_UNITS}
-    radius_units = " and ".join(str(column.unit) for column in radii[:2])
-    message = f"the header {table.titles} gives time in {time_unit} and radius in {radius_units}"
+    units = [column.unit for column in radii]
+    fine = time_unit in (None, *TIME_UNITS) and {*units} <= {None, *RADIUS_UNITS}
+    message = f"the header {table.titles} gives time in {time_unit} and radius in {' and '.join(map(str, units[:2]))}"
     require(fine, message, "table.units")
     notes = [*table.notes, *radius_notes, *clock_notes]
-    deviation = None
+    deviation = np.full(len(clock), np.nan)
     if std and len(radii) > 1:
         notes.append(f"{std.title!r} is not used: there are {len(radii)} columns of radii")
     elif std:
-        std_unit = std.unit or radii[0].unit
-        message = f"radius is in {radii[0].unit} but radius_std in {std_unit}; give both in one unit"
-        require(std_unit == radii[0].unit, message, "table.units")
+        message = f"radius is in {units[0]} but radius_std in {std.unit}; give both in one unit"
+        require(std.unit in (None, units[0]), message, "table.units")
         deviation = std.numbers
     message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other" if shot else ""
     require(not shot or len(radii) == 1, message, "table.twice")
@@ -130,7 +127,7 @@ def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
             curve = make_curve(
                 clock[rows],
                 radius[rows],
-                None if deviation is None else deviation[rows],
+                deviation[rows],
                 time_unit=time_unit,
                 radius_unit=column.unit,
                 notes=(*notes, *stretch_notes),
@@ -152,18 +149,18 @@ def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCur
     RADIUS.check(column.title, size := sizes[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
         factor = size / curve.max_radius
-        scaled = (
-            "radii scaled to it" if abs(factor - 1.0) < ONE_SCALE else f"radii of {curve.name} scaled by {factor:.3g}"
-        )
+        scaled = "radii scaled to it"
+        if abs(factor - 1.0) >= ONE_SCALE:
+            scaled = f"radii of {curve.name} scaled by {factor:.3g}"
         hint = f"R_max of each shot as the column {column.title!r} has it: {scaled}"
         return curve.labelled(hints=(*curve.hints, hint)).with_max_radius(size)
     return curve
 
 
-def _stated_stretch(columns: list[Column], rows: list[int]) -> tuple[dict[str, Any], list[str]]:
+def _stated_stretch(columns: list[Column | None], rows: list[int]) -> tuple[dict[str, Any], list[str]]:
     """What columns state of the stretch of one curve, and notes; one that changes from frame to frame is another."""
     meta, notes = dict[str, Any](), list[str]()
-    for column in columns:
+    for column in filter(None, columns):
         values = {float(value) for value in column.numbers[rows] if np.isfinite(value)}
         if len(values) == 1:
             meta[column.name.kind] = values.pop()
@@ -206,9 +203,9 @@ def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, 
         idle = ["the frame rate that is given is not used: the file has times"] if frame_rate else []
         return time.numbers, time.unit, idle
     assert frame is not None  # a header without times has frames
-    message = f"{frame.title!r} has numbers of frames and no times: give the frame rate (--fps 1e6)"
-    require(frame_rate is not None, message, "table.frame_rate")
-    assert frame_rate is not None
+    if frame_rate is None:
+        message = f"{frame.title!r} has numbers of frames and no times: give the frame rate (--fps 1e6)"
+        raise InputError(message, "table.frame_rate")
     FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
     note = f"times of the numbers in {frame.title!r} at {frame_rate:.6g} frames per second, as given"
     return frame.numbers / frame_rate, "s", [note]
@@ -243,11 +240,11 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
 def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     """Write `time_us,radius_um` (and `radius_std_um`, and what the file stated of the stretch, where known), one row
     per frame, ten digits, nan for no radius. remark: a line above them, after "# "."""
-    columns = {"time_us": curve.time, "radius_um": curve.radius}
+    columns = {"time_us": 1e6 * curve.time, "radius_um": 1e6 * curve.radius}
     if np.isfinite(curve.radius_std).any():
-        columns["radius_std_um"] = curve.radius_std
-    columns = {name: 1e6 * values for name, values in columns.items()}
-    for name, value in (("stretch", curve.stretch), ("stretch_std", curve.stretch_std)):
-        columns |= {} if value is None else {name: np.full(len(curve.time), value)}
-    rows = zip(*([f"{value:.10g}" for value in values] for values in columns.values()), strict=True)
-    write_rows(path, list(columns), (dict(zip(columns, row, strict=True)) for row in rows), remark)
+        columns["radius_std_um"] = 1e6 * curve.radius_std
+    stated = {"stretch": curve.stretch, "stretch_std": curve.stretch_std}
+    columns |= {name: np.full(len(curve.time), value) for name, value in stated.items() if value is not None}
+    rows = zip(*columns.values(), strict=True)
+    texts = ({name: f"{value:.10g}" for name, value in zip(columns, row, strict=True)} for row in rows)
+    write_rows(path, list(columns), texts, remark)

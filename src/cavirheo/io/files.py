@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import glob
-import hashlib
 import shutil
 import stat
 import sys
@@ -12,6 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from os.path import exists, isdir  # of names that no file can have, too
 from pathlib import Path
 
 import numpy as np
@@ -39,12 +39,6 @@ def file_label(path: Path) -> str:
     return path.name if path in _temporary else printable(str(path))
 
 
-def sha256(path: Path) -> str:
-    """Of the content of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 @contextmanager
 def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator[None]:
     """Around the reading of a file, or a folder if it may be one: what goes wrong becomes an InputError that names it.
@@ -67,9 +61,8 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
     except Exception as error:  # damaged files make the libraries below raise nearly anything
         if isinstance(error, PermissionError):
             raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
-        reason = f"it may be damaged ({type(error).__name__}: {str(error)[:300]})"
-        message = "; ".join(filter(None, (f"{name} cannot be read, {reason}", expected)))
-        raise InputError(message, "reading.damaged") from error
+        message = f"{name} cannot be read, it may be damaged ({type(error).__name__}: {str(error)[:300]})"
+        raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from error
 
 
 def _check(path: Path, name: str) -> None:
@@ -102,11 +95,10 @@ def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda 
         path = Path(argument)
         if str(argument) == "-":
             paths.append(_standard_input())
-        elif _is(path.is_dir):
+        elif isdir(path):
             paths += _of_folder(path, say)
-        elif not _is(path.exists) and glob.has_magic(str(path)):
-            matches = [Path(name) for name in sorted(glob.glob(str(path), recursive=True))]
-            matches = [match for match in matches if not _is(match.is_dir)]
+        elif not exists(path) and glob.has_magic(str(path)):
+            matches = [Path(name) for name in sorted(glob.glob(str(path), recursive=True)) if not isdir(name)]
             message = f"{path}: no file matches; give the names of files, or of the folder that holds them"
             require(bool(matches), message, "files.no_match")
             paths += matches
@@ -115,17 +107,10 @@ def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda 
     return without_headers(paths)
 
 
-def _is(test: Callable[[], bool]) -> bool:
-    try:
-        return test()
-    except (OSError, ValueError):  # a name that is too long, a folder that may not be entered
-        return False
-
-
 def measurements(folder: Path) -> tuple[list[Path], int]:
     """The measurement files in a folder, sorted, without hidden ones, what cavirheo wrote and the headers of films that
     are there; how many others are there. Raises OSError: the folder may not be listed."""
-    names = sorted(path for path in folder.iterdir() if path.name[0] != "." and not _is(path.is_dir))
+    names = sorted(path for path in folder.iterdir() if path.name[0] != "." and not isdir(path))
     names_here = {path.name for path in names}
     foreign = [path for path in names if _OURS.get(path.name) not in names_here]
     taken = [path for path in foreign if path.suffix.lower() in MEASUREMENTS]

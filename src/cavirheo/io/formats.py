@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from cavirheo.errors import InputError, require, without_unseen
-from cavirheo.files import from_cell
+from cavirheo.files import from_cell, is_float
 from cavirheo.io import limits
 
 CellTexts = list[str]
@@ -90,14 +90,14 @@ def read_sheets(path: Path, is_header: IsHeader, *, most: int | None = None) -> 
         limits.few(path.stat().st_size, limits.TEXT, "bytes of text")
         content = path.read_bytes()
         limits.few(content.count(b"\n") + 1, limits.ROWS, "lines")
-        sheets = [text_sheet(_decoded(content), is_header)]
+        sheets = [_text_sheet(_decoded(content), is_header)]
     else:
         from cavirheo.io.workbook import read_workbook
 
-        sheets = [_sheet(name, [Row(*row) for row in rows]) for name, rows in read_workbook(path, most)]
+        sheets = [Sheet(name, [Row(*row) for row in rows]) for name, rows in read_workbook(path, most)]
     for sheet in sheets:
         limits.few(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
-    return sheets
+    return list(map(_with_points, sheets))
 
 
 def kind_of(head: bytes) -> Literal["text", "workbook", "binary"]:
@@ -117,7 +117,7 @@ def _decoded(content: bytes) -> str:
         return content.decode("latin-1")
 
 
-def text_sheet(text: str, is_header: IsHeader) -> Sheet:
+def _text_sheet(text: str, is_header: IsHeader) -> Sheet:
     """The rows of a text; see `read_sheets`."""
     text, invisible = without_unseen(text)
     lines = text.splitlines()
@@ -129,11 +129,11 @@ def text_sheet(text: str, is_header: IsHeader) -> Sheet:
     rows = _rows_with_header(data, is_header)
     if rows is None and comments:
         rows = _rows_with_header([line.lstrip("#% ") for line in lines], is_header)
-    if rows is not None:
-        return _sheet("", rows, notes)
-    sample = [line for line in data if line.strip()][:20]
-    separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
-    return _sheet("", list(_split(data, separator)), notes)
+    if rows is None:
+        sample = [line for line in data if line.strip()][:20]
+        separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
+        rows = list(_split(data, separator))
+    return Sheet("", rows, notes)
 
 
 def _rows_with_header(lines: list[str], is_header: IsHeader) -> list[Row] | None:
@@ -142,10 +142,10 @@ def _rows_with_header(lines: list[str], is_header: IsHeader) -> list[Row] | None
     unclear = False
     for separator in _SEPARATORS:
         candidates = with_words if separator is None or any(separator in line for line in lines) else []
-        if not any(names_columns(row.texts, is_header) for row in _split(candidates, separator)):
+        if not any(is_header(row.texts) for row in _split(candidates, separator)):
             continue
         rows = list(_split(lines, separator))
-        at = next(k for k, row in enumerate(rows) if names_columns(row.texts, is_header))
+        at = next(k for k, row in enumerate(rows) if is_header(row.texts))
         titles, below = rows[at].texts, rows[at + 1 : at + 2]
         if len(titles) == 1:  # nothing separates columns
             return [*rows[: at + 1], *(Row(row.number, [" ".join(row.texts)]) for row in rows[at + 1 :])]
@@ -155,19 +155,6 @@ def _rows_with_header(lines: list[str], is_header: IsHeader) -> list[Row] | None
     message = "titles with spaces in them over columns separated by spaces; separate the columns by commas"
     require(not unclear, message, "tabular.width")
     return None
-
-
-def names_columns(texts: CellTexts, is_header: IsHeader) -> bool:
-    """Whether a row is a header; one of numbers is none."""
-    return not all(map(is_number, texts)) and is_header(texts)
-
-
-def _sheet(name: str, rows: list[Row], notes: tuple[str, ...] = ()) -> Sheet:
-    texts, commas = with_points([row.texts for row in rows])
-    if commas:
-        rows = [row._replace(texts=changed) for row, changed in zip(rows, texts, strict=True)]
-        notes = (*notes, f"{commas} decimal commas")
-    return Sheet(name, rows, notes)
 
 
 def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
@@ -186,40 +173,27 @@ def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
         raise InputError(f"line {reader.line_num}: {error}", "tabular.csv") from None
 
 
-def with_points(rows: list[CellTexts]) -> tuple[list[CellTexts], int]:
-    """(the rows, their numbers with decimal points and plain minus signs; how many had decimal commas).
+def _with_points(sheet: Sheet) -> Sheet:
+    """The sheet, its numbers with decimal points and plain minus signs.
 
     Commas are decimal where no number has a point, and one of them is none between thousands.
     """
-    rows = [[cell.replace("−", "-") if re.match(r"−\d", cell) else cell for cell in texts] for texts in rows]
+    rows = [[cell.replace("−", "-") if re.match(r"−\d", cell) else cell for cell in texts] for _, texts in sheet.rows]
     data = [texts for texts in rows if all(map(is_number, texts))] or rows  # what stands above a table says nothing
     cells = {cell for texts in data for cell in texts}
-    commas = [cell for cell in cells if _WITH_COMMA.fullmatch(cell)]
-    points = any(_WITH_POINT.fullmatch(cell) for cell in cells)
-    if points or all(map(_THOUSANDS.fullmatch, commas)):
-        return rows, 0
-    count = sum(bool(_WITH_COMMA.fullmatch(cell)) for texts in rows for cell in texts)
-    return [
-        [cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in texts] for texts in rows
-    ], count
-
-
-def _is_float(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text  # Python's 1_000
+    notes, commas = sheet.notes, filter(_WITH_COMMA.fullmatch, cells)
+    if not any(map(_WITH_POINT.fullmatch, cells)) and not all(map(_THOUSANDS.fullmatch, commas)):
+        count = sum(bool(_WITH_COMMA.fullmatch(cell)) for texts in rows for cell in texts)
+        rows = [[cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in texts] for texts in rows]
+        notes = (*notes, f"{count} decimal commas")
+    numbers = (number for number, _ in sheet.rows)
+    return Sheet(sheet.name, list(map(Row, numbers, rows)), notes)
 
 
 def is_number(cell: str) -> bool:
     """A number, or what stands for a missing one: nothing, a word such as nan, signs such as ---."""
-    return (
-        _is_float(cell)
-        or cell.strip().lower() in _MISSING
-        or not re.search(r"\w", cell)
-        or bool(_WITH_COMMA.fullmatch(cell))
-    )
+    missing = cell.strip().lower() in _MISSING or not re.search(r"\w", cell)
+    return missing or is_float(cell) or bool(_WITH_COMMA.fullmatch(cell))
 
 
 def number(cell: str) -> float:
@@ -228,7 +202,7 @@ def number(cell: str) -> float:
     Raises:
         InputError: no number ("tabular.number"), or one with a comma of unknown meaning ("tabular.comma").
     """
-    if _is_float(cell):
+    if is_float(cell):
         return float(cell)
     if _WITH_COMMA.fullmatch(cell):
         two = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
@@ -260,4 +234,5 @@ def plain_unit(text: str) -> str:
 def unit_of(written: str, units: Mapping[str, float]) -> str | None:
     """The one of these units that is written so, in any spelling; None for another."""
     unit = plain_unit(written)
-    return next((spelling for spelling in (unit, ALIASES.get(unit)) if spelling in units), None)
+    spellings = (unit, unit.lower(), ALIASES.get(unit), ALIASES.get(unit.lower()))
+    return next((spelling for spelling in spellings if spelling in units), None)

@@ -44,24 +44,23 @@ def read_matfile(path: Path, names_wanted: Container[str]) -> tuple[dict[str, An
     variables: dict[str, Any] = {}
     names: list[str] = []
     for kind, data in _elements(content[128:], order):
+        if kind not in (_MATRIX, _DEFLATED) or not data:
+            continue
+        inflate = zlib.decompressobj()
+        head = inflate.decompress(data, _HEAD) if kind == _DEFLATED else data
+        name = _header(head[8:] if kind == _DEFLATED else head, order)[2]
+        names += [name] if name else []
+        if name not in names_wanted:
+            continue
         if kind == _DEFLATED:
-            inflate = zlib.decompressobj()
-            head = inflate.decompress(data, _HEAD)
-            name = _header(head[8:], order)[2]
-            if name not in names_wanted:
-                names += [name] if name else []
-                continue
-            data = head + inflate.decompress(inflate.unconsumed_tail, left)
-            most = f"{name} unpacks to more than {limits.INFLATED} bytes in all"
-            require(not inflate.unconsumed_tail, most, "limits.unpacked")
-            require(inflate.eof, f"{name} is cut off", _CUT)
+            data = head + inflate.decompress(inflate.unconsumed_tail, max(left, 1))  # 0 would be no limit
             left -= len(data)
+            most = f"{name} unpacks to more than {limits.INFLATED} bytes in all"
+            require(left >= 0 and not inflate.unconsumed_tail, most, "limits.unpacked")
+            require(inflate.eof, f"{name} is cut off", _CUT)
             kind, data = next(_elements(data, order), _NOTHING)
-        if kind == _MATRIX:
-            name, value = _array(data, order, names_wanted)
-            names += [name] if name else []
-            if name and value is not None:
-                variables[name] = value
+        if kind == _MATRIX and (value := _value(data, order, name)) is not None:
+            variables[name] = value
     return variables, names
 
 
@@ -92,26 +91,22 @@ def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterato
     return array_class, struct.unpack(f"{order}{len(shape) // 4}i", shape), name.decode("latin-1"), parts
 
 
-def _array(data: bytes, order: str, names_wanted: Container[str] | None) -> tuple[str, Any]:
-    """(name, value) of one array; the value is None where it is not wanted, or neither real nor a cell array.
-
-    `wanted` None: a cell, which has no name and is read if it holds numbers.
-    """
+def _value(data: bytes, order: str, name: str = "") -> Any:
+    """The numbers of an array, or a list of those of the cells of a cell array; None where it is neither. A cell has no
+    name, and cells in it hold nothing that is read."""
     if not data:
-        return "", np.empty(0)  # how an empty cell is written
-    array_class, shape, name, parts = _header(data, order)
-    if names_wanted is not None and name not in names_wanted:
-        return name, None
-    if array_class == _CELL and names_wanted is not None:  # cells in cells hold nothing that is read
+        return np.empty(0)  # how an empty cell is written
+    array_class, shape, _, parts = _header(data, order)
+    if array_class == _CELL and name:
         arrays: list[Any] = []
         for kind, part in parts:
             if kind == _MATRIX:
-                value = _array(part, order, None)[1]
+                value = _value(part, order)
                 arrays.append(np.empty(0) if value is None else value.ravel(order="F"))
                 limits.few(len(arrays), limits.CURVES, f"cells of {name}")
-        return name, arrays
+        return arrays
     if array_class not in _NUMERIC:
-        return name, None
+        return None
     kind, numbers = next(parts, (9, b""))
     label = name or "a cell"
     require(kind in _NUMBERS, f"{label}: numbers of the unknown type {kind}", _DAMAGED)
@@ -120,5 +115,4 @@ def _array(data: bytes, order: str, names_wanted: Container[str] | None) -> tupl
     limits.few(count, limits.SAMPLES, f"numbers in {label}")
     fits = min(shape, default=0) >= 0 and prod(shape) == count
     require(fits, f"{label}: {count} numbers for an array of the shape {shape}", _DAMAGED)
-    values = np.frombuffer(numbers, item, count).astype(np.float64)
-    return name, values.reshape(shape, order="F")
+    return np.frombuffer(numbers, item, count).astype(np.float64).reshape(shape, order="F")

@@ -112,8 +112,7 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
     count = len(radii)
     require(count == len(times), f"R_nondim_All has {count} cells but t_nondim_All {len(times)}")
     require(count > 0, "R_nondim_All has no cells: no curve", "matlab.cells")
-    shared: list[str] = []
-    hints: list[str] = []
+    shared, hints, meta = list[str](), list[str](), dict[str, Any]()
     constants = {"pressure": pressure, "density": density}
     for word, name, unit in (("pressure", "P_inf", "Pa"), ("density", "rho", "kg/m3")):
         value, of_medium = _scalar(variables, name), constants[word]
@@ -125,7 +124,8 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
             hints += [hint] if abs(value / of_medium - 1.0) > 1e-3 else []
     pressure, density = constants.values()
     shared += hints
-    meta: dict[str, Any] = {"hints": tuple(hints)} if hints else {}
+    if hints:
+        meta["hints"] = tuple(hints)
     stretch, spread = (_scalar(variables, name) for name in ("lambda_max_mean", "lambda_max_std"))
     if stretch is not None:
         meta |= {"stretch": stretch, "stretch_std": spread}
@@ -170,22 +170,18 @@ def _density_warning(rate: float | None, density: float) -> list[Message]:
 
 
 def _imr(variables: Variables) -> list[RadiusCurve]:
-    radius = variables["Rnew"]
-    notes: list[str] = []
-    hints: tuple[str, ...] = ()
+    radius, time, hints, notes = variables["Rnew"], variables.get("t"), list[str](), list[str]()
     pixel, frame = _scalar(variables, "deltax"), _scalar(variables, "deltat")
     if pixel is not None and np.nanmax(radius, initial=0.0) > 1.0:
-        notes.append(f"circle fit in pixels: scaled by deltax = {pixel * 1e6:.5g} um")
-        hints = (notes[-1],)
+        hints.append(f"circle fit in pixels: scaled by deltax = {pixel * 1e6:.5g} um")
         radius = radius * pixel
-    time = variables.get("t")
     if time is None:
-        require(frame is not None, "Rnew without t or a usable deltat")
-        assert frame is not None
+        if frame is None:
+            raise InputError("Rnew without t or a usable deltat")
         notes.append(f"frame times from deltat = {frame * 1e6:.6g} us")
         time = frame * np.arange(radius.size)
     unit = "m" if np.nanmax(radius, initial=0.0) < _LARGEST else None  # some files have um
-    return _rows(time, radius, radius_unit=unit, notes=tuple(notes), hints=hints, time_unit="s")
+    return _rows(time, radius, radius_unit=unit, notes=(*hints, *notes), hints=hints, time_unit="s")
 
 
 def _shifted(variables: Variables) -> list[RadiusCurve]:

@@ -31,6 +31,7 @@ _LISTED = 5  # names in a message
 _DECLARED = Vocabulary(
     {"any": Term("")},
     "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
+    ["any"],
     dict.fromkeys(("columns", "empty"), "column.head") | dict.fromkeys(("number", "comma", "width"), "column.number"),
     fallback=lambda title: Name("any" if title else ""),
 )
@@ -42,6 +43,7 @@ _TRACE = Vocabulary(
         "pressure": Term("p pressure druck pression presion 圧力 压力 壓力", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}),
     },
     "expected a pressure trace with the columns time_us,pressure_kPa",
+    ("time", "pressure"),
     dict.fromkeys(("columns", "empty", "no_unit", "unit"), "trace.header") | {"twice": "trace.twice"},
 )
 
@@ -110,7 +112,7 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
     """The title of the numbers, and the number of each name. Raises InputError: the file is no such table."""
     path = Path(path)
     with guarded(path):
-        (table,) = read_columns(path, _DECLARED, ["any"])
+        (table,) = read_columns(path, _DECLARED)
         two = len(table.titles) == 2 and len(table.columns) == 2
         require(two, f"the titles are {', '.join(table.titles[:3])}; {_DECLARED.expected}", "column.head")
         names, numbers = table.columns
@@ -137,5 +139,5 @@ def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
         InputError: the file cannot be read, has no such columns, or a cell that is no number.
     """
     with guarded(path):
-        (table,) = read_columns(path, _TRACE, ("time", "pressure"))
+        (table,) = read_columns(path, _TRACE)
         return table.column("time").si, table.column("pressure").si, table.notes

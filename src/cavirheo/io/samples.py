@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,23 +19,6 @@ _PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in
 _ABSURD = 1e9  # in any unit; larger numbers are damage and would overflow later
 _SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
 _NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (denormals in one published file)
-
-
-@dataclass
-class _Remarks:
-    """What was done to samples: notes; hints, those of scale and constants; warnings, what makes them doubtful."""
-
-    notes: list[str]
-    hints: list[str]
-    warnings: list[Message] = field(default_factory=list)
-
-    def hint(self, text: str) -> None:
-        self.hints.append(text)
-        self.notes.append(text)
-
-    def warn(self, message: Message) -> None:
-        self.warnings.append(message)
-        self.notes.append(message.text)
 
 
 def unusable(reason: str, fields: Mapping[str, Any] | None = None, **meta: Any) -> RadiusCurve:
@@ -67,66 +49,43 @@ def make_curve(
     """
     t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
-    remarks, fields = _Remarks(list(notes), list(meta.pop("hints", ()))), dict(fields or {})
+    fields = dict(fields or {})
     if len(t) != len(r) or len(std) != len(r):
         return unusable(f"{len(t)} times but {len(r)} radii", fields, **meta)
-    t, r, std = _in_seconds(t, r, std, time_unit, remarks)
-    r, std, unscaled = _in_metres(r, std, radius_unit, remarks)
-    t, r, std = _in_order(t, r, std, remarks)
+    timed = np.abs(t) < _ABSURD
+    t, r, std = t[timed], np.where(np.abs(r) < _ABSURD, r, np.nan)[timed], std[timed]
+    n, missing = len(t), np.count_nonzero(np.isnan(r))
+    per_time, time_hint = _time_scale(t, time_unit)
+    per_radius, radius_hint, unscaled = _radius_scale(_largest(r), radius_unit)
+    t, r, std = t * per_time, r * per_radius, std * per_radius
+    empty = r < _NO_BUBBLE
+    r[empty], std[~(std > 0)] = np.nan, np.nan
+    backwards = np.count_nonzero(np.diff(t) < 0)
+    order = np.argsort(t, kind="stable")
+    first = np.flatnonzero(np.diff(t[order], prepend=-np.inf) > _SAME_TIME)
+    t, r, std = t[order][first], _averaged(r[order], first), _averaged(std[order], first)
+    warnings = (Message("check_input.time_order", {"steps": int(backwards)}),) if backwards else ()
+    remarks = {
+        f"{len(timed) - n} of {len(timed)} frames without a time left out": n < len(timed),
+        time_hint: time_hint,
+        radius_hint: radius_hint,
+        f"{missing} of {n} frames without a radius (NaN)": missing,
+        f"{empty.sum()} frames with radius <= 0 marked as not measured": empty.any(),
+        **{warning.text: True for warning in warnings},
+        f"{n - len(t)} frames repeat a time: the radii of one time averaged": len(t) < n,
+        unscaled: unscaled,
+    }
     steps = np.diff(t)
     step = float(np.median(steps)) if len(steps) > 1 else 0.0
     if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:
         meta.setdefault("frame_rate_hz", 1.0 / step)
-    meta["notes"] = (*remarks.notes, unscaled) if unscaled else tuple(remarks.notes)
-    meta |= {"hints": tuple(remarks.hints)} if remarks.hints else {}
+    meta["notes"] = (*notes, *(remark for remark, applies in remarks.items() if applies))
+    if hints := (*meta.pop("hints", ()), *filter(None, (time_hint, radius_hint))):
+        meta["hints"] = hints
     try:
-        fields = {"unscaled": unscaled, **fields}
-        return RadiusCurve(t, r, std, meta, **fields, warnings=tuple(remarks.warnings))
+        return RadiusCurve(t, r, std, meta, **{"unscaled": unscaled, **fields}, warnings=warnings)
     except InputError as error:  # of no bubble: the others of its file are answered
         return unusable(str(error), fields, **meta)
-
-
-def _in_seconds(
-    t: Floats, r: Floats, std: Floats, unit: str | None, remarks: _Remarks
-) -> tuple[Floats, Floats, Floats]:
-    """The frames that have a time, in s."""
-    timed = np.abs(t) < _ABSURD
-    if missing := np.count_nonzero(~timed):
-        remarks.notes.append(f"{missing} of {len(t)} frames without a time left out")
-    t, r, std = t[timed], r[timed], std[timed]
-    if unit is None:
-        unit = _guess_time_unit(t)
-        remarks.hint(f"no unit given for time: taken as {unit} from its span")
-    return t * TIME_UNITS[unit], r, std
-
-
-def _in_metres(r: Floats, std: Floats, unit: str | None, remarks: _Remarks) -> tuple[Floats, Floats, str]:
-    """(radii in m, NaN where there is none; their deviations; why there is no scale)."""
-    r = np.where(np.abs(r) < _ABSURD, r, np.nan)
-    missing = np.count_nonzero(np.isnan(r))
-    scale, hint, unscaled = _radius_scale(_largest(r), unit)
-    r, std = r * scale, std * scale
-    std[~(std > 0)] = np.nan
-    empty = r < _NO_BUBBLE
-    r[empty] = np.nan
-    if hint:
-        remarks.hint(hint)
-    remarks.notes += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
-    remarks.notes += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
-    return r, std, unscaled
-
-
-def _in_order(t: Floats, r: Floats, std: Floats, remarks: _Remarks) -> tuple[Floats, Floats, Floats]:
-    """Sorted by time, those of one time averaged."""
-    if backwards := np.count_nonzero(np.diff(t) < 0):
-        remarks.warn(Message("check_input.time_order", {"steps": int(backwards)}))
-        order = np.argsort(t, kind="stable")
-        t, r, std = t[order], r[order], std[order]
-    first = np.flatnonzero(np.diff(t, prepend=-np.inf) > _SAME_TIME)
-    if len(first) < len(t):
-        remarks.notes.append(f"{len(t) - len(first)} frames repeat a time: the radii of one time averaged")
-        t, r, std = t[first], _averaged(r, first), _averaged(std, first)
-    return t, r, std
 
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
@@ -159,12 +118,16 @@ def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
     return RADIUS_UNITS[fits[0]], f"{words}: taken as {fits[0]} from its size", ""
 
 
-def _guess_time_unit(t: Floats) -> str:
-    """Recordings of collapsing bubbles last between 1 us and 5 ms: numbers of that span are s or us."""
+def _time_scale(t: Floats, unit: str | None) -> tuple[float, str]:
+    """(seconds per number, a note). Recordings of collapsing bubbles last 1 us to 5 ms: such spans are s or us."""
+    if unit:
+        return TIME_UNITS[unit], ""
     span = float(np.ptp(t)) if len(t) else 0.0
     if len(t) < 2 or 5e-7 <= span <= 5e-3:
-        return "s"
-    if 1.0 <= span <= 5e3:
-        return "us"
-    message = f"the unit of time cannot be told from its span ({span:.4g})"
-    raise InputError(f"{message}; name it in the header, e.g. time_us", "table.time")
+        unit = "s"
+    elif 1.0 <= span <= 5e3:
+        unit = "us"
+    else:
+        message = f"the unit of time cannot be told from its span ({span:.4g})"
+        raise InputError(f"{message}; name it in the header, e.g. time_us", "table.time")
+    return TIME_UNITS[unit], f"no unit given for time: taken as {unit} from its span"

@@ -14,8 +14,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, numbered, require
+from cavirheo.files import sha256
 from cavirheo.io.curve_tables import ONE_SCALE
-from cavirheo.io.files import file_label, guarded, sha256
+from cavirheo.io.files import file_label, guarded
 from cavirheo.parameters import RADIUS
 from cavirheo.video.frames import is_video
 
@@ -86,8 +87,8 @@ def read_curves(
         curves = _read(head, path, density, pressure, frame_rate_hz)
         require(len(curves) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
         origin: dict[str, Any] = {"group": path.stem, "source": file_label(path), "source_sha256": sha256(path)}
-        labels = [path.stem] if len(curves) == 1 else []
-        labels = labels or [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
+        labels = [f"{path.stem}[{curve.meta.get('label', k)}]" for k, curve in enumerate(curves, 1)]
+        labels = labels if len(curves) > 1 else [path.stem]
         chosen = selected(list(zip(curves, labels, strict=True)), shots)
         return [with_maximum_notes(curve.labelled(name=label, **origin)) for curve, label in chosen]
 
@@ -224,15 +225,14 @@ def _grouped(curves: list[RadiusCurve], group: str) -> list[RadiusCurve]:
     singles = Counter(folder for curve, folder in zip(curves, folders, strict=True) if per_file[curve.source] == 1)
     grouped = []
     for curve, folder in zip(curves, folders, strict=True):
-        with_others = per_file[curve.source] == 1 and singles[folder] > 1
-        if group == "none":
-            curve = curve.with_group(curve.name, curve.source)
-        elif group == "name":
-            stem = stem_of(curve.source)
-            curve = curve.with_group(stem or folder.name, str(folder / stem))
-        elif group == "folder" or (group == "auto" and with_others):
-            curve = curve.with_group(folder.name, str(folder))
-        grouped.append(curve)
+        stem, with_others = stem_of(curve.source), per_file[curve.source] == 1 and singles[folder] > 1
+        groups = {
+            "none": (curve.name, curve.source),
+            "name": (stem or folder.name, str(folder / stem)),
+            "folder": (folder.name, str(folder)),
+        }
+        by = "folder" if group == "auto" and with_others else group
+        grouped.append(curve.with_group(*groups[by]) if by in groups else curve)
     return grouped
 
 
@@ -252,10 +252,8 @@ def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCu
         return scaled, []
     low, high = min(factors, key=factors.__getitem__), max(factors, key=factors.__getitem__)
     option, ends = f"--rmax-um {1e6 * max_radius:g}", f"{factors[low]:.4g} ({low}) to {factors[high]:.4g} ({high})"
-    message = (
-        f"{option} would scale the shots by {ends}, but a wrong scale is one factor for all of them: give the R_max "
-        "of each shot in a column rmax_um of the file, or each shot in a run of its own"
-    )
+    message = f"{option} would scale the shots by {ends}, but a wrong scale is one factor for all of them: "
+    message += "give the R_max of each shot in a column rmax_um of the file, or each shot in a run of its own"
     require(factors[high] <= (1.0 + ONE_SCALE) * factors[low], message, "option.several_scales")
     pixels = any(curve.unscaled for curve in curves)
     return scaled, [option + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]

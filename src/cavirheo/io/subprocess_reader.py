@@ -48,13 +48,9 @@ class Reader:
     def __init__(self, seconds: float, *, processes: int = 1, at_once: bool = True) -> None:
         """seconds: that a call may take. at_once: one begins to load, so that the first file need not wait."""
         self.seconds, self._processes = seconds, processes
-        self._free: LifoQueue[_Child] = LifoQueue()  # the one that was used last is warm
-        for _ in range(processes):
-            self._free.put(_Child())
-        if at_once:
-            child = self._free.get()
-            child.begin()
-            self._free.put(child)
+        self._free: LifoQueue[_Child | None] = LifoQueue()  # the one that was used last is warm; None: not begun
+        for k in range(processes):
+            self._free.put(_Child() if at_once and k == processes - 1 else None)
 
     def read(self, files: Sequence[Path | RadiusCurve], **options: Any) -> tuple[list[RadiusCurve], list[str]]:
         """(the curves, why files could not be read and other remarks) of `read_shots`, without the names of folders.
@@ -66,10 +62,8 @@ class Reader:
         contents = [str(file) if isinstance(file, Path) else file for file in files]
         answer = self.ask(paths, (_read, contents, options))
         folder = f"{paths[0].parent}/" if paths else ""
-        problems = answer.problems + answer.remarks + answer.hints
-        return [_without_folders(curve) for curve in answer.curves], [
-            problem.replace(folder, "") for problem in problems
-        ]
+        remarks = [text.replace(folder, "") for text in answer.problems + answer.remarks + answer.hints]
+        return [_without_folders(curve) for curve in answer.curves], remarks
 
     def measure(self, path: Path, images: Path, most: float, say: Report, **options: Any) -> Measurement:
         """As `cavirheo.measure`; the frames, at most so many bytes, are left in the file `images` (.npy) and mapped.
@@ -89,8 +83,8 @@ class Reader:
         slow = f"reading {names} took more than {self.seconds:g} s; is the file damaged, or too long?"
         child = self._free.get()
         try:
-            if not child.alive:
-                child.begin()
+            if child is None or not child.process.is_alive():
+                child = _Child()
             function, *arguments = call
             child.pipe.send_bytes(encode((function.__module__, function.__name__, *arguments)))
             end, answer = monotonic() + self.seconds, 0.0
@@ -99,7 +93,9 @@ class Reader:
                 require(child.pipe.poll(max(end - monotonic(), 0.0)), slow, "app.reading_too_slow")
                 answer = decode(child.pipe.recv_bytes(), KINDS)
         except BaseException as error:  # whatever ended the call, Ctrl-C too, the process is in no known state
-            child.begin()
+            if child is not None:
+                child.end()
+            child = _Child()
             if not isinstance(error, EOFError | OSError):
                 raise
             message = f"{names}: damaged so badly that reading it ended the reader"
@@ -113,33 +109,23 @@ class Reader:
     def close(self) -> None:
         """End the processes, each after the call that it works on."""
         for _ in range(self._processes):
-            self._free.get().end()
+            if child := self._free.get():
+                child.end()
 
 
 class _Child:
     """One process, and the pipe to it."""
 
     def __init__(self) -> None:
-        self._process: Any = None
-        self.pipe: Any = None
-
-    @property
-    def alive(self) -> bool:
-        return self._process is not None and self._process.is_alive()
-
-    def begin(self) -> None:
-        """Anew, if it is there already."""
-        self.end()
         self.pipe, theirs = _SPAWN.Pipe()
-        self._process = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
-        self._process.start()
+        self.process = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
+        self.process.start()
         theirs.close()
 
     def end(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.join()
-            self.pipe.close()
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
 
 
 def _without_folders(curve: RadiusCurve) -> RadiusCurve:

@@ -20,16 +20,13 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.io.formats import (
-    ALIASES,
     CellTexts,
     Row,
     Sheet,
     is_number,
-    names_columns,
     number,
     plain,
     plain_title,
-    plain_unit,
     read_sheets,
     unit_of,
 )
@@ -69,6 +66,7 @@ class Vocabulary:
 
     terms: Mapping[str, Term]
     expected: str  # in a table, for messages
+    need: Sequence[str]  # columns whose titles are a header, "time|frame" for one of two
     codes: Mapping[str, str] = field(default_factory=dict)  # of errors, where they are not "tabular.…"
     fallback: Callable[[str], Name] | None = None  # what a title names that no term does
     sections: bool = False
@@ -88,14 +86,17 @@ class Vocabulary:
             if kind is None:
                 continue
             written = text[cut.end() :].rstrip("]), ")
-            unit = plain_unit(written)
-            for spelling in (unit, unit.lower(), ALIASES.get(unit), ALIASES.get(unit.lower())):
-                if spelling is not None and spelling in self.terms[kind].units:
-                    return Name(kind, spelling)
+            if unit := unit_of(written, self.terms[kind].units):
+                return Name(kind, unit)
             if re.fullmatch(r"\s*[\[(][^\[\]()]+[\])]\s*", text[cut.start() :]):
                 with_foreign_unit = Name(kind, written)
         kind = self._kinds.get(plain_title(text))
         return Name(kind) if kind else with_foreign_unit
+
+    def is_header(self, texts: CellTexts) -> bool:
+        """Whether a row has the titles of all columns that a table needs; one of numbers is none."""
+        kinds = {self.name(cell).kind for cell in texts}
+        return not all(map(is_number, texts)) and all(not kinds.isdisjoint(kind.split("|")) for kind in self.need)
 
     def code(self, mistake: str) -> str:
         return self.codes.get(mistake, f"tabular.{mistake}")
@@ -227,13 +228,12 @@ def single(columns: Sequence[Column]) -> Column | None:
     return columns[0] if columns else None
 
 
-def read_columns(path: Path, vocabulary: Vocabulary, need: Sequence[str]) -> list[Table]:
+def read_columns(path: Path, vocabulary: Vocabulary) -> list[Table]:
     """The table of a text file or of a workbook's first sheet; with sections all tables of all sheets.
 
     Args:
         path: text of any dialect (formats.py), .xlsx, .xls, .xlsb or .ods.
         vocabulary: what columns may hold.
-        need: columns whose titles are a header, "time|frame" for one of two.
 
     Returns:
         The tables, at least one; no row has more cells than there are titles.
@@ -243,39 +243,34 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Sequence[str]) -> lis
             ("rows", where the vocabulary has that code), a row is wider than the titles ("width"), or a column has two
             units ("units"); with the codes of the vocabulary.
     """
-
-    def is_header(texts: CellTexts) -> bool:
-        kinds = {vocabulary.name(cell).kind for cell in texts}
-        return all(not kinds.isdisjoint(needed.split("|")) for needed in need)
-
-    sheets = read_sheets(path, is_header, most=None if vocabulary.sections else 1)
-    tables = [table for sheet in sheets for table in _tables(sheet, vocabulary, is_header)]
+    sheets = read_sheets(path, vocabulary.is_header, most=None if vocabulary.sections else 1)
+    tables = [table for sheet in sheets for table in _tables(sheet, vocabulary)]
     rows = [row.texts for sheet in sheets for row in sheet.rows]
     if not tables and vocabulary.bare and rows and all(map(is_number, rows[0])):
         return [Table(vocabulary, [], sheets[0].rows, list(sheets[0].notes), sheet=sheets[0].name)]
     if not tables:
-        raise _no_titles(rows, vocabulary, need)
+        raise _no_titles(rows, vocabulary)
     filled = "rows" not in vocabulary.codes or any(table.rows for table in tables)
     require(filled, f"a header but no rows of data; {vocabulary.expected}", vocabulary.code("rows"))
     return tables
 
 
-def _no_titles(rows: list[CellTexts], vocabulary: Vocabulary, need: Sequence[str]) -> InputError:
+def _no_titles(rows: list[CellTexts], vocabulary: Vocabulary) -> InputError:
     """That no row is a header: the row that is closest to one, and what it lacks."""
     if not rows:
         return InputError(f"no rows of data; {vocabulary.expected}", vocabulary.code("empty"))
     closest = max(rows, key=lambda row: len({vocabulary.name(cell).kind for cell in row} - {""}))
     kinds = {vocabulary.name(cell).kind for cell in closest}
     titles = ", ".join(repr(title[:30]) for title in closest[:_LISTED])
-    missing = [kind for kind in need if kinds.isdisjoint(kind.split("|"))]
+    missing = [kind for kind in vocabulary.need if kinds.isdisjoint(kind.split("|"))]
     names = " and ".join(vocabulary.label(kind.split("|")[0]) for kind in missing)
     lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}"
     return InputError(f"{lack}; {vocabulary.expected}", vocabulary.code("columns"))
 
 
-def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[CellTexts], bool]) -> Iterator[Table]:
+def _tables(sheet: Sheet, vocabulary: Vocabulary) -> Iterator[Table]:
     """The tables of a sheet: the first one, or with sections each one. Raises InputError as `read_columns`."""
-    headers = (k for k, row in enumerate(sheet.rows) if names_columns(row.texts, is_header))
+    headers = (k for k, row in enumerate(sheet.rows) if vocabulary.is_header(row.texts))
     starts = list(headers if vocabulary.sections else islice(headers, 1))
     for at, end in zip(starts, [*starts[1:], None], strict=False):
         rows, notes = sheet.rows[at + 1 : end], list(sheet.notes)

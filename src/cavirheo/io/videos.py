@@ -9,7 +9,8 @@ from typing import NamedTuple, Unpack
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, number_of
-from cavirheo.io.files import file_label, guarded, sha256
+from cavirheo.files import sha256
+from cavirheo.io.files import file_label, guarded
 from cavirheo.video.frames import CAMERAS, STACKS
 from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
@@ -75,16 +76,15 @@ class Camera(NamedTuple):
 def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -> tuple[Camera, list[str]]:
     """The camera that these texts say; why a recording with this ending cannot be measured so, field by field, empty
     where it can. unscaled: its file is known to state no scale."""
-    values: list[float | None] = []
-    wrong = []
+    values, wrong = list[float | None](), list[str]()
     for text, field in zip(texts, Camera._fields, strict=True):
-        value, why = None, ""
         try:
             value = number_of(text, field.replace("_", " "))
+            why = "" if value is None or 0 < value < inf else "must be a positive number"
         except InputError as error:
-            why = str(error)
+            value, why = None, str(error)
         values.append(value)
-        wrong.append(why if value is None or 0 < value < inf else "must be a positive number")
+        wrong.append(why)
     if values[0] is None and ending not in CAMERAS:
         wrong[0] = wrong[0] or "missing: type the rate of the camera; the file states only how fast it is played"
     if values[1] is None and (ending not in STACKS or unscaled):

@@ -90,7 +90,7 @@ def _write_rows(path: str, most: int, size: int, unpacked: int, most_cells: int,
         rows = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), (sheet.start or (0, 0))[0] + 1)
         chunk = [(0, [metadata.name])]
         while chunk:
-            line = json.dumps([(number, filled) for number, filled in chunk if any(filled)])
+            line = json.dumps([(number, filled) for number, filled in chunk if any(filled) or not number])
             written += len(line)
             _few(written, text, "limits.text holds", "characters")
             print(line)

@@ -200,10 +200,8 @@ def _film(nodes: Any, radii: Any, cameras: Any, seed: int, out_time: Any, out_ra
         else:
             y = np.interp(np.abs(t), node, curve)  # R is even about R_max
         if camera.slow > 0:
-            ahead, behind = (
-                np.interp(np.abs(t + 0.5 * frame), node, curve),
-                np.interp(np.abs(t - 0.5 * frame), node, curve),
-            )
+            ahead = np.interp(np.abs(t + 0.5 * frame), node, curve)
+            behind = np.interp(np.abs(t - 0.5 * frame), node, curve)
             rho = np.exp(-frame / camera.tau)
             y = y + camera.slow * _drifting(rho, n)
             y += camera.late * _drifting(rho, n) * np.sign(t) * (ahead - behind) / frame

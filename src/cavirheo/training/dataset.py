@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import require
+from cavirheo.files import sha256
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
@@ -226,8 +227,7 @@ def survey(data_dir: str | Path) -> Survey:
     for shard in _shards(paths, kind, {}):
         statuses.update(shard.statuses)
     for path in paths:
-        with path.open("rb") as file:
-            whole.update(hashlib.file_digest(file, "sha256").digest())
+        whole.update(bytes.fromhex(sha256(path)))
     head, size = shard.head, sum(path.stat().st_size for path in paths)
     lacking = -(-head["total"] // shard.layout.per_file) - len(paths)
     origin = head["made_by"], head["seed"], head["total"], shard.layout.summary

@@ -120,30 +120,28 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, **head: A
     chosen = data.split(network.card["training"]["seed"])["test"] if of_training else np.flatnonzero(data.ok)
     names, theta = network.outputs, data.theta[chosen]
     truth, predicted = data.truth(names)[chosen], network(data.radius[chosen])
-    result: dict[str, Any] = {
-        "command": "in Python",
-        **head,
-        "model": network.card["name"],
-        "data": {"path": str(data_dir), "problem_id": data.problem.id, "seed": data.seed, "sha256": data.sha256},
-        "part": "test" if of_training else "all",
-        "curves": len(chosen),
-        "failures": data.failures,
-        "outputs": list(names),
-        "metrics": metrics(names, truth, predicted),
-        "breakdown": breakdown(names, data.problem.prior, theta, predicted - truth),
-        "figures": [],
-        "notes": _other_ranges(network, data, theta),
-    }
+    document = Metrics(
+        **{"command": "in Python", **head},
+        model=network.card["name"],
+        data={"path": str(data_dir), "problem_id": data.problem.id, "seed": data.seed, "sha256": data.sha256},
+        part="test" if of_training else "all",
+        curves=len(chosen),
+        failures=data.failures,
+        outputs=list(names),
+        metrics=metrics(names, truth, predicted),
+        breakdown=breakdown(names, data.problem.prior, theta, predicted - truth),
+        notes=_other_ranges(network, data, theta),
+    )
     if outputs is not None:
         if available():
-            draw(outputs, result["metrics"], truth, predicted)
-            result["figures"] = [PICTURE]
+            draw(outputs, document.metrics, truth, predicted)
+            document.figures = [PICTURE]
         else:
-            result["notes"].append("no figures, which need matplotlib: pip install 'cavirheo[plot]'")
-        outputs.write("metrics.json", write_json, Metrics(**result))
-        outputs.write("evaluation.md", Path.write_text, markdown(result), encoding="utf-8")
+            document.notes.append("no figures, which need matplotlib: pip install 'cavirheo[plot]'")
+        outputs.write("metrics.json", write_json, document)
+        outputs.write("evaluation.md", Path.write_text, markdown(document.model_dump()), encoding="utf-8")
         outputs.finish()
-    return Metrics(**result).model_dump(by_alias=True)
+    return document.model_dump(by_alias=True)
 
 
 def _problem(whole: Mapping[str, Any]) -> dict[str, Any]:
@@ -228,7 +226,7 @@ def draw(folder: Outputs, outputs: Mapping[str, Mapping[str, float]], truth: Flo
 def label(name: str) -> str:
     """A name in the prior's scale for people: log10_viscosity -> log10 viscosity (Pa s)."""
     words, unit = natural_name(name).replace("_", " "), parameter_of(name).unit
-    return f"{'log10 ' if name.startswith(LOG10) else ''}{words}{'' if unit == '1' else f' ({unit})'}"
+    return "log10 " * name.startswith(LOG10) + words + f" ({unit})" * (unit != "1")
 
 
 def _heads(columns: Mapping[str, tuple[str, str]]) -> list[str]:

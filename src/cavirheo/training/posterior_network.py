@@ -172,12 +172,9 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         for i, kind in enumerate(self.kinds):
             self.mask[i, used(*kind)] = 1.0
         n = len(curves.kind)
-        identity: dict[str, Any] = self.settings | {"curves": n}
         first_unseen = round((1.0 - VALIDATION) * n)
         first_held = max(first_unseen, n - MOST_HELD)
-        if first_held > first_unseen:
-            identity["held"] = MOST_HELD
-        self.identity = identity
+        self.identity = self.settings | {"curves": n} | ({"held": MOST_HELD} if first_held > first_unseen else {})
         self.train, self.held = np.arange(first_held), np.arange(first_held, n)
         repeated = np.resize(self.held, max(len(self.held), FEWEST_VALIDATED))  # each several times where they are few
         self.validation = film(curves, repeated, 2**31 - 1)
@@ -242,10 +239,8 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         below: dict[str, list[float]] = {name: [] for name in COORDINATES}
         for i, kind in enumerate(recordings.kind.tolist()):
             uniform = torch.rand((DRAWS, len(COORDINATES), self.exported.parts), generator=rng).clamp(1e-9)
-            normal, inputs = (
-                torch.randn((DRAWS, len(COORDINATES)), generator=rng),
-                torch.from_numpy(recordings.inputs[i : i + 1]),
-            )
+            normal = torch.randn((DRAWS, len(COORDINATES)), generator=rng)
+            inputs = torch.from_numpy(recordings.inputs[i : i + 1])
             has, choice = self.mask[kind], -torch.log(-torch.log(uniform))
             z, _, _ = sequential(inputs, one_hot[kind : kind + 1], has, has, choice, normal, normal, nothing)
             share = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)

@@ -78,12 +78,13 @@ class Measured(Document):
 
 def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:
     """The document of a measurement; `warnings`: of the curve in its medium."""
-    top: tuple[float | None, float | None] = None, None
-    collapses, unusable = [], ""
+    landmarks: tuple[float | None, float | None, list[float]] = None, None, []
+    unusable = ""
     try:
-        top, collapses = (curve.max_radius, curve.time_of_max), curve.collapse_times().tolist()
+        landmarks = curve.max_radius, curve.time_of_max, curve.collapse_times().tolist()
     except InputError as error:
         unusable = str(error)
+    max_radius, time_of_max, collapse_times = landmarks
     footage, track = measurement.recording, measurement.track
     return Measured(
         **head,
@@ -100,9 +101,9 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
         optics_sigma_px=track.optics,
         flags=measurement.counts,
         max_radius_px=float(np.nanmax(track.radius)),
-        max_radius_m=top[0],
-        time_of_max_s=top[1],
-        collapse_times_s=collapses,
+        max_radius_m=max_radius,
+        time_of_max_s=time_of_max,
+        collapse_times_s=collapse_times,
         unusable=unusable,
         doubts=warnings,
     )
@@ -110,23 +111,14 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
 
 def write_csv(path: Path, measurement: Measurement) -> None:
     """A row per frame; radii in pixels (radius_px, ...) where there is no scale."""
-    track, scale = measurement.track, measurement.um_per_px.value
-    unit = "um" if scale else "px"
-    lengths = {"radius": track.radius, "radius_std": track.sigma, "systematic": track.systematic}
-    columns = {f"{name}_{unit}": values * (scale or 1.0) for name, values in lengths.items()}
-    columns = {
-        "time_us": measurement.time * 1e6,
-        **columns,
-        "x_px": track.x + measurement.corner[0],
-        "y_px": track.y + measurement.corner[1],
-    }
-    columns |= {"asphericity": track.asphericity, "edge_width_px": track.width, "arc": track.arc}
-    rows = (
-        {name: f"{values[i]:.6g}" if np.isfinite(values[i]) else "" for name, values in columns.items()}
-        | {"time_us": f"{measurement.time[i] * 1e6:.10g}", "flag": track.flags[i], "frame": measurement.first + i}
-        for i in range(len(measurement.time))
-    )
-    document.write_rows(path, [*columns, "flag", "frame"], rows)
+    track, scale, (left, top) = measurement.track, measurement.um_per_px.value, measurement.corner
+    names = list(COLUMNS) if scale else [name.replace("_um", "_px") for name in COLUMNS]
+    lengths = [(scale or 1.0) * values for values in (track.radius, track.sigma, track.systematic)]
+    columns = (*lengths, track.x + left, track.y + top, track.asphericity, track.width, track.arc)
+    numbers = ([f"{value:.6g}" if np.isfinite(value) else "" for value in values] for values in columns)
+    times = [f"{time:.10g}" for time in 1e6 * measurement.time]
+    rows = zip(times, *numbers, track.flags, range(measurement.first, measurement.first + len(times)), strict=True)
+    document.write_rows(path, names, (dict(zip(names, row, strict=True)) for row in rows))
 
 
 def print_table(record: Measured) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import require
 from cavirheo.video.frames import Pixels, need
 
 _FINE = 3  # parts of a pixel's side that are drawn
@@ -84,15 +84,15 @@ class Film:
         how = {".mp4": ("libx264", "yuv420p", {"crf": str(crf)}), ".mkv": ("ffv1", "gray", {})}
         require(path.suffix in how, f"a film is saved as .mp4, .mkv or .tif, got {path.name}", "render.kind")
         codec, kind, options = how[path.suffix]
-        deep = self.frames.dtype == np.uint16
-        require(not (deep and path.suffix == ".mp4"), "16 bits are saved as .mkv or .tif", "render.bits")
-        write_movie(path, self.frames, "gray16le" if deep else "gray", codec, "gray16le" if deep else kind, options)
+        pixels = "gray16le" if self.frames.dtype == np.uint16 else "gray"
+        require(kind == "gray" or pixels == "gray", "16 bits are saved as .mkv or .tif", "render.bits")
+        write_movie(path, self.frames, pixels, codec, pixels if kind == "gray" else kind, options)
 
 
 def write_movie(
     path: Path, frames: Iterable[Pixels], pixel_format: str, codec: str, kind: str, options: dict[str, str]
 ) -> None:
-    """Encode frames of the pixel format `given`, of even height and width; played at 10 frames per second."""
+    """Encode frames (height, width) or (height, width, 3), cut to an even height and width; played at 10 per second."""
     need("av")
     import av
 
@@ -124,8 +124,7 @@ def render(time: ArrayLike, radius: ArrayLike, *, frames: int, scene: Scene | No
     require(scene.bits in range(8, 17), f"8 to 16 bits, got {scene.bits}", "render.bits")
     camera = _Camera(time, radius, scene, np.random.default_rng(seed))
     first = scene.empty + scene.flash + scene.dark_frames
-    if frames <= first:
-        raise InputError(f"{frames} frames, and {first} before the bubble", "render.frames")
+    require(frames > first, f"{frames} frames, and {first} before the bubble", "render.frames")
     shots = [camera.expose(k, k - first + 0.5) for k in range(frames)]
     images, true, turned, centres = zip(*shots, strict=True)
     return Film(np.stack(images), np.array(true), np.array(turned), np.array(centres))
@@ -149,10 +148,8 @@ class _Camera:
         self.x, self.y = x, y
         late = float(np.median(radius[-len(radius) // 5 :]))
         angles, away = rng.uniform(0, 2 * np.pi, scene.satellites), rng.uniform(1.6, 2.6, scene.satellites)
-        around = late * away * np.array([np.cos(angles), np.sin(angles)])
-        self.satellites = [
-            (*place, size) for *place, size in zip(*around, rng.uniform(1.2, 3.0, scene.satellites), strict=True)
-        ]
+        x, y = late * away * np.array([np.cos(angles), np.sin(angles)])
+        self.satellites = list(zip(x, y, rng.uniform(1.2, 3.0, scene.satellites), strict=True))
         minima = np.flatnonzero((radius[1:-1] < radius[:-2]) & (radius[1:-1] <= radius[2:])) + 1
         self.collapses = time[minima]
 
@@ -169,9 +166,8 @@ class _Camera:
             for begin in (0.0, *self.collapses[:2]):
                 if 0.0 < middle - begin < 3.0:
                     away = np.hypot(self.x - centre[0], self.y - centre[1]) - _SHOCK * (middle - begin)
-                    image = image * (
-                        1.0 + 0.35 * np.exp(-((away / 1.5) ** 2)) - 0.35 * np.exp(-((away / 1.5 - 2) ** 2))
-                    )
+                    bright, dark = (np.exp(-((away / 1.5 - behind) ** 2)) for behind in (0, 2))
+                    image = image * (1.0 + 0.35 * bright - 0.35 * dark)
         image = scene.lit * image
         after = number - scene.empty
         if 0 <= after < scene.flash + scene.dark_frames:

@@ -10,6 +10,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from os.path import isdir  # of a name that none can have, too
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -71,11 +72,7 @@ class Footage:
 
 def is_video(path: Path) -> bool:
     """Whether the name is that of a recording: a video, or a folder with images."""
-    try:
-        folder = path.is_dir()
-    except OSError:  # a name that is too long: whoever opens it says so
-        return False
-    return bool(_images(path)) if folder else path.suffix.lower() in ENDINGS
+    return bool(_images(path)) if isdir(path) else path.suffix.lower() in ENDINGS
 
 
 def read(path: Path) -> Footage:
@@ -83,28 +80,26 @@ def read(path: Path) -> Footage:
 
     Raises InputError, or whatever the libraries raise of a damaged file.
     """
-    reader: Callable[[Path], Footage]
-    if path.is_dir():
-        reader = _folder
-    else:
-        with path.open("rb") as file:
-            head = file.read(4)
-        ending = path.suffix.lower()
-        if head[:2] == b"CI" and ending == ".cine":
-            reader = _cine
-        elif ending in (PIXELS, HEADER):
-            reader = _mraw
-        else:
-            reader = _stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _movie
-    footage = reader(path)
+    footage = _reader(path)(path)
     shape = footage.frames.shape
-    require(len(shape) == 3 and len(footage.frames) > 0, f"no frame in it (shape {shape})", "video.no_frames")
+    require(len(shape) == 3 and shape[0] > 0, f"no frame in it (shape {shape})", "video.no_frames")
     small = f"frames of {shape[2]} x {shape[1]} pixels; at least 16 x 16 are needed"
     require(min(shape[1:]) >= 16, small, "video.small")
-    fine = len(footage.frames) > 1
-    require(fine, "one frame is no recording: a bubble must be seen to grow and collapse", "video.one_frame")
-    damaged = footage.damaged if len(footage.damaged) else np.zeros(len(footage.frames), bool)
-    return replace(footage, damaged=damaged)
+    single = "one frame is no recording: a bubble must be seen to grow and collapse"
+    require(shape[0] > 1, single, "video.one_frame")
+    return footage if len(footage.damaged) else replace(footage, damaged=np.zeros(shape[0], bool))
+
+
+def _reader(path: Path) -> Callable[[Path], Footage]:
+    if path.is_dir():
+        return _folder
+    if (ending := path.suffix.lower()) in (PIXELS, HEADER):
+        return _mraw
+    with path.open("rb") as file:
+        head = file.read(4)
+    if ending == ".cine" and head[:2] == b"CI":
+        return _cine
+    return _stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _movie
 
 
 def need(library: str) -> None:
@@ -118,47 +113,47 @@ def _movie(path: Path) -> Footage:
     import av
 
     av.logging.set_level(av.logging.PANIC)
-    frames, notes, warnings, stated = _Growing(), list[str](), list[Message](), 0.0
-    damaged: list[bool] = []
-    try:
-        with av.open(str(path), options=_FFMPEG) as container:
-            require(bool(container.streams.video), "no video in it", "video.no_frames")
-            stream = container.streams.video[0]
-            deep = max((part.bits for part in stream.format.components), default=8) > 8 if stream.format else False
-            lasts = (container.duration or 0) / av.time_base * float(stream.average_rate or 0)
-            stated = stream.frames or 0.98 * lasts - 1.0
-            for frame in container.decode(stream):
-                if not damaged and _coloured(frame.to_ndarray(format="rgb24")):
-                    notes.append(_IN_COLOUR)
-                frames.add(frame.to_ndarray(format="gray16le" if deep else "gray"))
-                damaged.append(bool(frame.is_corrupt))
-    except av.error.FFmpegError as error:
-        require(bool(damaged), f"no frame of a video can be decoded ({error.strerror})", "video.undecodable")
-        warnings.append(Message("check_input.file_damaged", {"frames": len(damaged), "cause": error.strerror}))
+    notes, warnings, damaged, stated = list[str](), list[Message](), list[bool](), 0.0
+
+    def decoded() -> Iterator[Pixels]:
+        nonlocal stated
+        try:
+            with av.open(str(path), options=_FFMPEG) as container:
+                require(bool(container.streams.video), "no video in it", "video.no_frames")
+                stream = container.streams.video[0]
+                deep = max((part.bits for part in stream.format.components), default=8) > 8 if stream.format else False
+                lasts = (container.duration or 0) / av.time_base * float(stream.average_rate or 0)
+                stated = stream.frames or 0.98 * lasts - 1.0
+                for frame in container.decode(stream):
+                    if not damaged and _coloured(frame.to_ndarray(format="rgb24")):
+                        notes.append(_IN_COLOUR)
+                    image = frame.to_ndarray(format="gray16le" if deep else "gray")
+                    damaged.append(bool(frame.is_corrupt))
+                    yield image
+        except av.error.FFmpegError as error:
+            require(bool(damaged), f"no frame of a video can be decoded ({error.strerror})", "video.undecodable")
+            warnings.append(Message("check_input.file_damaged", {"frames": len(damaged), "cause": error.strerror}))
+
+    frames = _joined(decoded())
     if not warnings and len(damaged) < stated:
         warnings.append(_cut_short(len(damaged), stated, "about "))
     bad = np.array(damaged, bool)
     notes += [f"{bad.sum()} damaged frames are left out"] if bad.any() else []
-    return Footage(frames.whole(), damaged=bad, notes=tuple(notes), warnings=tuple(warnings))
+    return Footage(frames, damaged=bad, notes=tuple(notes), warnings=tuple(warnings))
 
 
-class _Growing:
-    """Frames that come one by one, held once. Raises InputError for more than LARGEST, or another size."""
-
-    def __init__(self) -> None:
-        self.held, self.like = bytearray(), np.empty((0, 0))
-
-    def add(self, frame: Pixels) -> None:
-        if not self.held:
-            self.like = frame
-        same = frame.shape == self.like.shape and frame.dtype == self.like.dtype
-        sizes = f"{frame.shape[::-1]} after {self.like.shape[::-1]}"
+def _joined(frames: Iterable[Pixels]) -> Pixels:
+    """(n, height, width) of frames that come one by one, each held once. Raises InputError for more than LARGEST, or
+    another size."""
+    held, like = bytearray(), np.empty((0, 0))
+    for frame in frames:
+        like = like if held else frame
+        same = frame.shape == like.shape and frame.dtype == like.dtype
+        sizes = f"{frame.shape[::-1]} after {like.shape[::-1]}"
         require(same, f"the frames are of several sizes or kinds: {sizes}", "video.sizes")
-        _fits(len(self.held) + frame.nbytes)
-        self.held += frame.tobytes()
-
-    def whole(self) -> Pixels:
-        return np.frombuffer(self.held, self.like.dtype).reshape(-1, *self.like.shape)
+        _fits(len(held) + frame.nbytes)
+        held += frame.tobytes()
+    return np.frombuffer(held, like.dtype).reshape(-1, *like.shape)
 
 
 def _fits(size: float) -> None:
@@ -192,18 +187,12 @@ def _stack(path: Path) -> Footage:
         scale, notes = _tiff_scale(first, imagej)
         notes += (_IN_COLOUR,) if getattr(first, "samplesperpixel", 1) > 2 else ()
         try:
-            images = file.asarray() if imagej.get("images", 1) > pages else _each(file.pages)
+            at_once = imagej.get("images", 1) > pages
+            images = file.asarray() if at_once else _joined(_grey(page.asarray()) for page in file.pages)
         except (ValueError, ImportError):  # a compression that needs another library
-            images = _each(_pillow_pages(path))
+            images = _joined(map(_grey, _pillow_pages(path)))
     images = images.reshape(-1, *images.shape[-2:])
     return Footage(_unsigned(images), um_per_px=scale, notes=notes)
-
-
-def _each(pages: Iterable[Any]) -> Pixels:
-    held = _Growing()
-    for page in pages:
-        held.add(_grey(page if isinstance(page, np.ndarray) else page.asarray()))
-    return held.whole()
 
 
 def _pillow_pages(path: Path) -> Iterator[Pixels]:
@@ -239,13 +228,14 @@ def _folder(path: Path) -> Footage:
     need("PIL")
     from PIL import Image
 
-    frames, names = _Growing(), _images(path)
-    for name in names:
-        with Image.open(name) as image:
-            flat = image.convert("RGB") if image.mode in ("P", "CMYK", "YCbCr") else image
-            frames.add(_grey(np.asarray(flat)))
+    def image_of(path: Path) -> Pixels:
+        with Image.open(path) as image:
+            return _grey(np.asarray(image.convert("RGB") if image.mode in ("P", "CMYK", "YCbCr") else image))
+
+    names = _images(path)
+    frames = _joined(map(image_of, names))
     note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
-    return Footage(_unsigned(frames.whole()), notes=(note,))
+    return Footage(_unsigned(frames), notes=(note,))
 
 
 def _images(folder: Path) -> list[Path]:
@@ -302,22 +292,21 @@ def _cine(path: Path) -> Footage:
         warnings.append(_cut_short(n, count))
     time = exposure = None
     if len(blocks.get(1002, b"")) >= 8 * n and n > 1:
-        stamps = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64)
-        time = (stamps[:, 1] - stamps[0, 1]) + (stamps[:, 0] - stamps[0, 0]) / 2**32
-        stamped, increases = (n - 1) / max(float(time[-1]), 1e-12), bool(np.all(np.diff(time) > 0))
-        if increases and np.all(np.abs(time * stamped - np.arange(n)) < _STEADY):  # stamps are rounded, often to 1 us
-            time = np.arange(n) / stamped
-        if increases:
+        parts, seconds = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64).T
+        time = (seconds - seconds[0]) + (parts - parts[0]) / 2**32
+        if np.all(np.diff(time) > 0):
+            stamped = (n - 1) / max(float(time[-1]), 1e-12)
+            if np.all(np.abs(time * stamped - np.arange(n)) < _STEADY):  # stamps are rounded, often to 1 us
+                time = np.arange(n) / stamped
             notes.append(f"{stamped:.6g} frames per second by the time stamps of the .cine file")
+            if rate and abs(stamped / rate - 1.0) > 0.01:
+                warnings.append(Message("check_input.camera_clock", {"header": rate, "stamps": stamped}))
         else:
             time = None
             warnings.append(Message("check_input.time_stamps"))
-        if increases and rate and abs(stamped / rate - 1.0) > 0.01:
-            warnings.append(Message("check_input.camera_clock", {"header": float(rate), "stamps": stamped}))
     if len(blocks.get(1003, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
-    times: dict[str, Any] = {"time": time, "frame_rate": rate or None, "exposure": exposure}
-    return replace(movie, notes=tuple(notes), warnings=tuple(warnings), **times)
+    return Footage(movie.frames, time, rate or None, exposure, None, movie.damaged, tuple(notes), tuple(warnings))
 
 
 def _cut_short(frames: int, stated: float, precision: str = "") -> Message:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from itertools import starmap
 from math import isfinite
 from pathlib import Path
 from typing import Any, TypedDict
@@ -13,7 +14,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import numbered, require
+from cavirheo.errors import InputError, numbered, require
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE
 from cavirheo.video import frames
@@ -98,9 +99,8 @@ class Measurement:
         listed = numbered(frames, "frames to exclude", "video.exclude", self.first, last)
         left = np.isin(np.arange(self.first, last + 1), listed)
         arrays = {name: array for name, array in vars(self.track).items() if isinstance(array, np.ndarray)}
-        del arrays["flags"]
-        remaining: dict[str, Any] = {name: np.where(left, np.nan, array) for name, array in arrays.items()}
-        track = replace(self.track, **remaining, flags=np.where(left, "excluded", self.track.flags))
+        out = {name: np.where(left, "excluded" if name == "flags" else np.nan, each) for name, each in arrays.items()}
+        track: Track = replace(self.track, **out)  # type: ignore[arg-type]
         require(bool(np.isfinite(track.radius).any()), "all measured frames are excluded", "video.exclude")
         listed = (np.flatnonzero(track.flags == "excluded") + self.first).tolist()
         return replace(self, track=track, options={**self.options, "exclude": digits.ranges(listed)})
@@ -109,14 +109,11 @@ class Measurement:
         """The history; frames that are not used are NaN. Its meta has `flags` (n,). Raises InputError."""
         pixel = (self.um_per_px.value or 1.0) * _PIXEL
         labels = {"notes": self.notes, "flags": tuple(self.track.flags.tolist()), "video": True, **meta}
-        if self.frame_rate.value:
-            labels["frame_rate_hz"] = self.frame_rate.value
-        if self.exposure.value:
-            labels["exposure_s"] = self.exposure.value
-        largest = float(np.nanmax(self.track.radius))
-        message = f"the radius is in pixels (largest {largest:.4g}) without um per pixel; give --um-per-px"
-        unscaled = "" if self.um_per_px.value else message
+        numbers = {"frame_rate_hz": self.frame_rate.value, "exposure_s": self.exposure.value}
+        labels |= {name: value for name, value in numbers.items() if value}
         radius, sigma = self.track.radius * pixel, self.track.sigma * pixel
+        largest = f"the radius is in pixels (largest {np.nanmax(self.track.radius):.4g})"
+        unscaled = "" if self.um_per_px.value else f"{largest} without um per pixel; give --um-per-px"
         return RadiusCurve(self.time, radius, sigma, labels, unscaled=unscaled, warnings=self.warnings)
 
 
@@ -164,15 +161,22 @@ def measure(
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
     whole = frames.read(path)
+    by_camera = {
+        "frames per second": (frame_rate, *_camera_rate(whole)),
+        "seconds of exposure": (exposure, whole.exposure, "the camera's header"),
+        "um per pixel": (um_per_px, whole.um_per_px, "the resolution stored by ImageJ"),
+    }
+    rate, shutter, scale = starmap(_stated, by_camera.values())
+    differ = [
+        Message("check_input.camera_differs", {"given": stated, "what": what, "origin": origin, "value": value})
+        for what, (stated, value, origin) in by_camera.items()
+        if stated and value and abs(stated / value - 1.0) > _DIFFERS
+    ]
+    if rate.value is None:
+        raise InputError(_NO_RATE, "video.frame_rate")
+    FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
     count = len(whole.frames)
-    rate, warnings = _agreed("frames per second", frame_rate, _camera_rate(whole))
-    require(rate.value is not None or whole.time is not None, _NO_RATE, "video.frame_rate")
-    if rate.value is not None:
-        FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
-    shutter, shutter_warnings = _agreed("seconds of exposure", exposure, (whole.exposure, "the camera's header"))
-    scale, scale_warnings = _agreed("um per pixel", um_per_px, (whole.um_per_px, "the resolution stored by ImageJ"))
-    stamped = whole.time is not None and frame_rate is None
-    time = whole.time if stamped and whole.time is not None else np.arange(count) / (rate.value or 1.0)
+    time = np.arange(count) / rate.value if whole.time is None or frame_rate else whole.time
     first, last = span or (1, count)
     footage = whole.part(first, last) if span else whole
     corner = (0, 0)
@@ -183,12 +187,11 @@ def measure(
         require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
         reference_frame -= first - 1
     between = float(np.median(np.diff(time)))
-    message = (
-        f"an exposure of {1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * between:.4g} us between frames"
-    )
-    require(not shutter.value or shutter.value <= 1.001 * between, message, "video.exposure")
+    exposed = shutter.value / between if shutter.value else None
+    longer = f"{1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * between:.4g} us between frames"
+    require(not exposed or exposed <= 1.001, f"an exposure of {longer}", "video.exposure")
     stage = set_stage(footage, polarity, reference_frame)
-    track = follow(stage, shutter.value / between if shutter.value else None, begin(len(footage.frames)))
+    track = follow(stage, exposed, begin(len(footage.frames)))
     options = {
         "polarity": "dark" if stage.depth > 0 else "bright",
         "roi": roi,
@@ -196,7 +199,7 @@ def measure(
         "reference_frame": reference_frame and reference_frame + first - 1,
         "frames_without_bubble": stage.empty,
     }
-    warnings = (*whole.warnings, *warnings, *shutter_warnings, *scale_warnings, *_warnings(track, stage))
+    warnings = (*whole.warnings, *differ, *_warnings(track, stage))
     numbers = time[first - 1 : last], rate, scale, shutter
     measurement = Measurement(track, footage, *numbers, options, whole.notes, warnings, first, corner)
     return measurement if exclude is None else measurement.without(exclude)
@@ -208,18 +211,11 @@ def _camera_rate(recording: Footage) -> tuple[float | None, str]:
     return float(1.0 / np.median(np.diff(recording.time))), "the camera's time stamps"
 
 
-def _agreed(
-    what: str, stated: float | None, camera: tuple[float | None, str]
-) -> tuple[StatedNumber, tuple[Message, ...]]:
-    """The number that counts, the user's before the camera's; a warning where they differ."""
-    value, origin = camera
-    if stated is None:
-        return (StatedNumber(value=value, origin=origin) if value else StatedNumber()), ()
-    number = StatedNumber(value=stated, origin="the user")
-    if not value or abs(stated / value - 1.0) <= _DIFFERS:
-        return number, ()
-    values = {"given": stated, "what": what, "origin": origin, "value": value}
-    return number, (Message("check_input.camera_differs", values),)
+def _stated(stated: float | None, value: float | None, origin: str) -> StatedNumber:
+    """The number that counts, the user's before the camera's."""
+    if stated is not None:
+        return StatedNumber(value=stated, origin="the user")
+    return StatedNumber(value=value, origin=origin) if value else StatedNumber()
 
 
 def _region(images: frames.Pixels, roi: tuple[int, int, int, int]) -> frames.Pixels:
@@ -232,9 +228,7 @@ def _region(images: frames.Pixels, roi: tuple[int, int, int, int]) -> frames.Pix
 
 def _warnings(track: Track, stage: Stage) -> tuple[Message, ...]:
     measured = int(np.isfinite(track.radius).sum())
-    warnings = []
-    if track.twins >= _TWINS * measured:
-        warnings.append(Message("check_input.two_bubbles", {"frames": int(track.twins), "measured": measured}))
-    if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT:
-        warnings.append(Message("check_input.overexposed"))
-    return tuple(warnings)
+    burnt = stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT
+    twins = Message("check_input.two_bubbles", {"frames": track.twins, "measured": measured})
+    warnings = ((twins, track.twins >= _TWINS * measured), (Message("check_input.overexposed"), burnt))
+    return tuple(message for message, applies in warnings if applies)

@@ -68,10 +68,7 @@ def patches(stage: Stage, i: int) -> list[Patch]:
     step = 2 if stage.reference.size >= _BINNED else 1
     covered = np.nan_to_num(stage.covered(i, step=step))
     smooth = covered if step > 1 and stage.noise < 0.05 else uniform_filter(covered, 3)
-    mask = smooth > 0.5
-    marks, count = label(mask)
-    if not count:
-        return []
+    marks, _ = label(smooth > 0.5)
     areas = np.bincount(marks.ravel())[1:] * float(step * step)
     order = np.argsort(areas)[::-1][:4]
     order = order[areas[order] >= 4 + 4 * (step - 1)]
@@ -130,7 +127,6 @@ def _tukey(off: Floats, scale: float) -> Floats:
 def measure(stage: Stage, i: int, rough: Patch) -> Outline | None:
     """The outline near a rough circle in frame i; None where no wall is found."""
     x0, y0, radius, width = rough.x, rough.y, rough.radius, 2.0
-    result = None
     for _ in range(3):  # again where the edge is wider, or elsewhere, than was looked for
         half = float(np.clip(0.25 * radius + 2.0 * width, 6.0, 60.0))
         result = _on_rays(stage, i, x0, y0, radius, half, width)

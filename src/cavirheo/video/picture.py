@@ -9,7 +9,7 @@ from math import floor
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image, ImageColor, ImageDraw
 
 from cavirheo.video.film import write_movie
 from cavirheo.video.measurement import Measurement
@@ -46,9 +46,10 @@ def contact_sheet(measurement: Measurement) -> Image.Image:
 
 def save_sheet(path: Path, sheet: Image.Image) -> None:
     """In greys and the colours of the flags alone."""
-    flags = [int(colour[k : k + 2], 16) for colour in {*COLOURS.values(), GREY} for k in (1, 3, 5)]
+    greys = [(grey, grey, grey) for grey in range(0, 256, 2)]
+    flags = [ImageColor.getrgb(colour) for colour in dict.fromkeys((*COLOURS.values(), GREY))]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([level for grey in range(0, 256, 2) for level in (grey, grey, grey)] + flags)
+    palette.putpalette([level for colour in (*greys, *flags) for level in colour])
     sheet.quantize(palette=palette, dither=Image.Dither.NONE).save(path, "png", optimize=True)
 
 

@@ -24,6 +24,7 @@ _SHALLOW = 4.0  # noises, that a bubble must differ from the background
 _LOOKED_AT = 32  # frames, for the first background
 
 Image = NDArray[np.float32]
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,29 +85,27 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
     moving = binary_opening(high - low > 0.5 * np.percentile(high - low, 99.5))
     moving = moving if moving.any() else high - low >= np.max(high - low)
     down, up = float(np.median((usual - low)[moving])), float(np.median((high - usual)[moving]))
-    sign = {"auto": 1 if down >= up else -1, "dark": 1, "bright": -1}[polarity]
-    swing = down if sign > 0 else up
+    dark = polarity == "dark" or (polarity == "auto" and down >= up)
+    swing = down if dark else -up  # by how much the bubble darkens a pixel
     still = "nothing moves in the recording: no bubble that is darker or brighter than the background"
-    require(swing > _SHALLOW * noise and swing > 0.03 * usual, still, "video.no_bubble")
+    require(abs(swing) > max(_SHALLOW * noise, 0.03 * usual), still, "video.no_bubble")
     # Of a bubble that is never gone, the middle of where things move is always covered.
     within = binary_fill_holes(moving)
-    bare = np.where(within & (sign * (usual - middle) > 0.3 * swing), usual, middle)
-    with_bubble = np.flatnonzero(((sign * (bare - small) > 0.5 * swing) & within).any((1, 2)))
+    bare = np.where(within & ((usual - middle) / swing > 0.3), usual, middle)
+    with_bubble = np.flatnonzero((((bare - small) / swing > 0.5) & within).any((1, 2)))
     empty = normal[: int(with_bubble[0])] if len(with_bubble) else normal[:0]
     empty = empty[:-1] if len(empty) > 2 else empty
-    reference = _first_background(frames, normal, level / usual, empty, sign, swing, usual)
-    if reference_frame is not None:
-        message = f"the reference frame must be 1 to {len(frames)}, got {reference_frame}"
-        require(1 <= reference_frame <= len(frames), message, "video.reference_frame")
+    if reference_frame is None:
+        reference = _first_background(frames, normal, level / usual, empty, swing, usual)
+    else:
         reference = frames[reference_frame - 1].astype(np.float32)
-    depth = swing / usual if sign > 0 else -swing
-    blind = reference < (_OPAQUE * usual if sign > 0 else -1.0)
+    blind = reference < (_OPAQUE * usual if dark else -1.0)
     reference = np.maximum(reference, np.float32(1e-3 * usual))
-    gains, relative = np.ones(len(frames)), sign * swing / usual
+    gains = np.ones(len(frames))
     for i in normal:
-        gains[i] = _gain(frames[i], reference, ~blind, relative)
+        gains[i] = _gain(frames[i], reference, ~blind, swing / usual)
     first = int(empty[-1]) + 1 if len(empty) else 0
-    return Stage(frames, kinds, reference, depth, blind, noise / swing, first, gains)
+    return Stage(frames, kinds, reference, swing / usual if dark else swing, blind, noise / abs(swing), first, gains)
 
 
 def _gain(frame: Pixels, reference: Image, pixels: Bools, depth: float | None = None) -> float:
@@ -135,25 +134,22 @@ def _kinds(small: Image, recording: Footage) -> tuple[NDArray[np.str_], Floats]:
 
 
 def _first_background(
-    frames: Pixels,
-    normal: NDArray[np.intp],
-    gain: Floats,
-    empty: NDArray[np.intp],
-    sign: int,
-    swing: float,
-    usual: float,
+    frames: Pixels, normal: Indices, gain: Floats, empty: Indices, swing: float, usual: float
 ) -> Image:
     """The mean of the frames without a bubble; without them the bright side of each pixel, and where the bubble never
-    goes away a smooth surface."""
+    goes away a smooth surface. swing: by how much a bubble darkens a pixel."""
+
+    def light(chosen: Indices) -> Image:
+        return np.stack([frames[i] / np.float32(gain[i]) for i in chosen])
+
     if len(empty) > 2:
-        return np.asarray(np.mean([frames[i] / np.float32(gain[i]) for i in empty[:_LOOKED_AT]], axis=0), np.float32)
-    chosen = normal[np.unique(np.linspace(0, len(normal) - 1, _LOOKED_AT).astype(int))]
-    stack = np.stack([frames[i] / np.float32(gain[i]) for i in chosen])
-    background = np.asarray(np.percentile(stack, 80 if sign > 0 else 20, axis=0), np.float32)
-    moving = np.ptp(stack, axis=0) > 0.5 * swing
-    hole = binary_fill_holes(binary_opening(moving, iterations=2)) & (sign * (usual - background) > 0.3 * swing)
+        return np.asarray(light(empty[:_LOOKED_AT]).mean(axis=0), np.float32)
+    stack = light(normal[np.unique(np.linspace(0, len(normal) - 1, _LOOKED_AT).astype(int))])
+    background = np.asarray(np.percentile(stack, 80 if swing > 0 else 20, axis=0), np.float32)
+    moving = np.ptp(stack, axis=0) > 0.5 * abs(swing)
+    hole = binary_fill_holes(binary_opening(moving, iterations=2)) & ((usual - background) / swing > 0.3)
     if len(empty):
-        background[hole] = np.mean([frames[i] / np.float32(gain[i]) for i in empty], axis=0)[hole]
+        background[hole] = light(empty).mean(axis=0)[hole]
     elif hole.any():
         background[hole] = smooth_surface(background, ~hole)[hole]
     return background

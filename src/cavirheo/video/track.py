@@ -94,14 +94,12 @@ def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], No
     """
     n = len(stage.frames)
     patches_of = {i: outline.patches(stage, i) for i in map(int, np.flatnonzero(stage.kinds == ""))}
-    chosen, elsewhere = _one_bubble(patches_of, n)
+    chosen, _ = _one_bubble(patches_of, n)
     levels = [patch.inside for patch in chosen.values() if patch.radius > 10 and np.isfinite(patch.inside)]
     stage = refined(stage, {i: (patch.x, patch.y, patch.radius) for i, patch in chosen.items()})
     if levels:
         stage = replace(stage, depth=stage.depth * float(np.median(levels)))
-    for i in patches_of:
-        if not patches_of[i]:
-            patches_of[i] = outline.patches(stage, i)
+    patches_of = {i: found or outline.patches(stage, i) for i, found in patches_of.items()}
     chosen, elsewhere = _one_bubble(patches_of, n)
     twins = sum(
         any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches_of[i])
@@ -127,10 +125,10 @@ def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, P
     for way in (range(largest, n), range(largest - 1, -1, -1)):
         last, gone = peak, 0
         for i in way:
-            candidates = [patch for patch in patches_of.get(i, ()) if _is_near(patch, last)]
-            if candidates:
-                weights = [patch.area / (1.0 + (_distance(patch, last) / 10.0) ** 2) for patch in candidates]
-                last, gone = candidates[int(np.argmax(weights))], 0
+            away = [(patch, hypot(patch.x - last.x, patch.y - last.y)) for patch in patches_of.get(i, ())]
+            near = [(p, d) for p, d in away if d < RULES.jump + 0.5 * max(p.radius, last.radius)]
+            if near:
+                (last, _), gone = max(near, key=lambda pair: pair[0].area / (1.0 + (pair[1] / 10.0) ** 2)), 0
                 chosen[i] = last
             elif i in patches_of:
                 gone += 1
@@ -139,14 +137,6 @@ def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, P
                 if way.step < 0 and gone > RULES.gap:
                     break
     return dict(sorted(chosen.items())), elsewhere
-
-
-def _distance(a: Patch, b: Patch) -> float:
-    return hypot(a.x - b.x, a.y - b.y)
-
-
-def _is_near(a: Patch, b: Patch) -> bool:
-    return _distance(a, b) < RULES.jump + 0.5 * max(a.radius, b.radius)
 
 
 def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:

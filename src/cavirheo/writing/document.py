@@ -28,7 +28,7 @@ from pydantic import (
 from pydantic_core import to_json
 
 from cavirheo.errors import InputError, printable, require
-from cavirheo.files import as_cell, as_remark, read_bytes
+from cavirheo.files import as_cell, as_remark, read_bytes, sha256
 from cavirheo.parameters import Bound
 from cavirheo.writing import claim, digits
 
@@ -232,7 +232,7 @@ class Outputs:
             self.check(name)
             with whole(self.folder / name) as temporary:
                 writer(temporary, *content, **how)
-                entry = {"kind": self.kind, "name": name, "sha256": _sha256(temporary)}
+                entry = {"kind": self.kind, "name": name, "sha256": sha256(temporary)}
                 if self._claim:
                     entry |= {"run": self._claim.key, "command": digits.elide(self._claim.command, 100)}
                 with (self.folder / LIST).open("a", encoding="utf-8") as file:
@@ -280,7 +280,7 @@ class Outputs:
         path, entries = self.folder / name, self._listed.get(name, [])
         if not entries or not path.is_file() or path.is_symlink():
             return None
-        digest = _sha256(path)
+        digest = sha256(path)
         return next((entry for entry in reversed(entries) if entry["sha256"] == digest), None)
 
     def _read(self) -> None:
@@ -308,11 +308,6 @@ def drawing(name: str, failed: list[str]) -> Iterator[None]:
             raise
         _log.info("%s could not be drawn", name, exc_info=True)
         failed.append(f"{name} could not be drawn: {type(error).__name__}: {error}")
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def as_json(document: Document) -> str:
