@@ -1,7 +1,5 @@
 """Curves of known truth, and answers that are not computed, for tests of what is done with answers."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace

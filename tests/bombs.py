@@ -1,7 +1,5 @@
 """Files made to exhaust or to deceive a reader: what writes each, its ending, and the code by which it is refused."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Files for tests as other programs write them: workbooks (.xlsx, .ods, .xls) and MATLAB files of version 7.3."""
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 from base64 import b64decode

@@ -1,7 +1,5 @@
 """`fit` and `fit_many` as tests call them: of the field's bubble alone, with which their shots are simulated."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cavirheo

@@ -1,7 +1,5 @@
 """Which model is chosen, and what is said where other models, or other modes of the same model, answer otherwise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

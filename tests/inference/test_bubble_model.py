@@ -1,7 +1,5 @@
 """Contents, damage, walls and vapour in the inference: what was simulated is found again, and says what it is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

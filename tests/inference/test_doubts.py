@@ -1,7 +1,5 @@
 """A warning on the recording or its settings decides the verdict and stands in the messages."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """The least-squares fit: truth recovered, nuisances, bounds, failures, windows, what it says of itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

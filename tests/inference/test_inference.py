@@ -1,7 +1,5 @@
 """The paper's network on shots of known truth, the true scale, and every way to fail."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

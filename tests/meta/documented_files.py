@@ -1,7 +1,5 @@
 """Files under the names that the pages' commands use, from what comes with the package."""
 
-from __future__ import annotations
-
 import csv
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The plan of the packages (docs/architecture.md) holds: imports run one way, and extras stay optional."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

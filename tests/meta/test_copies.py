@@ -1,7 +1,5 @@
 """What a user holds can be pickled, copied and handed to other libraries, and is then the same."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 import pickle

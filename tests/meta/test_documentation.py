@@ -1,7 +1,5 @@
 """Every command, path, link, name and snippet of the documentation exists and works."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import io

@@ -1,7 +1,5 @@
 """The commands of every page run as they stand, in a folder with files of the names that the page uses."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

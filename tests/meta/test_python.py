@@ -1,7 +1,5 @@
 """The face of the package in Python: names, options, and one sentence for each wrong call."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import inspect

@@ -1,7 +1,5 @@
 """What is released: one version, a report for bugs, the manual page, shell completion, the conda recipe."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

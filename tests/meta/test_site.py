@@ -1,7 +1,5 @@
 """The documentation site builds without a warning, asks nothing of other machines, and holds what the code has."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import os

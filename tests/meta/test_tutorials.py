@@ -1,7 +1,5 @@
 """The tutorials run on what comes with the package, in seconds, and say what their pages and notebooks show."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The open challenge: recordings of known truth are made and scored, and both mean what they say."""
 
-from __future__ import annotations
-
 import csv
 import json
 

@@ -5,8 +5,6 @@ beside it: a traceback, a crash, a hang, a warning, numbers that no curve may ho
 ours or that does not name the file.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import re

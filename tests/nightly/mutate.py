@@ -1,8 +1,6 @@
 """A valid file and a number -> the same damaged file on every machine: changed in its bytes, in its words and lines,
 in the members of an archive, in the items of an HDF5 file or in the values of a JSON document."""
 
-from __future__ import annotations
-
 import io
 import json
 import random

@@ -6,8 +6,6 @@ Signs, units, steps too far and guards that are missing, over all rooms of the p
 errors that no test caught.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

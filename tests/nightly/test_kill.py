@@ -1,7 +1,5 @@
 """Killed at random moments: what was answered is there, the same command completes it, and nothing is doubled."""
 
-from __future__ import annotations
-
 import json
 import random
 import subprocess

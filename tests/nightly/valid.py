@@ -1,7 +1,5 @@
 """Small files of every kind that the program reads, all of them valid: what mutated and damaged ones are made from."""
 
-from __future__ import annotations
-
 import json
 import sys
 import tomllib

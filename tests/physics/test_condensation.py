@@ -3,8 +3,6 @@
 `pytest -s` shows every measured number beside its limit. The limits are two to ten times what was measured.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

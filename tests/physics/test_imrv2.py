@@ -4,8 +4,6 @@ Three things differ. Its gas is adiabatic from R_eq, ours is expanded isothermal
 the same gas. Its elastic law is about R_eq all the same. Its Gilmore equation leaves out the factor 1 - U/C of dH/dt.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass, replace
 from pathlib import Path

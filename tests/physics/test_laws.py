@@ -1,7 +1,5 @@
 """The registry of laws and the notation for sums of them: what is read, and a clear word for every mistake."""
 
-from __future__ import annotations
-
 from dataclasses import fields, is_dataclass
 from inspect import signature
 

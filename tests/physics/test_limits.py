@@ -4,8 +4,6 @@
 fifths of the cases are always run, and cover every law, motion and limit; the others are slow (`make test-slow`).
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import product

@@ -1,7 +1,5 @@
 """One battery for every instantaneous law, and what each law reduces to. docs/method/physics.md, section 4."""
 
-from __future__ import annotations
-
 import re
 from math import inf, sqrt
 

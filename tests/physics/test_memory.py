@@ -1,7 +1,5 @@
 """Laws with memory against convolution integrals, a Lagrangian tensor solution, and what they reduce to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conftest import load_benchmark

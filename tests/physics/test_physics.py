@@ -1,7 +1,5 @@
 """The solver's parts: Jacobian, tableau, a second implementation, statuses. What is known exactly: test_limits.py."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

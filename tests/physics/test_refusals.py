@@ -1,7 +1,5 @@
 """Materials, media, bubbles, drivings and simulations that cannot be, each with the code of its refusal."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf, nan
 

@@ -1,7 +1,5 @@
 """The camera that films simulated curves for the training of the posterior network."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cavirheo.inference.bins import END, SCALARS

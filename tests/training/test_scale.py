@@ -1,7 +1,5 @@
 """Thousands of recordings and large training sets: rows and answers stay on the disk, and nothing is unpickled."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import re

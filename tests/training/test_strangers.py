@@ -1,7 +1,5 @@
 """Models, recipes and training sets that are damaged or hostile: each is refused in one line, and nothing hangs."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """The verified posterior: likelihood, sampling, what catches a wrong width or a wrong law."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import SimpleNamespace

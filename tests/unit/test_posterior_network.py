@@ -1,7 +1,5 @@
 """The posterior network: slots, cells, draws and their density; what `infer` makes of them by simulations."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from types import SimpleNamespace
