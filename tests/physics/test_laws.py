@@ -8,26 +8,13 @@ import pytest
 from cavirheo.errors import InputError
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, viscous
-from cavirheo.physics.elastic import Gent, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
 from cavirheo.physics.law import Arm
-from cavirheo.physics.materials import (
-    EXAMPLE,
-    LAWS,
-    Material,
-    Maxwell,
-    NeoHookeanKelvinVoigt,
-    TotalRelaxation,
-    UpperConvectedMaxwell,
-    Viscoelastic,
-    Zener,
-    parse,
-    summary,
-    usage,
-)
-from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
+from cavirheo.physics.materials import EXAMPLE, LAWS, Material, Viscoelastic, parse, summary, usage
 
-GEL = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
-ARMS = Viscoelastic(NeoHookean(1e3), Newtonian(0.01), (Maxwell(0.1, 2e-6), UpperConvectedMaxwell(0.2, 1e-5)))
+GEL = Viscoelastic(elastic.Gent(2e3, 40.0), viscous.CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
+FLUIDS = materials.Maxwell(0.1, 2e-6), materials.UpperConvectedMaxwell(0.2, 1e-5)
+ARMS = Viscoelastic(elastic.NeoHookean(1e3), viscous.Newtonian(0.01), FLUIDS)
+QSLS = [materials.TotalRelaxation(0.1, 2e-6, grown=False)]
 
 
 @pytest.mark.parametrize(
@@ -36,18 +23,18 @@ ARMS = Viscoelastic(NeoHookean(1e3), Newtonian(0.01), (Maxwell(0.1, 2e-6), Upper
         ("gent(shear_modulus=2e3, limit=40) + carreau-yasuda(0.5, 0.01, 1e-4, 0.4)", GEL),
         ("carreau_yasuda(0.5, 0.01, time=1e-4, exponent=.4)+gent(limit=40, shear-modulus=2e+3)", GEL),
         (" gent(2_000, 40)\n + (carreau-yasuda(0.5, 0.01, 1e-4, 0.4)) ", GEL),
-        ("nhkv(7690, 0.05)", NeoHookeanKelvinVoigt(7690.0, 0.05)),
-        ("ogden((2e3, -500), (2.5, -2))", Ogden((2e3, -500.0), (2.5, -2.0))),
-        ("ogden(moduli=2e3, exponents=(2,))", Ogden((2e3,), (2.0,))),
-        ("yeoh(C1=1500, C2=20)", Yeoh(1500.0, 20.0)),
-        ("neo-hookean(1e3) + newtonian(0.1)", Viscoelastic(NeoHookean(1e3), Newtonian(0.1))),
-        ("power-law(2, 0.6)", PowerLaw(2.0, 0.6)),
-        ("zener(7e3, 0.1, 2e-6)", Zener(7e3, 0.1, 2e-6)),
+        ("nhkv(7690, 0.05)", materials.NeoHookeanKelvinVoigt(7690.0, 0.05)),
+        ("ogden((2e3, -500), (2.5, -2))", elastic.Ogden((2e3, -500.0), (2.5, -2.0))),
+        ("ogden(moduli=2e3, exponents=(2,))", elastic.Ogden((2e3,), (2.0,))),
+        ("yeoh(C1=1500, C2=20)", elastic.Yeoh(1500.0, 20.0)),
+        ("neo-hookean(1e3) + newtonian(0.1)", Viscoelastic(elastic.NeoHookean(1e3), viscous.Newtonian(0.1))),
+        ("power-law(2, 0.6)", viscous.PowerLaw(2.0, 0.6)),
+        ("zener(7e3, 0.1, 2e-6)", materials.Zener(7e3, 0.1, 2e-6)),
         (
             "qsls(7e3, 0.1, 2e-6, stiffening=0.3) + newtonian(0.01)",
-            Viscoelastic(Quadratic(7e3, 0.3), Newtonian(0.01), [TotalRelaxation(0.1, 2e-6, grown=False)]),
+            Viscoelastic(elastic.Quadratic(7e3, 0.3), viscous.Newtonian(0.01), QSLS),
         ),
-        ("ucm(0.1, relaxation_time=2e-6)", UpperConvectedMaxwell(0.1, 2e-6)),
+        ("ucm(0.1, relaxation_time=2e-6)", materials.UpperConvectedMaxwell(0.1, 2e-6)),
         ("maxwell(0.1, 2e-6) + nhkv(1e3, 0.01) + ucm(0.2, 1e-5)", ARMS),
     ],
 )
@@ -84,7 +71,7 @@ def test_every_law_is_described(name):
 def test_no_law_is_forgotten():
     """All but the two that hold a Python function, the one that holds others, the arm that takes the elastic part of
     its material along, and a base; parameters have units."""
-    unnamed = {StrainEnergy, Viscosity, Viscoelastic, TotalRelaxation, Arm}
+    unnamed = {elastic.StrainEnergy, viscous.Viscosity, Viscoelastic, materials.TotalRelaxation, Arm}
     here = {
         law
         for module in (elastic, viscous, materials)

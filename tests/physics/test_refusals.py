@@ -54,6 +54,7 @@ def test_laws_that_cannot_be(name, values, code):
     [
         (lambda: StrainEnergy(lambda a, b, c: np.abs(a - 1) * 1e3 + b).table(), "not_analytic"),
         (lambda: Viscosity(lambda s: 1 - 1e-5 * s).table(), "negative_viscosity"),
+        (lambda: Viscosity(lambda s: np.random.default_rng(0).uniform(size=s.shape)).table(), "rough"),
         (lambda: Viscoelastic(NeoHookean(1e3), None, 2 * [TotalRelaxation(0.1, 1e-6)]), "followed_twice"),
         (lambda: Viscoelastic(None, None, [Newtonian(1.0)]), "not_Arm"),
         (lambda: Viscoelastic(Newtonian(1.0), NeoHookean(1e3)), "not_Elastic"),
