@@ -7,12 +7,15 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
+import numpy as np
 import pytest
 
 from cavirheo import InputError, verbs
 from cavirheo.messages import Message
+from cavirheo.problem import TrainingProblem
+from cavirheo.training import dataset
 
 BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
 
@@ -46,11 +49,17 @@ def refused(code: str, *words: str) -> Iterator[None]:
     assert [word for word in words if word not in str(caught.value)] == []
 
 
-def code_of(use: Callable[[], object]) -> str:
-    """The code with which this is refused."""
+def error_of(call: Callable[..., object], *given: object, **settings: object) -> InputError:
+    """The error, of one line, with which this call is refused."""
     with pytest.raises(InputError) as caught:
-        use()
-    return caught.value.code
+        call(*given, **settings)
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
+def code_of(call: Callable[..., object], *given: object, **settings: object) -> str:
+    """Its code."""
+    return error_of(call, *given, **settings).code
 
 
 def refusal(called: tuple[int, str, str], *words: str) -> str:
@@ -102,6 +111,37 @@ def chromium() -> Iterator[object]:
         browser = driver.chromium.launch(executable_path=program, args=sandbox)
         yield browser
         browser.close()
+
+
+class Instant(list):
+    """How many curves each batch of instant curves had; those of which `fails` (of theta) holds end half way."""
+
+    def fails(self, theta: np.ndarray) -> np.ndarray:
+        return np.zeros(len(theta), bool)
+
+    def curves(self, problem: TrainingProblem, theta: np.ndarray) -> list[SimpleNamespace]:
+        """Damped by the viscosity, and as fast as the modulus."""
+        self.append(len(theta))
+        of = dict(zip(problem.prior.names, theta.T, strict=True))
+        decay = 0.5 * (of.get("log10_viscosity", np.zeros(len(theta))) + 3.0)
+        speed = of.get("log10_shear_modulus", np.full(len(theta), 3.0)) - 2.0
+        phase = problem.grid.time / problem.grid.time[-1]
+        shape = (1 + 0.5 * np.cos(np.outer(speed, 3.0 * phase))) / 1.5 * np.exp(-np.outer(decay, phase))
+        failed = self.fails(theta)
+        shape[failed, len(phase) // 2 :] = np.nan
+        status = np.where(failed, "the step size went to zero", "ok").tolist()
+        curves = zip(problem.reference_max_radius * shape, status, strict=True)
+        return [SimpleNamespace(radius=radius, status=ok) for radius, ok in curves]
+
+
+@pytest.fixture
+def instant(monkeypatch) -> Instant:
+    """Instead of the simulations of training curves, which then stand in small files."""
+    made = Instant()
+    monkeypatch.setattr(TrainingProblem, "simulate_many", lambda self, theta, workers=None: made.curves(self, theta))
+    monkeypatch.setattr(dataset, "SHARD", 20)
+    monkeypatch.setattr(dataset, "CHUNK", 8)
+    return made
 
 
 @pytest.fixture

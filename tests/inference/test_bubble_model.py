@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import same, simulated
+from answers import simulated
 from conftest import refused
 from fits import fit, fit_many
 
@@ -16,9 +16,7 @@ from cavirheo.inference.verify import verify
 from cavirheo.inference.verify.evidence import models, rank_laws
 from cavirheo.physics.bubble import ACCOMMODATION, BUBBLES, FIELD, REAL, Bubble, Damage, bubbles_of
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
-from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import curve_record
-from cavirheo.workflow.store import keep, read_kept
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.01)
 QUICKLY = dict(trust_input=True, material="nhkv")
@@ -77,8 +75,8 @@ def test_what_is_given_is_not_inferred():
     assert answer.best["confinement_inertia"] == pytest.approx(250e-6 / 4e-3)
 
 
-def test_the_answer_carries_its_model(tmp_path):
-    """Into verification, result.json and what an unfinished run keeps."""
+def test_the_answer_carries_its_model():
+    """Into verification and result.json."""
     curve = shot(seed=1, contents="kinetic")
     answer = fit(curve, bubble=Bubble("kinetic"), **QUICKLY)
     verified = verify(curve, answer, level="map")
@@ -86,10 +84,8 @@ def test_the_answer_carries_its_model(tmp_path):
     assert verified.best["accommodation"] == pytest.approx(0.07, rel=0.2)
     low, high = verified.interval("accommodation")
     assert low < 0.07 < high
-    assert curve_record(curve, verified).bubble == Bubble("kinetic")
-    assert curve_record(curve, verified).other_parameters["accommodation"].median == pytest.approx(0.07, rel=0.2)
-    keep(tmp_path / "a.npz", verified)
-    assert same(read_kept(tmp_path / "a.npz", Posterior).bubble, verified.bubble)
+    record = curve_record(curve, verified)
+    assert (record.bubble, "accommodation" in record.other_parameters) == (Bubble("kinetic"), True)
 
 
 def test_every_free_parameter_has_a_proper_prior():
@@ -137,10 +133,6 @@ IMPOSSIBLE = [
 ]
 
 
-def made(_, **values):
-    return Bubble(**values)
-
-
 @pytest.mark.parametrize(
     ("call", "way", "code"),
     [
@@ -153,14 +145,6 @@ def made(_, **values):
         (infer, dict(material="honey"), "law.not_fittable"),
         (infer, dict(material="auto", verify="none"), "option.auto"),
         (infer, dict(material="newtonian", model="bdt-viscoelastic"), "option.material"),
-        (made, dict(contents="kinetic", accommodation="some"), "physics.accommodation"),
-        (made, dict(damage="always"), "option.damage"),
-        (made, dict(confinement_damping=None), "physics.confinement_damping"),
-        (made, dict(confinement_inertia=9.0), "physics.confinement_inertia"),
-        (made, dict(confinement_inertia="free", wall_distance=1e-3), "physics.two_walls"),
-        (made, dict(motion="keller"), "physics.motion"),
-        (made, dict(exponent=14.0), "physics.exponent"),
-        (made, dict(vapour_excess="free", exponent=1.4), "physics.contents_twice"),
     ],
 )
 def test_what_cannot_be_asked_is_refused(call, way, code):

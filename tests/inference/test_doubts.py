@@ -197,17 +197,6 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
         assert (answer.checks.verdict == "check_input") == (not trusted)
 
 
-def test_the_same_recording_counts_once(run, tmp_path):
-    curve = read_curves(SOFT)[0]
-    for place in ("one/s1.csv", "two/s1.csv"):
-        (tmp_path / place).parent.mkdir()
-        write_csv(tmp_path / place, curve)
-    status, _, _ = run("infer", *BDT, "one/s1.csv", "two/s1.csv", "-o", "out")
-    result = read_json("out/result.json")
-    assert (status, [group.n for group in result.groups]) == (0, [1])
-    assert any("two/s1.csv" in note for note in result.notes)
-
-
 def test_names_are_told_apart_by_folder(tmp_path):
     curves = read_curves(SOFT)[:3]
     for place, curve in zip(("one/s1.csv", "two/s1.csv", "two/s2.csv"), curves, strict=True):

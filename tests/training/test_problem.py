@@ -1,7 +1,5 @@
 """The training problem: prior, identity, and the way between a shot and the reference scale."""
 
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -125,12 +123,3 @@ def test_simulations_run_at_the_reference(problem):
     again = problem.simulate_many([[5.0, 0.0, 4.0], [4.5, 0.0, 4.0]], workers=2)
     np.testing.assert_array_equal(again[0].radius, simulation.radius)
     assert not np.array_equal(again[1].radius, simulation.radius)
-
-
-@pytest.mark.parametrize(
-    ("modules", "libraries"),
-    [("cavirheo.problem", "torch numba"), ("cavirheo.training.dataset, cavirheo.training.recipe", "torch")],
-)
-def test_what_needs_no_torch_or_compiler_loads_none(modules, libraries):
-    code = f"import sys, {modules}; sys.exit(bool(set('{libraries}'.split()) & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -34,7 +34,6 @@ from cavirheo.inference.verify.sampler import (
     effective_size,
     importance_sample,
 )
-from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
 from cavirheo.physics.accuracy import BRISK, DEFAULT, ROUGH
@@ -216,24 +215,6 @@ def two_modes() -> tuple[Target, Callable[[np.ndarray], np.ndarray]]:
         return noise.log_density(-np.array([frames(x) for x in prior.to_x(u)])) + log_normal(u)
 
     return Target(seen, prior, noise), exact
-
-
-def test_a_surrogate_knows_what_simulations_would_say():
-    """Of a bubble through its first collapses, clock and scales free, at places that it was not taught."""
-    curve = simulated(GEL, noise=0.01)
-    shot = Experiment(curve, Family("nhkv"), options=Options(None, None, None, tuple(FREE)))
-    target = Target(shot, shot.prior(), shot.noise(True))
-    best = {"shear_modulus": 8e3, "viscosity": 0.05, "stretch": 7.0}
-    (mode,) = modes(target, [target.start(shot.from_best(best)[None])[0]])
-    taught, new = (mode.u + 1.2 * (mode.draws(n, seed) - mode.u) for n, seed in ((70, 1), (40, 2)))
-    known = Simulated.at(target, np.concatenate([mode.u[None], taught]), BRISK)
-    surrogate = Surrogate(target, *known)
-    there = Simulated.at(target, new, BRISK)
-    z = target.camera.z(there.residual)
-    told, value = surrogate(np.hstack([new, z])), target.log_joint(new, there.residual, z)
-    likely = value > np.max(value) - 6.0
-    assert np.count_nonzero(likely) > 20
-    assert np.std((told - value)[likely]) < 0.3
 
 
 def test_frames_of_a_shape_follow_the_size_of_the_bubble():
