@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import typer
-from conftest import ROOT, load_benchmark
+from conftest import ROOT
 
 import cavirheo
 from cavirheo import read_curves, verbs
@@ -224,19 +224,3 @@ def test_examples_run(script, monkeypatch, tmp_path, capsys):
     runpy.run_path(str(path), run_name="__main__")
     assert re.search((EXAMPLES | LONG)[script], capsys.readouterr().out)
     assert {one.stem for one in path.parent.glob("*.py")} == {*EXAMPLES, *LONG, "make_examples"}
-
-
-PICTURES = sorted((ROOT / "docs" / "method").glob("*.png"))
-LARGEST = 150_000  # bytes
-
-
-@pytest.mark.slow
-@pytest.mark.needs("matplotlib")
-@pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.stem)
-def test_a_picture_of_the_method_pages_is_made(picture, monkeypatch, tmp_path):
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    monkeypatch.setattr("sys.argv", ["method_figures.py", picture.stem])
-    script = load_benchmark("method_figures")
-    monkeypatch.setattr(script, "FOLDER", tmp_path)
-    script.main()
-    assert max((tmp_path / picture.name).stat().st_size, picture.stat().st_size) < LARGEST

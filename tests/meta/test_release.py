@@ -103,15 +103,6 @@ def test_shells_complete(monkeypatch, capsys):
     assert found == COMPLETED
 
 
-def test_help_and_completion_import_no_compiler_and_no_network():
-    code = "import sys; sys.argv = ['cavirheo', 'infer', '--help']; from cavirheo.verbs import app, completion\n"
-    code += "app(standalone_mode=False); completion.law_names(''); completion.medium_names('')\n"
-    code += "completion.model_names('')\n"
-    code += "print(sorted({'numba', 'onnxruntime', 'scipy.optimize', 'matplotlib', 'torch'} & {*sys.modules}))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"
-
-
 @in_repository
 @pytest.mark.skipif(shutil.which("groff") is None, reason="no groff on this machine")
 def test_the_manual_page_is_set_without_a_warning(tmp_path):

@@ -1,6 +1,5 @@
 """The documentation site builds without a warning, asks nothing of other machines, and holds what the code has."""
 
-import contextlib
 import importlib
 import os
 import pkgutil
@@ -125,19 +124,3 @@ def test_the_page_of_file_formats_names_what_can_be_read_back(site, documents):
     shown = [*documents.others(), *documents.CARDS]
     assert [kind.__name__ for kind in shown if f'id="{kind.__name__.lower()}"' not in page] == []
     assert "max_radius_px" in page
-
-
-@pytest.mark.slow
-def test_the_search_works_from_a_folder_and_asks_nobody(site, chromium):
-    page, asked = chromium.new_page(), []
-    page.on("request", lambda request: asked.append(request.url))
-    found = page.locator(".md-search-result__item")
-    for _ in range(5):  # a page whose worker did not start in time finds nothing until it is loaded again
-        page.goto((site / "index.html").as_uri())
-        page.fill("input[name=query]", "accommodation")
-        with contextlib.suppress(Exception):
-            found.first.wait_for(state="attached", timeout=12_000)
-            break
-    assert found.count() > 0
-    page.close()
-    assert [address for address in asked if not address.startswith(("file:", "data:", "blob:"))] == []

@@ -86,13 +86,3 @@ def test_a_cell_that_fails_leaves_no_page(wrong, tmp_path):
     script.write_text(f"# %%\n{wrong}\n")
     assert ran(script, tmp_path / "out").returncode != 0
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("stem", ["gel", "liquid"])
-def test_a_tutorial_runs_plain(stem, tmp_path):
-    if any(find_spec(name) is None for name in NEEDS[stem]):
-        pytest.skip("an extra is not installed")
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    about = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PATH": path, "MPLBACKEND": "Agg"}
-    subprocess.run([sys.executable, SCRIPTS[stem]], cwd=tmp_path, env=about, check=True)

@@ -1,6 +1,5 @@
 """The open challenge: recordings of known truth are made and scored, and both mean what they say."""
 
-import csv
 import json
 
 import numpy as np
@@ -14,7 +13,6 @@ from cavirheo.physics.viscous import Newtonian, PowerLaw
 from validation import __main__ as validate
 from validation import numbers, pages
 from validation.challenge import answers, camera, make, score, truth
-from validation.numbers import Run
 
 
 @pytest.fixture(scope="module")
@@ -42,14 +40,6 @@ def test_a_recording_depends_on_its_seed_and_number_alone(made, tmp_path):
         first, again = ((folder / name).read_text().splitlines() for folder in (made, tmp_path))
         assert again == first[: len(again)]
     assert make.cells(7, 60) != make.cells(8, 60)
-
-
-def test_sixty_recordings_have_each_bubble_law_and_difficulty_equally_often():
-    design = make.cells(3, 60)
-    for half in truth.HALVES:
-        for difficulty in camera.LEVELS:
-            laws = [law for a, law, b in design if (a, b) == (half, difficulty)]
-            assert sorted(laws) == sorted(2 * truth.LAWS)
 
 
 LAWS = {  # a truth, and the material of it
@@ -131,18 +121,6 @@ def test_tables_and_picture(made, tmp_path, monkeypatch):
     assert (tmp_path / "out.png").stat().st_size > 1000
 
 
-def test_a_runner_goes_on_where_it_stopped(made, tmp_path, monkeypatch):
-    asked = []
-    out = tmp_path / "answers.csv"
-    monkeypatch.setattr("sys.argv", ["run", str(made / "recordings"), str(out)])
-    for _ in range(2):
-        answers.run("", lambda recording, options: asked.append(recording.name) or {"G": "1"})
-    with out.open() as file:
-        rows = list(csv.DictReader(file))
-    assert asked == ["shot001", "shot002"] == [row["name"] for row in rows]
-    assert all(float(row["seconds"]) >= 0 for row in rows)
-
-
 RESULTS = pages.read_results()
 
 
@@ -192,18 +170,6 @@ def test_numbers_between_markers_are_filled(marked, filled):
             pages.filled(text, results)
     else:
         assert pages.filled(text, results) == f"| it is <!--solver.{marked}-->{filled}<!--/--> |"
-
-
-def squared(job: tuple[int]) -> dict:
-    return {"square": job[0] ** 2}
-
-
-def test_cases_are_kept_and_an_interrupted_run_goes_on(tmp_path):
-    run = Run(workers=1, kept=tmp_path)
-    run.rows("squares", squared, [(1,), (3,)])
-    kept = (tmp_path / "squares.jsonl").read_text().replace("9", "10")
-    (tmp_path / "squares.jsonl").write_text(kept)
-    assert [row["square"] for row in run.rows("squares", squared, [(3,), (2,)])] == [10, 4]
 
 
 def test_shares_and_their_standard_errors():

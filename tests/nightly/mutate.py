@@ -90,28 +90,9 @@ def archive(content: bytes, chance: random.Random) -> bytes:
     return packed.getvalue()
 
 
-ODD: list[Any] = [
-    np.nan,
-    np.inf,
-    -1.0,
-    1e308,
-    2**62,
-    True,
-    1j,
-    np.zeros(3),
-    np.zeros((2, 0)),
-    h5py.Empty("f8"),
-    np.array([b"x"]),
-    np.zeros(2, [("a", "f8"), ("b", "i4")]),
-    np.zeros(1, "V8"),
-    "seven",
-    "\x1b[31m",
-    "é" * 300,
-    b"\xff\xfe",
-    h5py.SoftLink("/nowhere"),
-    h5py.SoftLink("/"),
-    h5py.ExternalLink("other.h5", "/x"),
-]
+ODD: list[Any] = [np.nan, np.inf, -1.0, 1e308, 2**62, True, 1j, "seven", "\x1b[31m", "é" * 300, b"\xff\xfe"]
+ODD += [np.zeros(3), np.zeros((2, 0)), np.array([b"x"]), np.zeros(2, [("a", "f8"), ("b", "i4")]), np.zeros(1, "V8")]
+ODD += [h5py.Empty("f8"), h5py.SoftLink("/nowhere"), h5py.SoftLink("/"), h5py.ExternalLink("other.h5", "/x")]
 
 
 def hdf5(content: bytes, chance: random.Random) -> bytes:
