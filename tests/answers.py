@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from conftest import messages
 
+import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
@@ -42,6 +43,11 @@ def simulated(material=GEL, *, frames=80, frame=1e-6, noise=0.0, seed=3, within=
     run = simulate(material, **about)
     scatter = noise * about["max_radius"] * np.random.default_rng(seed).standard_normal(len(run.time))
     return RadiusCurve(run.time, run.radius + scatter, **{"meta": {"name": "shot"}, **given})
+
+
+def fit(curve: RadiusCurve, *args: Any, **options: Any) -> Posterior:
+    """Of the field's bubble alone, with which shots are simulated."""
+    return cavirheo.fit(curve, *args, **{"others": False, "bubble": "field", **options})
 
 
 def bubble(name="shot[1]", group="shots", source="data/shots.mat", top=2.6e-4, frames=160, **meta) -> RadiusCurve:

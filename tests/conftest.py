@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import csv
 import importlib.util
 import os
 import shutil
@@ -20,6 +21,7 @@ from cavirheo.training import dataset
 BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
 
 ROOT = Path(__file__).resolve().parents[1]
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 collect_ignore_glob = [] if importlib.util.find_spec("av") else ["*test_video*"]  # without the extra [video]
 if not (ROOT / "docs").is_dir():  # the sdist, whose tests run from the wheel (tests/wheel.py)
     collect_ignore_glob += ["meta/test_document*.py", "meta/test_site.py"]
@@ -38,6 +40,12 @@ def load_benchmark(name: str) -> ModuleType:
 def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:
     """Messages with a sentence of their own each."""
     return tuple(Message(code, {"text": text}) for text in texts if text)
+
+
+def rows_of(path: Path | str) -> list[dict[str, str]]:
+    """Of a CSV file with titles."""
+    with Path(path).open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 @contextmanager

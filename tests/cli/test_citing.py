@@ -1,14 +1,12 @@
 """`cavirheo cite`: sources and numbers that a paper must name."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from itertools import zip_longest
 from math import inf
 
 import pytest
-from conftest import BDT, ROOT, refusal
+from conftest import BDT, EXAMPLE, refusal
 
 from cavirheo import infer_many, load, read_curves
 from cavirheo.io import write_csv
@@ -21,8 +19,6 @@ from cavirheo.reporting.answer import OtherModel
 from cavirheo.reporting.citation import MEDIA, methods, of_law, references
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.writing.document import Quantity, write_json
-
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """The command line: the main job on the shipped examples, and every bad input refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 import typer
 from answers import KnownAnalysis
-from conftest import BDT, ROOT, refusal
+from conftest import BDT, EXAMPLE, ROOT, refusal
 from scipy.io import savemat
 
 from cavirheo import read_curves, simulate
@@ -25,8 +23,6 @@ from cavirheo.physics.viscous import Cross
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.verbs.curves import Infer
 from cavirheo.verbs.run import Run
-
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 
 
 def infer(run, *words: object, status: int = 0) -> tuple[list[dict], list[dict], str]:

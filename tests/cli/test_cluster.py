@@ -1,7 +1,5 @@
 """The same verbs on a dask cluster: the same bytes and answers, nothing lost, no worker that would answer otherwise."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -16,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from answers import same
-from conftest import ROOT, refusal, refused
+from conftest import EXAMPLE, ROOT, refusal, refused
 
 pytest.importorskip("distributed", reason="needs the extra [cluster]")
 
@@ -37,7 +35,6 @@ from cavirheo.workflow.cluster.check import Identity, admitted, code_of, identit
 from cavirheo.workflow.cluster.executor import Workers
 from cavirheo.workflow.cluster.slurm import read_settings
 
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
 
 

@@ -1,7 +1,5 @@
 """Odd calls of the command line are refused in one line at status 2; options that all verbs read alike."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys
@@ -13,7 +11,7 @@ import numpy as np
 import pytest
 import typer
 from answers import answer
-from conftest import BDT, ROOT, refusal
+from conftest import BDT, EXAMPLE, ROOT, refusal
 from recordings import write_mraw
 
 from cavirheo.inference.analysis import Analysis
@@ -104,7 +102,7 @@ def lab(run, tmp_path, monkeypatch):
     monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
     for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer", "inference.verify.each"):
         monkeypatch.setattr(f"cavirheo.{name}", lambda *_, **__: pytest.fail("it computes"))
-    lines = (ROOT / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
+    lines = EXAMPLE.read_text(encoding="utf-8").splitlines()
     (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")
     write_mraw(tmp_path / "film.mraw", np.zeros((3, 16, 16)), 8)
     (tmp_path / "refs.csv").write_text("set,method,quantity,mean\nshot.csv,IMR,G_Pa,1000\n")

@@ -1,7 +1,5 @@
 """What is written: no file of the user's is replaced, no answer is lost, nothing is half-written."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import signal
@@ -16,9 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from answers import KnownAnalysis, same
-from conftest import ROOT, refusal, refused
-from fits import fit
+from answers import KnownAnalysis, fit, same
+from conftest import EXAMPLE, ROOT, refusal, refused
 from threadpoolctl import threadpool_info
 
 from cavirheo import read_curves
@@ -36,7 +33,6 @@ from cavirheo.writing.claim import LOCK, Claim, claimed
 from cavirheo.writing.document import LIST, Outputs
 
 EXAMPLES = ROOT / "examples"
-EXAMPLE = EXAMPLES / "soft_gel.csv"
 VERBS = {  # what each writes first, and a call that is complete but for -o
     "result.csv": "infer shot.csv --verify none",
     "result.json": "fit shot.csv",

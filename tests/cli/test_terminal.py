@@ -1,14 +1,11 @@
 """Tables lose nothing on a narrow terminal, no file can abuse a terminal, and `show` prints every document."""
 
-from __future__ import annotations
-
-import csv
 import json
 import re
 
 import numpy as np
 import pytest
-from conftest import ROOT, messages, refusal
+from conftest import EXAMPLE, ROOT, messages, refusal, rows_of
 
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times, rheometer
@@ -23,7 +20,6 @@ from cavirheo.training.recipe import read_recipe
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Spread, as_json, write_json
 
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 LONG = "gelatine_of_the_third_batch_at_37_degrees_{:02}"  # 45 letters
 EVIL = "gel\x1b[31m\x1b]0;title\x07\u202e\x9b2J\udcff"
 NAMES = ("log10_shear_modulus", "log10_viscosity", "stretch")
@@ -139,8 +135,7 @@ def test_no_control_character_reaches_a_file(tmp_path, recwarn):
     assert len(paths) == 5  # three documents, two drawings
     assert [path.name for path in paths if not clean(path.read_text(encoding="utf-8"))] == []
     assert not recwarn.list
-    with (tmp_path / "result.csv").open(encoding="utf-8", newline="") as file:
-        assert next(csv.DictReader(file))["name"] == digits.printable(EVIL)
+    assert rows_of(tmp_path / "result.csv")[0]["name"] == digits.printable(EVIL)
 
 
 # --- show -------------------------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """Collapse times: the model against its limits and simulations, what a table can and cannot tell, the command."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,8 +1,5 @@
 """`cavirheo compare`: published values beside ours; nothing is dropped, and mistakes in the CSV file are named."""
 
-from __future__ import annotations
-
-import csv
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from answers import answer as answer_of
 from answers import unanswered
-from conftest import ROOT, refused
+from conftest import EXAMPLE, ROOT, refused, rows_of
 
 from cavirheo import load, read_curves
 from cavirheo.companions import comparison
@@ -27,7 +24,6 @@ from cavirheo.reporting.record import Result
 from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, spread_of, write_json
 
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 PUBLISHED = ROOT / "examples" / "published_values.csv"
 HEAD = "set,files,density,method,quantity,mean,std"
 REFERENCES = f"""# by hand
@@ -193,8 +189,7 @@ def test_a_recording_in_two_sets_is_answered_with_each_density(fake, folder, tmp
 
 def test_the_table_says_what_the_record_says(fake, folder, tmp_path):
     made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
-    with (tmp_path / "c" / "comparison.csv").open(newline="", encoding="utf-8") as file:
-        table_rows = list(csv.DictReader(file))
+    table_rows = rows_of(tmp_path / "c" / "comparison.csv")
     titles = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}
     for one, line in zip(Comparison(made).rows, table_rows, strict=True):
         assert (line["set"], line["quantity"]) == (one.group.name, titles[one.name])

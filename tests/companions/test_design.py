@@ -1,7 +1,5 @@
 """`cavirheo design`: expected intervals of shots that were not taken, and how many are needed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from answers import CENTRE, answer, bubble, seen, shots

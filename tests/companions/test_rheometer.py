@@ -1,8 +1,5 @@
 """Rheometer sweeps: exact answers of known models, what instruments export, and what is refused."""
 
-from __future__ import annotations
-
-import csv
 import importlib.util
 import json
 from pathlib import Path
@@ -10,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import answer, bubble
-from conftest import ROOT, refusal, refused
+from conftest import ROOT, refusal, refused, rows_of
 from files import write_xlsx
 
 from cavirheo.companions.rheometer import VOCABULARY, Sweep, frequency_sweep, read_sweeps, strain_sweep
@@ -323,8 +320,7 @@ def test_examples_give_back_the_truth(run, tmp_path, examples):
     assert strain["crossover"] == pytest.approx(examples.HALF_STRAIN * np.sqrt((storage / loss - 1) / 4), rel=0.02)
     names = {"rheometer.json", "rheometer.csv", "strain-sweep.png", "frequency-sweep.png", ".cavirheo"}
     assert {path.name for path in (tmp_path / "r").iterdir()} == names
-    with (tmp_path / "r" / "rheometer.csv").open(newline="", encoding="utf-8") as file:
-        assert [row["kind"] for row in csv.DictReader(file)] == ["strain", "frequency"]
+    assert [row["kind"] for row in rows_of("r/rheometer.csv")] == ["strain", "frequency"]
     examples.write_sweeps(tmp_path)  # the shipped sweeps are what this makes
     assert all((tmp_path / path.name).read_text() == path.read_text() for path in files)
 
@@ -362,8 +358,7 @@ def test_beside_bubbles(run, tmp_path):
     status, _, err = run("rheometer", *files, "--beside", "result.json", "-o", "r", "--name", "soft gel")
     assert status == 0, err
     assert (tmp_path / "result.json").read_bytes() == before
-    with (tmp_path / "r" / "table.csv").open(newline="", encoding="utf-8") as file:
-        rows = {row["quantity"]: row for row in csv.DictReader(file)}
+    rows = {row["quantity"]: row for row in rows_of("r/table.csv")}
     modulus = rows["shear_modulus_Pa"]
     (method,) = (name for name in modulus if name.startswith("rheometer") and name.endswith("_mean"))
     assert float(modulus[method]) == pytest.approx(1500, rel=0.01)

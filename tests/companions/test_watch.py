@@ -1,7 +1,5 @@
 """`cavirheo watch`: each recording of a folder is answered once, when its file is complete, whatever ends the run."""
 
-from __future__ import annotations
-
 import json
 import os
 import random
@@ -15,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from answers import KnownAnalysis, answer, unanswered
-from conftest import BDT, ROOT
+from conftest import BDT, EXAMPLE
 from recordings import SCALE, film, write_mraw
 
 from cavirheo import read_curves, watch
@@ -27,8 +25,6 @@ from cavirheo.reporting import read_json
 from cavirheo.reporting.html import LIVE
 from cavirheo.reporting.record import Result
 from cavirheo.watch import Watch
-
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import GEL, simulated
-from fits import fit
+from answers import GEL, fit, simulated
 
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, load, simulate
 from cavirheo.inference import experiment

@@ -1,6 +1,5 @@
 """The paper's network on shots of known truth, the true scale, and every way to fail."""
 
-import csv
 import json
 import shutil
 from dataclasses import replace
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import simulated
-from conftest import ROOT, refused
+from conftest import ROOT, refused, rows_of
 
 import cavirheo
 from cavirheo import Medium, NeoHookeanKelvinVoigt, RadiusCurve, read_curves
@@ -30,8 +29,7 @@ def shot(G=8e3, mu=0.05, **given) -> RadiusCurve:
 
 @pytest.mark.parametrize("file", ["soft_gel.csv", "stiff_gel.mat"])
 def test_shipped_examples_give_back_their_truth(file):
-    with (EXAMPLES / "truth.csv").open() as table:
-        truth = [row for row in csv.DictReader(table) if row["set"] == Path(file).stem]
+    truth = [row for row in rows_of(EXAMPLES / "truth.csv") if row["set"] == Path(file).stem]
     answers = infer_many(read_curves(EXAMPLES / file))
     assert [a.checks.verdict for a in answers] == ["ok"] * len(truth)
     G, mu = (np.array([a.median(name) for a in answers]) for name in ("shear_modulus", "viscosity"))

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import COMMAND, NAMES, Page, answer, bubble, empty, unanswered, with_verdict
-from conftest import refused
+from conftest import refused, rows_of
 from scipy.stats import binom, theilslopes
 
 from cavirheo import InputError, Posterior, RadiusCurve, infer, infer_many, load, population
@@ -58,11 +58,6 @@ def strictly(path: Path) -> dict:
 
 def page_of(folder: Path) -> Page:
     return Page((folder / "report.html").read_text(encoding="utf-8"))
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from answers import same, shots
-from conftest import ROOT, messages, refused
+from conftest import EXAMPLE, messages, refused
 
 import cavirheo
 from cavirheo import InputError, Medium, SolverError
@@ -19,7 +19,6 @@ from cavirheo.posterior import Bubble, Checks, Evidence, Posterior, WindowAnswer
 from cavirheo.reporting import result
 from cavirheo.reporting.table import write_csv
 
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 WAYS = {
     "pickle": lambda one: pickle.loads(pickle.dumps(one)),
     "oldest pickle": lambda one: pickle.loads(pickle.dumps(one, protocol=2)),

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import EXAMPLE
 
 from cavirheo import read_curves
 from cavirheo.io import write_csv
@@ -17,7 +17,6 @@ from cavirheo.posterior import Posterior
 from cavirheo.workflow.store import read_kept
 from cavirheo.writing.document import LIST
 
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 COMMANDS = {  # shots, kills, words
     "infer": (50, 8, ["infer", "shots", "--verify", "none", "-o", "out"]),
     "fit": (12, 4, ["fit", "shots", "--window", "2", "-o", "out"]),

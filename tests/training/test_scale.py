@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from answers import KnownAnalysis
-from conftest import ROOT, refused
+from conftest import EXAMPLE, ROOT, refused
 
 from cavirheo import InputError
 from cavirheo.io import read_curves
@@ -59,7 +59,7 @@ def known(curve, begun=None, failing=()):
 
 @pytest.mark.parametrize("executor", [None, Threads(2)])
 def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypatch, executor):
-    curves = read_curves(ROOT / "examples" / "soft_gel.csv")
+    curves = read_curves(EXAMPLE)
     analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
     few = Unfinished(tmp_path / "few", visible=False, executor=executor).answers(curves, analysis)
     monkeypatch.setattr(analyse, "HELD", 3)
@@ -75,7 +75,7 @@ def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypat
 
 
 def test_answers_begin_with_those_that_are_kept(tmp_path):
-    curves = read_curves(ROOT / "examples" / "soft_gel.csv")
+    curves = read_curves(EXAMPLE)
     two = Unfinished(tmp_path, visible=False)
     begun = two.answers(curves, KnownAnalysis(of=known))
     for curve, answer in zip(curves, two.answers(curves, KnownAnalysis(of=known, seed=1), begun), strict=True):

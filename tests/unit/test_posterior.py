@@ -6,9 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from answers import GEL, simulated
+from answers import GEL, fit, simulated
 from conftest import messages, refused
-from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
