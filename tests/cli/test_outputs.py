@@ -20,10 +20,9 @@ from threadpoolctl import threadpool_info
 
 from cavirheo import read_curves
 from cavirheo.companions import comparison
-from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
-from cavirheo.parallel import Threads, each, one_blas_thread
+from cavirheo.parallel import Threads, one_blas_thread
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reporting import figures, read_json, write_report
@@ -266,23 +265,6 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     other.remove()
     third.remove()
     assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
-
-
-def test_an_error_does_not_wait_for_other_threads():
-    gate, begun = threading.Event(), []
-
-    def work(job: int) -> None:
-        begun.append(job)
-        if job == 1:
-            raise InputError("no", "code")
-        gate.wait(20)
-
-    before = time.perf_counter()
-    with refused("code"):
-        each(work, range(50), 2)
-    assert time.perf_counter() - before < 10
-    gate.set()
-    assert len(begun) < 10
 
 
 # --------------------------------------------------------------------------------------------------------- as a program
