@@ -27,7 +27,7 @@ from cavirheo.io import read_curves
 from cavirheo.parallel import Threads
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
-from cavirheo.training import dataset, shards
+from cavirheo.training import dataset
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.cluster import check, connected
@@ -73,23 +73,11 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
 # --- the same bytes and answers ---------------------------------------------------------------------------------------
 
 
-def test_a_data_set_is_the_same_from_threads_and_a_cluster_and_after_it_was_stopped(workers, monkeypatch, tmp_path):
+def test_a_data_set_is_the_same_from_threads_and_a_cluster(workers, monkeypatch, tmp_path):
     monkeypatch.setattr(dataset, "SHARD", 6)
     monkeypatch.setattr(dataset, "CHUNK", 2)
-    generate(PROBLEM, 14, tmp_path / "threads", seed=3, workers=2, progress=False)
-    write = shards.write_hdf5
-
-    def stopped(path, *content):
-        write(path, *content)
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(shards, "write_hdf5", stopped)
-        with pytest.raises(KeyboardInterrupt):
-            generate(PROBLEM, 14, tmp_path / "dask", seed=3, executor=workers, progress=False)
-    assert len(files(tmp_path / "dask")) == 1
-    made = generate(PROBLEM, 14, tmp_path / "dask", seed=3, executor=workers, progress=False)
-    assert (made.written, made.skipped) == (2, 1)
+    for folder, how in (("threads", {"workers": 2}), ("dask", {"executor": workers})):
+        generate(PROBLEM, 14, tmp_path / folder, seed=3, progress=False, **how)
     assert files(tmp_path / "dask") == files(tmp_path / "threads")
 
 

@@ -62,6 +62,7 @@ infer shot.csv --group shoe
 which-law shot.csv --bubble auto,moon
 which-law shot.csv --laws ,
 design --bubble auto
+design --noise-um 1,2 --fps 250e3,500e3,1e6
 fit shot.csv --free t1
 fit shot.csv --window 0
 fit shot.csv --scale-percent 200

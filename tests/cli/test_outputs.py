@@ -104,10 +104,7 @@ def test_a_place_that_cannot_be_written_is_refused_at_once(run, inputs, name, ou
     ("words", "named"),
     [
         ("which-law --laws nhkv,foo", "foo"),
-        ("which-law --stretch 0.5", "0.5"),
         ("fit --material foo", "foo"),
-        ("fit --free foo", "foo"),
-        ("fit --scale-percent 90", "scale"),
         ("fit --window-us -1", "end"),
         ("infer --model foo", "foo"),
         ("infer --stretch 0.5 --verify map", "0.5"),

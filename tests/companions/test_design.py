@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from answers import CENTRE, answer, bubble, seen, shots
-from conftest import refusal, refused
+from conftest import refused
 
 import cavirheo
 from cavirheo import InputError, Rig
@@ -249,14 +249,3 @@ def test_shots_that_do_not_count_are_counted_for(quick):
     assert twice == pytest.approx(2 * more, abs=1)
     assert good.groups[0].population.still_needed(half, 0.15) is None
     assert good.groups[0].population.still_needed(good.curves, 0.95) == 0
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        "--fps fast",
-        "--noise-um 1,2 --fps 250e3,500e3,1e6",
-    ],
-)
-def test_what_cannot_be_designed_is_refused(run, words):
-    refusal(run("design", *words.split(), "-o", "w"))

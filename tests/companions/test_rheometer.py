@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import answer, bubble
-from conftest import ROOT, refusal, refused, rows_of
+from conftest import ROOT, refused, rows_of
 from files import write_xlsx
 
 from cavirheo.companions.rheometer import VOCABULARY, Sweep, frequency_sweep, read_sweeps, strain_sweep
@@ -284,21 +284,6 @@ def test_files_that_cannot_be_used(tmp_path, name):
     path = write(tmp_path / "file.csv", content)
     with refused(code, f"{path}: ", named):
         read_sweeps(path)
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("nowhere.csv", "nowhere.csv"),
-        ("a.csv --at -1", "--at"),
-        ("a.csv --tolerance 0", "--tolerance"),
-        ("a.csv --beside a.csv", "a.csv"),
-        ("a.csv -o a.csv", "a.csv"),
-    ],
-)
-def test_bad_usage(run, tmp_path, words, named):
-    write(tmp_path / "a.csv", LAYOUTS["comma.csv"])
-    refusal(run("rheometer", *words.split()), named)
 
 
 @pytest.mark.needs("matplotlib")

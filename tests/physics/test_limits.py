@@ -10,7 +10,6 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson, solve_ivp
-from scipy.optimize import brentq
 
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION, FIELD, MOTIONS, Bubble
@@ -421,63 +420,3 @@ def test_order_of_convergence_in_space(material, way):
     orders = np.log2(errors[:-1] / errors[1:])
     print("orders", *(f"{o:.2f}" for o in orders), "errors", *(f"{e / way['max_radius']:.1e}" for e in errors))
     assert np.all(orders > 1.8), (orders, errors)
-
-
-@pytest.mark.parametrize(
-    ("material", "stretch"), [slow(IDEAL, 3.0), slow(IDEAL, 12.0), (NeoHookeanKelvinVoigt(2e4, 0.0), 6.0)], ids=str
-)
-def test_collapse_time_is_the_quadrature_of_the_energy(material, stretch):
-    """t_1 = int dR/U and U^2 R^3/2 = the energy released so far, for any gas, surface and neo-Hookean solid."""
-    t_c = WATER.time_scale(200e-6)
-
-    def released(R):
-        all_r = np.concatenate([[1.0], np.atleast_1d(R)]) * 200e-6
-        E = stored(all_r, material, WATER, stretch, 1.4)
-        return E[0] - E[1:]
-
-    smallest = brentq(lambda R: released(R)[0], 1e-3, 0.5)
-    phi = np.pi / 4 * (NODES + 1)
-    R = smallest ** (np.cos(phi) ** 2)  # at rest at both ends: smooth in phi
-    expected = np.pi / 4 * WEIGHTS @ (-np.log(smallest) * np.sin(2 * phi) * R / np.sqrt(2 * released(R) / R**3))
-    t = np.linspace(0.999, 1.001, 4001) * expected
-    way = dict(bubble=Bubble(motion="rayleigh-plesset", exponent=1.4), accuracy=to(1e-10))
-    run = simulate(material, max_radius=200e-6, stretch=stretch, time=t * t_c, **way)
-    i = np.flatnonzero(run.velocity > 0)[0]
-    U = run.velocity[i - 1 : i + 1]
-    within(1e-7, time=abs((t[i - 1] + (t[1] - t[0]) * U[0] / (U[0] - U[1])) / expected - 1))
-    within(1e-6, radius=abs(run.radius.min() / 200e-6 / smallest - 1))
-
-
-def test_where_a_bubble_comes_to_rest():
-    """At R_0 with heat and vapour, and with k = 1. Other polytropic contents keep the heat of their collapse: they
-    start at ambient temperature, follow p R^3k, and rest where that balances surface and solid, far above R_0."""
-    gel, stretch, R = NeoHookeanKelvinVoigt(2e4, 0.5), 3.0, 60e-6
-    rests = {
-        k: simulate(
-            gel, max_radius=R, stretch=stretch, time=[2e-3], bubble=Bubble(exponent=k), accuracy=to(1e-8)
-        ).radius[0] / R
-        for k in (None, 1.0, 1.2, 1.4)
-    }  # fmt: skip
-    n = dimensionless(gel, WATER, R, stretch)
-
-    def excess(x, k):
-        q = 1 / (x * stretch)
-        solid = -gel.shear_modulus / WATER.pressure * (5 - 4 * q - q**4) / 2
-        return (n.pressure - n.pv) * x ** (-3 * k) + n.pv - 1 / (n.We * x) - 1 + solid
-
-    within(1e-8, heat=abs(rests[None] * stretch - 1), isothermal=abs(rests[1.0] * stretch - 1))
-    for k in (1.2, 1.4):
-        within(1e-8, polytropic=abs(rests[k] / brentq(excess, 0.01, 1, args=(k,)) - 1))
-        assert rests[k] * stretch > 1.1
-
-
-@pytest.mark.parametrize("medium", [DRY, slow(WATER)], ids=["dry", "water"])
-def test_isothermal_limit(medium):
-    """Contents that conduct well stay at ambient temperature and give R(t) of isothermal gas and saturated vapour.
-
-    The gap falls as 1/conduction. A bubble with vapour takes many small steps here: 20 times those of a dry one.
-    """
-    exact = simulate(SOFT, bubble=Bubble(exponent=1.0), accuracy=to(1e-9), medium=medium, **VIOLENT)
-    for factor, limit in ((1e6, 4e-4), (1e7, 4e-5)):
-        run = simulate(SOFT, accuracy=Accuracy(32, 1e-8), medium=conducting(medium, factor), **VIOLENT)
-        within(limit, radius=largest(run.radius - exact.radius) / 200e-6)

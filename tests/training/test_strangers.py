@@ -2,11 +2,9 @@
 
 import json
 import os
-import random
 import shutil
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -312,41 +310,3 @@ def test_a_full_disk(small, tmp_path, most):
     done = subprocess.run(words, capture_output=True, text=True, check=False, preexec_fn=limit)
     one_line(done.returncode, done.stdout, done.stderr)
     assert list((tmp_path / "data").iterdir()) == []
-
-
-def until_killed(words: list[str], seconds: float) -> bool:
-    """Whether the command had to be killed."""
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        return bool(process.wait(seconds))
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-        return True
-
-
-TIMED = ("result.json", "history.jsonl", "last.safetensors", "tiny.json")  # they hold the seconds that it took
-
-
-def contents(folder: str) -> dict[str, object]:
-    """The bytes of each file, and the content of the card without the seconds that it took."""
-    found = {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
-    card = json.loads(found["tiny.json"])
-    del card["training"]["seconds"]
-    return {name: content for name, content in found.items() if name not in TIMED} | {"card": card}
-
-
-@pytest.mark.train
-@pytest.mark.slow
-def test_a_training_that_is_killed_at_random_moments_ends_as_one_that_is_not(small, tmp_path):
-    pytest.importorskip("torch")
-    subprocess.run(command("generate", small, "-n", 200, "-o", tmp_path / "data"), check=True)
-    small.write_text(small.read_text().replace("epochs = 4", "epochs = 50"))
-    words = command("train", small, tmp_path / "data", "--threads", 1, "-o")
-    whole, killed = ([*words, str(tmp_path / name)] for name in ("whole", "killed"))
-    began = time.monotonic()
-    subprocess.run(whole, check=True)
-    longest, chance = time.monotonic() - began, random.Random(0)
-    assert sum(until_killed(killed, chance.uniform(0.3, 0.6) * longest) for _ in range(10)) >= 3
-    subprocess.run(killed, check=True)
-    assert contents(whole[-1]) == contents(killed[-1])
