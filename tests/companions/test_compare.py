@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from answers import answer as answer_of
@@ -10,19 +9,16 @@ from answers import unanswered
 from conftest import EXAMPLE, ROOT, refused, rows_of
 
 from cavirheo import load, read_curves
-from cavirheo.companions import comparison
 from cavirheo.companions.comparison import Answering, compare
 from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.errors import InputError
-from cavirheo.inference import analysis, posterior_network
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD
-from cavirheo.reporting import result
 from cavirheo.reporting.comparison import Comparison
 from cavirheo.reporting.record import Result
 from cavirheo.writing import style
-from cavirheo.writing.document import Outputs, spread_of, write_json
+from cavirheo.writing.document import spread_of
 
 PUBLISHED = ROOT / "examples" / "published_values.csv"
 HEAD = "set,files,density,method,quantity,mean,std"
@@ -57,7 +53,7 @@ def folder(tmp_path) -> Path:
 
 @pytest.fixture
 def fake(monkeypatch):
-    """Known answers instead of inference, and result.json alone as report; returns the settings it was called with."""
+    """Known answers instead of inference; returns the settings it was called with."""
     calls = []
 
     def answer(asked, curve, *_, **__):
@@ -68,22 +64,8 @@ def fake(monkeypatch):
         material = "newtonian" if asked.model == "bdt-viscous" else "nhkv"
         return answer_of(curve, shear, viscosity, verdict=verdict, material=material)
 
-    def write_report(out, pairs, command, *, published, references, notes, **how):
-        written = result(pairs, command, notes=notes)
-        written.add_published(published, references)
-        Outputs(out, "result.json").write("result.json", write_json, written)
-        return written
-
-    def card(path):
-        law = "newtonian" if "viscous" in str(path) else "nhkv"
-        return {"kind": "posterior" if "posterior" in str(path) else "point", "material": law}
-
-    monkeypatch.setattr(comparison, "write_report", write_report)
     monkeypatch.setattr(Analysis, "answer", answer)
-    monkeypatch.setattr(posterior_network, "network_of", lambda name: SimpleNamespace(sha256="", card=card(name)))
-    for module in (analysis, comparison):
-        monkeypatch.setattr(module, "path_of", Path)
-        monkeypatch.setattr(module, "card", card)
+    monkeypatch.setattr(style, "available", lambda: False)
     return calls
 
 
