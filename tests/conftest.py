@@ -70,6 +70,12 @@ def code_of(call: Callable[..., object], *given: object, **settings: object) -> 
     return error_of(call, *given, **settings).code
 
 
+def done(called: tuple[int, str, str]) -> str:
+    """What a command printed that ended with status 0."""
+    assert called[0] == 0, called[2]
+    return called[1]
+
+
 def refusal(called: tuple[int, str, str], *words: str) -> str:
     """The one line with these words that a command ended with, at status 2."""
     status, _, err = called

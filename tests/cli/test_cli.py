@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import BDT, EXAMPLE, ROOT, refusal
+from conftest import BDT, EXAMPLE, ROOT, done, refusal
 
 from cavirheo import read_curves, simulate
 from cavirheo.io import write_csv
@@ -33,8 +33,7 @@ def shot(tmp_path) -> Path:
 
 @pytest.mark.needs("matplotlib")
 def test_the_main_job(run, tmp_path):
-    status, _, err = run("infer", EXAMPLE, *BDT, "-o", "result")
-    assert status == 0, err
+    done(run("infer", EXAMPLE, *BDT, "-o", "result"))
     result = json.loads((tmp_path / "result" / "result.json").read_text())
     assert (result["kind"], result["schema"], len(result["curves"])) == ("result", 1, 5)
     row = result["curves"][0]
@@ -102,8 +101,7 @@ def test_simulate_all_options(run, tmp_path):
     (tmp_path / "p.csv").write_text("time_us,pressure_kPa\n0,0\n1,-2000\n2,0\n3,0\n")
     words = "--rmax-um 2 --stretch 1 --duration-us 10 --fps 1e7 --motion gilmore --precise"
     law = "zener(2e3, 0.01, 1e-6)"
-    status, _, err = run("simulate", "--material", law, *words.split(), "--driving", "p.csv", "--fields", "-o", "a")
-    assert status == 0, err
+    done(run("simulate", "--material", law, *words.split(), "--driving", "p.csv", "--fields", "-o", "a"))
     expected = simulate(
         materials.parse(law),
         max_radius=2e-6,
@@ -139,8 +137,7 @@ def test_simulate_all_options(run, tmp_path):
 def test_each_option_matters(run, tmp_path, way):
     words = "simulate --material neo-hookean(2e3)+ucm(0.05,3e-6) --rmax-um 100 --stretch 5 --duration-us 30 -o {}"
     for name, more in (("a", ""), ("b", way)):
-        status, _, err = run(*words.format(name).split(), *more.split())
-        assert status == 0, err
+        done(run(*words.format(name).split(), *more.split()))
     tables = (tmp_path / name / "simulation.csv" for name in "ab")
     one, two = (np.genfromtxt(table, delimiter=",", names=True)["radius_um"] for table in tables)
     assert np.abs(one - two).max() > 0.1
@@ -180,8 +177,7 @@ def test_generate_and_train_from_the_command_line(run, tmp_path):
         ("train", "small.toml", "data", "-o", "run", "--threads", 1),
         ("evaluate", "run/laptop.onnx", "data", "-o", "eval"),
     ):
-        status, _, err = run(*words)
-        assert status == 0, err
+        done(run(*words))
     assert (tmp_path / "eval" / "metrics.json").exists()
     assert run("infer", EXAMPLE, "--model", "run/laptop.onnx", "-o", "r")[0] in (0, 1)
     for words in (("-n", 41), ("--shard", "one")):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import refusal, refused
+from conftest import done, refusal, refused
 from scipy.io import savemat
 from scipy.stats import t as student
 
@@ -228,8 +228,7 @@ class TestReading:
 class TestCommand:
     @pytest.mark.needs("matplotlib")
     def test_table(self, run, tmp_path):
-        status, _, err = run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result")
-        assert status == 0, err
+        done(run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result"))
         document = json.loads((tmp_path / "result" / "collapse-time.json").read_text())
         (group,) = document["groups"]
         assert (document["schema"], group["n"], group["model"]) == (1, 30, "analytic")

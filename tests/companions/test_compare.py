@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from answers import answer as answer_of
 from answers import unanswered
-from conftest import EXAMPLE, ROOT, refused, rows_of
+from conftest import EXAMPLE, ROOT, done, refused, rows_of
 
 from cavirheo import load, read_curves
 from cavirheo.companions.comparison import Answering, compare
@@ -72,8 +72,7 @@ def fake(monkeypatch):
 def test_the_command_answers_as_infer_does(run, folder, tmp_path):
     """With its default network and the field's bubble; the errors are in the group of its result.json."""
     (folder / "one.csv").write_text(f"{HEAD}\ngel,gel_a/shot1.csv,1003,IMR,G_kPa,6.44,1.64\n")
-    status, _, err = run("compare", "data", "--references", "data/one.csv", "-o", "c")
-    assert status == 0, err
+    done(run("compare", "data", "--references", "data/one.csv", "-o", "c"))
     run("infer", "data/gel_a/shot1.csv", *["--material", "nhkv", "--density", "1003", "--bubble", "field", "-o", "i"])
     here, there = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("c", "i"))
     assert [c["shear_modulus_Pa"] for c in here["curves"]] == [c["shear_modulus_Pa"] for c in there["curves"]]
@@ -302,8 +301,7 @@ def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, t
     (folder / "two.csv").write_text(
         f"{HEAD}\nopen,gel_a/shot?.csv,,IMR,G_kPa,8,1.5\nclosed,-,,IMR,G_kPa,30,4\nclosed,,,BDT,G_kPa,39,12\n"
     )
-    status, _, err = run("compare", "data", "--references", "data/two.csv", "-o", "c")
-    assert status == 0, err
+    done(run("compare", "data", "--references", "data/two.csv", "-o", "c"))
     made = read(tmp_path / "c")
     _, closed = made.groups
     assert (closed.name, closed.n, closed.n_failed) == ("closed", 0, 0)

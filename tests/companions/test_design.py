@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from answers import CENTRE, answer, bubble, seen, shots
-from conftest import refused
+from conftest import done, refused
 
 import cavirheo
 from cavirheo import InputError, Rig
@@ -189,8 +189,7 @@ NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051"]
 )
 def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path, words, shots):
     """Where nothing more is needed, and where no number of shots is enough."""
-    status, out, err = run("design", *words, "--fps", "100e3,1e6", "-o", "plan")
-    assert status == 0, err
+    out = done(run("design", *words, "--fps", "100e3,1e6", "-o", "plan"))
     document = cavirheo.load(tmp_path / "plan")
     assert document.notes == []
     assert document.sentences[0] in out.replace("\n", " ")

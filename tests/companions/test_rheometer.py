@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import answer, bubble
-from conftest import ROOT, refused, rows_of
+from conftest import ROOT, done, refused, rows_of
 from files import write_xlsx
 
 from cavirheo.companions.rheometer import VOCABULARY, Sweep, frequency_sweep, read_sweeps, strain_sweep
@@ -290,8 +290,7 @@ def test_files_that_cannot_be_used(tmp_path, name):
 def test_examples_give_back_the_truth(run, tmp_path, examples):
     """The main job: both sweeps of one gel, documents, pictures."""
     files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
-    status, _, err = run("rheometer", *files, "-o", "r")
-    assert status == 0, err
+    done(run("rheometer", *files, "-o", "r"))
     found = json.loads((tmp_path / "r" / "rheometer.json").read_text())
     storage, loss = (float(modulus) for modulus in examples.moduli(1.0))
     assert (found["schema"], found["material"]) == (1, "soft_gel")
@@ -340,8 +339,7 @@ def test_beside_bubbles(run, tmp_path):
     write_report(tmp_path, [(one, answer(one, 6e3 + 1e3 * k)) for k, one in enumerate(curves)], "x", ())
     before = (tmp_path / "result.json").read_bytes()
     files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
-    status, _, err = run("rheometer", *files, "--beside", "result.json", "-o", "r", "--name", "soft gel")
-    assert status == 0, err
+    done(run("rheometer", *files, "--beside", "result.json", "-o", "r", "--name", "soft gel"))
     assert (tmp_path / "result.json").read_bytes() == before
     rows = {row["quantity"]: row for row in rows_of("r/table.csv")}
     modulus = rows["shear_modulus_Pa"]

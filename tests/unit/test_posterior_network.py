@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from answers import simulated
-from conftest import ROOT, refused
+from conftest import ROOT, done, refused
 
 import cavirheo
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve
@@ -255,8 +255,7 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     (tmp_path / "data" / "curves-00000.h5").unlink()
     assert run("generate", "small.toml", "-o", "data", "--workers", 2)[0] == 0
     assert (tmp_path / "data" / "curves-00000.h5").read_bytes() == first
-    status, _, err = run("train", "small.toml", "data", "-o", "run", "--threads", 1)
-    assert status == 0, err
+    done(run("train", "small.toml", "data", "-o", "run", "--threads", 1))
     card = json.loads((tmp_path / "run" / "small.json").read_text("utf-8"))
     assert card["kind"] == "posterior"
     assert set(card["coverage"]["by_slot"]) == set(COORDINATES)
