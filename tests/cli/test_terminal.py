@@ -158,11 +158,6 @@ def test_show_prints_a_document_as_its_verb_did(verb, run, tmp_path, capsys):
         assert part in out.removesuffix(table)
 
 
-def test_show_a_folder(run, tmp_path):
-    write_report(tmp_path / "r", answers(["gel"]), "cavirheo fit gel.csv")
-    assert "cavirheo fit gel.csv" in run("show", "r")[1]
-
-
 def test_show_a_measurement_and_a_training_set(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
     write_csv(tmp_path / "shot.csv", curve)

@@ -169,23 +169,17 @@ def test_a_recording_in_two_sets_is_answered_with_each_density(fake, folder, tmp
 
 
 def test_the_table_says_what_the_record_says(fake, folder, tmp_path):
-    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
-    table_rows = rows_of(tmp_path / "c" / "comparison.csv")
-    titles = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}
-    for one, line in zip(Comparison(made).rows, table_rows, strict=True):
-        assert (line["set"], line["quantity"]) == (one.group.name, titles[one.name])
-        expected = {
-            "cavirheo_trusted_mean": one.value("cavirheo").mean,
-            "cavirheo_all_mean": one.value("cavirheo, all").mean,
-        }
-        for method, values in one.group.published.items():
-            value = values.get(one.name)
-            expected |= {f"{method}_mean": value and value.mean, f"{method}_std": value and value.std}
-        for reference, errors in one.group.errors.items():
-            for method, of in errors.items():
-                name = "cavirheo_trusted" if method == "cavirheo" else method
-                expected[f"{name}_error_to_{reference}"] = of.get(one.name)
-        assert {name: float(line[name]) if line[name] else None for name in expected} == expected
+    compare(folder, folder / "published.csv", tmp_path / "c")
+    rows = {(row["set"], row["quantity"]): row for row in rows_of(tmp_path / "c" / "comparison.csv")}
+    modulus, viscosity = (rows["gel a", name] for name in ("shear_modulus_Pa", "viscosity_Pa_s"))
+    expected = {
+        "cavirheo_trusted_mean": 6e3, "cavirheo_all_mean": 7e3, "IMR_mean": 8e3, "IMR_std": 1.5e3,
+        "rheometer_mean": 2e3, "BDT_error_to_IMR": 0.25, "cavirheo_trusted_error_to_IMR": 0.25,
+        "IMR_error_to_rheometer": 3.0,
+    }  # fmt: skip
+    assert {name: float(modulus[name]) for name in expected} == pytest.approx(expected)
+    assert (float(viscosity["BDT_mean"]), viscosity["rheometer_mean"], modulus["BDT_std"]) == (0.035, "", "")
+    assert rows["gone", "shear_modulus_Pa"]["cavirheo_all_mean"] == ""
 
 
 def test_published_values_can_be_read():

@@ -14,7 +14,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
 from cavirheo.inference.verify.evidence import models, rank_laws
-from cavirheo.physics.bubble import ACCOMMODATION, BUBBLES, FIELD, REAL, Bubble, Damage, bubbles_of
+from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, Bubble, Damage
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.reporting.answer import curve_record
 
@@ -171,16 +171,10 @@ def test_infer_searches_where_the_network_does_not_know_the_bubble():
     assert not low < 5e3 < high
 
 
-def test_bubbles_by_their_names():
-    assert {name: bubbles_of(name) for name in BUBBLES} == {"real": (REAL,), "field": (FIELD,)}
-    assert bubbles_of("auto") == (FIELD, REAL)
-    assert bubbles_of([REAL, FIELD, REAL]) == (REAL, FIELD)
+def test_different_bubbles_have_different_names_and_titles():
     changes = [{}, {"damage": "strain"}, {"confinement_damping": 0.2, "wall_distance": 1e-3}, {"motion": "gilmore"}]
     made = [replace(kind, **change) for kind in (REAL, FIELD) for change in changes]
     assert len({one.name for one in made}) == len({one.title for one in made}) == len(made)
-    for wrong in ("moon", [], [REAL, "field"], None, 3):
-        with refused("option.bubble"):
-            bubbles_of(wrong)
 
 
 def test_the_field_stands_beside_the_real_bubble_and_the_other_way_round(kinetic):

@@ -1,6 +1,5 @@
 """RadiusCurve on shots whose maximum, collapses and plateau are known."""
 
-import pickle
 from dataclasses import replace
 from functools import cache
 
@@ -266,11 +265,3 @@ def test_rayleigh_ratio_is_the_time_of_the_first_collapse_over_that_of_an_empty_
 )
 def test_arrays_that_make_no_curve_are_refused(time, radius, code):
     assert code_of(RadiusCurve, np.array(time), np.array(radius)) == f"curve.{code}"
-
-
-def test_a_curve_is_immutable_and_travels_between_processes():
-    curve = measured()
-    with pytest.raises(ValueError, match="read-only"):
-        curve.radius[0] = 1.0
-    copy = pickle.loads(pickle.dumps(curve.window(1)))
-    assert copy.max_radius == curve.max_radius

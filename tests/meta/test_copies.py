@@ -62,6 +62,8 @@ def test_copies_are_the_same(held, way):
     assert held["curve"].max_radius > 0  # what was computed is kept with the curve
     assert [name for name, one in held.items() if not same(one, WAYS[way](one))] == []
     assert WAYS[way](held["curve"]).with_max_radius(1e-4).max_radius == 1e-4
+    with pytest.raises(ValueError, match="read-only"):
+        held["curve"].radius[0] = 1.0
     assert not same(held["curve"], held["curve"].with_notes("another"))  # `same` sees a difference
 
 

@@ -298,12 +298,6 @@ def test_equilibrium_stays_put(material, motion, exponent):
     within(2e-10, motion=largest(run.radius / 10e-6 - 1), stress=largest(run.stress / WATER.pressure))
 
 
-@pytest.mark.parametrize("accommodation", [1e-3, 0.07, 10.0])
-def test_equilibrium_with_condensation_stays_put(accommodation):
-    run = simulate(GEL, max_radius=10e-6, stretch=1.0, time=TIME, bubble=Bubble("kinetic", accommodation))
-    within(2e-10, motion=largest(run.radius / 10e-6 - 1))
-
-
 def conducting(medium, factor):
     """Heat and vapour conducted `factor` times as well."""
     return replace(

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import refused
+from conftest import code_of, refused
 
 from cavirheo.inference.bins import END, SCALARS
 from cavirheo.inference.latent import COORDINATES
@@ -44,6 +44,8 @@ def test_failures_are_kept_and_counted(problem, instant, tmp_path):
     assert np.isfinite(data.radius[failed, :50]).all()
     assert data.radius[0, 0] == 1.0
     assert data.problem.id == problem.id
+    assert code_of(load, tmp_path.parent) == "dataset.none"
+    assert code_of(generate, problem, 30, tmp_path, shard=(0, 2), progress=False) == "dataset.shard"
 
 
 def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(problem, monkeypatch, tmp_path):
@@ -92,15 +94,6 @@ def test_other_settings_do_not_mix(problem, instant, tmp_path):
         with refused(f"dataset.another_{what}"):
             generate(wanted, n, tmp_path, seed=seed, progress=False)
         assert files(tmp_path) == before
-
-
-def test_refuses_what_is_no_training_set(problem, tmp_path):
-    for call, code in (
-        (lambda: load(tmp_path), "dataset.none"),
-        (lambda: generate(problem, 30, tmp_path, shard=(0, 2), progress=False), "dataset.shard"),
-    ):
-        with refused(code):
-            call()
 
 
 def test_split_is_a_partition_that_no_parameter_decides(problem, instant, tmp_path):

@@ -10,7 +10,6 @@ from conftest import ROOT, done, refused
 
 import cavirheo
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve
-from cavirheo.inference.bins import BINS, CHANNELS, SCALARS, SIZE, binned
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import CAMERA, COORDINATES, damping, damping_to_latent
 from cavirheo.inference.law import Family
@@ -38,22 +37,6 @@ def shot(*given, **settings) -> RadiusCurve:
 def experiment(curve, law="nhkv", bubble=FIELD, **given):
     options = Options(free=tuple(FREE), bubble=bubble, **given)
     return Experiment(curve, Family(law), options=options)
-
-
-def test_cells_hold_the_frames_whatever_their_rate():
-    about = {"max_radius": 1e-4, "frame": 0.05, "exposure": 0.0, "noise": 0.01, "discrepancy": 0.0, "late": 0.0}
-    time = np.arange(0.0, 3.0, 0.05)
-    frames = [np.tile(values, 2) for values in (time, 1.0 - 0.2 * time)]
-    one, two = binned(
-        np.repeat([0, 1], len(time)), *frames, **{name: np.full(2, value) for name, value in about.items()}
-    )
-    assert one.shape == (SIZE,) == (BINS * CHANNELS + SCALARS,)
-    assert np.array_equal(one, two)
-    line, _, known, within = one[: 4 * BINS].reshape(4, BINS)
-    assert known.sum() == len(time)
-    middle = (np.arange(BINS) + 0.5) * 6.0 / BINS
-    inside = (within > 0) & (known == 0)  # passed by a straight line
-    assert np.allclose(line[inside], 2.0 * (1.0 - 0.2 * middle[inside]) - 1.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("integrated", [False, True])
