@@ -24,15 +24,14 @@ if find_spec("gradio") is None:
 import httpx
 from conftest import refusal, refused
 
+from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.app import words
 from cavirheo.app.events import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, preview, sliders, what_if
 from cavirheo.app.words import files_table
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io import read_curves, write_csv
+from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
 from cavirheo.workflow.store import Store
 

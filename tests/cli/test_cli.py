@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from conftest import BDT, EXAMPLE, ROOT, done, refusal
 
-from cavirheo import read_curves, simulate
+from cavirheo import Bubble, read_curves, simulate
 from cavirheo.io import write_csv
 from cavirheo.physics import materials
 from cavirheo.physics.accuracy import PRECISE
-from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Trace
 
 

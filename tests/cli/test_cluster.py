@@ -21,9 +21,8 @@ pytest.importorskip("distributed", reason="needs the extra [cluster]")
 from dask import config
 from distributed import Client, LocalCluster
 
-from cavirheo import InputError
+from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io import read_curves
 from cavirheo.parallel import Threads
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem

@@ -9,15 +9,11 @@ from conftest import done, refusal, refused
 from scipy.io import savemat
 from scipy.stats import t as student
 
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, SolverError, simulate
 from cavirheo.companions.collapse_times import read_groups, read_table
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import SolverError
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot
-from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER
-from cavirheo.physics.simulate import simulate
 
 EMPTY = replace(WATER, surface_tension=0.0, vapour_reference_pressure=1e-6, sound_speed=float("inf"), name="empty")
 R = 2e-4

@@ -8,10 +8,9 @@ from answers import answer as answer_of
 from answers import unanswered
 from conftest import EXAMPLE, ROOT, done, refused, rows_of
 
-from cavirheo import load, read_curves
+from cavirheo import InputError, load, read_curves
 from cavirheo.companions.comparison import Answering, compare
 from cavirheo.companions.published_values import ReferenceSet, read_references
-from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD

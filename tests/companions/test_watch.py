@@ -13,8 +13,7 @@ from answers import KnownAnalysis, answer, unanswered
 from conftest import BDT, EXAMPLE
 from recordings import SCALE, film, write_mraw
 
-from cavirheo import read_curves, watch
-from cavirheo.curve import RadiusCurve
+from cavirheo import RadiusCurve, read_curves, watch
 from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
 from cavirheo.parallel import Threads

@@ -8,14 +8,13 @@ from answers import fit, simulated
 from conftest import refused
 
 import cavirheo
-from cavirheo.inference import infer
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, infer
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
 from cavirheo.inference.verify.evidence import models, rank_laws
-from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, Bubble, Damage
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt
+from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, Damage
 from cavirheo.reporting.answer import curve_record
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.01)

@@ -9,7 +9,7 @@ from answers import fit, simulated
 from conftest import BDT, EXAMPLE, messages
 
 import cavirheo
-from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves
 from cavirheo.inference import input_checks
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
@@ -18,7 +18,6 @@ from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import Bubble
 from cavirheo.reporting import read_json
 
 infer = partial(cavirheo.infer, model="bdt-viscoelastic")

@@ -27,10 +27,9 @@ from files import (
 )
 from scipy.io import loadmat, savemat
 
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.inference import input_checks
-from cavirheo.io import read_curves, write_csv
+from cavirheo.io import write_csv
 from cavirheo.io.files import expand, tidy
 from cavirheo.io.option_tables import read_trace
 from cavirheo.io.shots import CurveSet, read_shots

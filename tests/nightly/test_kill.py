@@ -11,9 +11,8 @@ from pathlib import Path
 import pytest
 from conftest import EXAMPLE
 
-from cavirheo import read_curves
+from cavirheo import Posterior, read_curves
 from cavirheo.io import write_csv
-from cavirheo.posterior import Posterior
 from cavirheo.workflow.store import read_kept
 from cavirheo.writing.document import LIST
 

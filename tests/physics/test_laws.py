@@ -9,18 +9,17 @@ import pytest
 from conftest import refused
 from test_limits import GEL, TIME
 
-from cavirheo.errors import InputError
+from cavirheo import Bubble, InputError, Medium, Newtonian, simulate, simulate_many
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, viscous
 from cavirheo.physics.accuracy import Accuracy
-from cavirheo.physics.bubble import Bubble, Damage
+from cavirheo.physics.bubble import Damage
 from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.elastic import NeoHookean, StrainEnergy
 from cavirheo.physics.law import Arm
 from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse, summary, usage
-from cavirheo.physics.media import WATER, Medium, medium
-from cavirheo.physics.simulate import simulate, simulate_many
-from cavirheo.physics.viscous import Newtonian, Viscosity
+from cavirheo.physics.media import WATER, medium
+from cavirheo.physics.viscous import Viscosity
 
 THIN = Viscoelastic(elastic.Gent(2e3, 40.0), viscous.CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
 FLUIDS = materials.Maxwell(0.1, 2e-6), materials.UpperConvectedMaxwell(0.2, 1e-5)

@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson, solve_ivp
 
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, simulate, simulate_many
 from cavirheo.physics.accuracy import Accuracy
-from cavirheo.physics.bubble import ACCOMMODATION, FIELD, MOTIONS, Bubble
+from cavirheo.physics.bubble import ACCOMMODATION, FIELD, MOTIONS
 from cavirheo.physics.driving import Pulse
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt, parse
+from cavirheo.physics.materials import parse
 from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import simulate, simulate_many
-from cavirheo.physics.viscous import Newtonian
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
 IDEAL = Newtonian(0.0)

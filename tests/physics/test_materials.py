@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from cavirheo.errors import SolverError
+from cavirheo import Newtonian, SolverError, simulate
 from cavirheo.physics import elastic, viscous
 from cavirheo.physics.elastic import Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
 from cavirheo.physics.law import SHEAR, Elastic, Viscous
 from cavirheo.physics.materials import Material, Viscoelastic
-from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import read
-from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, Newtonian, PowerLaw, Viscosity
+from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, PowerLaw, Viscosity
 
 
 def gent_energy(l1, l2, l3):

@@ -6,16 +6,14 @@ from conftest import load_benchmark
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from cavirheo.errors import SolverError
+from cavirheo import Bubble, Medium, Newtonian, SolverError, simulate
 from cavirheo.physics import materials
 from cavirheo.physics.accuracy import Accuracy
-from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Quadratic
 from cavirheo.physics.materials import Maxwell, OldroydB, TotalRelaxation, UpperConvectedMaxwell, Zener, parse
-from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import remembered, simulate
-from cavirheo.physics.viscous import Newtonian
+from cavirheo.physics.simulate import remembered
 
 lagrangian = load_benchmark("lagrangian")
 TIME = np.linspace(0, 100e-6, 101)

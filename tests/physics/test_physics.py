@@ -3,19 +3,17 @@
 import numpy as np
 import pytest
 
-from cavirheo.errors import SolverError
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, SolverError, simulate
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver
 from cavirheo.physics.accuracy import NO_SHELLS, wall_clustered
-from cavirheo.physics.bubble import ACCOMMODATION, MOTIONS, Bubble
+from cavirheo.physics.bubble import ACCOMMODATION, MOTIONS
 from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.elastic import Quadratic
-from cavirheo.physics.materials import Maxwell, NeoHookeanKelvinVoigt, TotalRelaxation, Viscoelastic, parse
+from cavirheo.physics.materials import Maxwell, TotalRelaxation, Viscoelastic, parse
 from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import read
-from cavirheo.physics.viscous import Newtonian
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
 TIME = np.linspace(0, 100e-6, 101)

@@ -12,10 +12,9 @@ import pytest
 from answers import KnownAnalysis
 from conftest import EXAMPLE, ROOT, refused
 
-from cavirheo import InputError
-from cavirheo.io import read_curves
+from cavirheo import InputError, Posterior, read_curves
 from cavirheo.parallel import Threads
-from cavirheo.posterior import Checks, Posterior
+from cavirheo.posterior import Checks
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.dataset import generate, load, survey
