@@ -61,17 +61,6 @@ def test_options_reach_the_answer(run, shot):
     assert len(other["notes"]) == len(plain["notes"]) + 1  # that R_max was set
 
 
-def test_single_shot_files_of_a_folder_are_one_group(run, tmp_path):
-    curves = read_curves(EXAMPLE)
-    (tmp_path / "gel").mkdir()
-    for k in (0, 1):
-        write_csv(tmp_path / "gel" / f"shot{k}.csv", curves[k])
-    head, *rows = EXAMPLE.read_text().splitlines()
-    (tmp_path / "two.csv").write_text("\n".join([head, *(row for row in rows if row[0] in "34")]))
-    _, groups, _ = infer(run, *sorted((tmp_path / "gel").glob("*.csv")), "two.csv")
-    assert [(g["name"], g["n"]) for g in groups] == [("gel", 2), ("two", 2)]
-
-
 FRAMES = range(60)
 FAILED = {  # a table of a curve that cannot be answered, and what the reason must name
     "three.csv": ("time_us,radius_um\n0,100\n1,101\n2,102\n", "3 of 3"),

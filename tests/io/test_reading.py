@@ -30,7 +30,7 @@ from scipy.io import loadmat, savemat
 from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.inference import input_checks
 from cavirheo.io import write_csv
-from cavirheo.io.files import expand, tidy
+from cavirheo.io.files import expand
 from cavirheo.io.option_tables import read_trace
 from cavirheo.io.shots import CurveSet, read_shots
 from cavirheo.io.subprocess_reader import KINDS
@@ -527,16 +527,3 @@ def test_what_the_words_of_a_command_stand_for(tmp_path, monkeypatch):
     (tmp_path / "empty").mkdir()
     assert code_of(lambda: expand(["*.xlsx"])) == "files.no_match"
     assert code_of(lambda: expand(["empty"])) == "files.none_in_folder"
-
-
-def test_standard_input_is_a_file_for_as_long_as_the_program_runs(monkeypatch):
-    content = ("time_us,radius_um\n" + PLAIN).encode("utf-16")
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(content)))
-    tidy()  # of what another test may have sent
-    first, second = expand(["-"]), expand(["-"])
-    (curve,) = read_curves(*first)
-    assert first == second
-    assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
-    assert (curve.name, curve.source) == ("standard input", "standard input")
-    tidy()
-    assert not first[0].parent.exists()

@@ -61,23 +61,6 @@ def test_a_tutorial_says_what_is_so(stem, tmp_path):
     assert after.ru_utime - before.ru_utime < LONGEST.get(stem, USUAL)
 
 
-def test_a_page_and_a_notebook_show_what_ran(tmp_path):
-    script = tmp_path / "tiny.py"
-    cells = (
-        "[markdown]\n# # Tiny\n",
-        '\nprint("printed")\n6 * 7\n',
-        '\nrun("echo from the shell", shell=True, check=True)\n',
-    )
-    script.write_text("\n".join(f"# %% {cell}" for cell in cells))
-    done = ran(script, tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    page = (tmp_path / "out" / "tiny.md").read_text()
-    assert [
-        part for part in ("# Tiny\n", "```text\nprinted\n42\n```", "```text\nfrom the shell\n```") if part not in page
-    ] == []
-    assert outputs(tmp_path / "out" / "tiny.ipynb") == "printed\n42\nfrom the shell\n"
-
-
 @pytest.mark.parametrize(
     "wrong", ["1 / 0", *(f'run("{line}", shell=True, check=True)' for line in ("false", "cavirheo infer nowhere.csv"))]
 )

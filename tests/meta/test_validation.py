@@ -158,20 +158,6 @@ def test_numbers_are_written_with_their_errors_and_others_are_kept(tmp_path, mon
     assert number["standard_error"] == pytest.approx(1.2533 * np.std(values) / 10, rel=0.5)  # that of a normal sample
 
 
-@pytest.mark.parametrize(
-    ("marked", "filled"),
-    [("error:.1e", "1.8e-5"), ("error:.4%", "0.0018"), ("error:se.0e", "2e-6"), ("error:n", "12"), ("time:.1f", None)],
-)
-def test_numbers_between_markers_are_filled(marked, filled):
-    results = {"solver": {"numbers": {"error": {"value": 1.84e-5, "standard_error": 2.2e-6, "n": 12}}}}
-    text = f"| it is <!--solver.{marked}-->9<!--/--> |"
-    if filled is None:
-        with pytest.raises(ValueError, match="python -m validation solver"):
-            pages.filled(text, results)
-    else:
-        assert pages.filled(text, results) == f"| it is <!--solver.{marked}-->{filled}<!--/--> |"
-
-
 def test_shares_and_their_standard_errors():
     number = numbers.coverage("held", [True] * 45 + [False] * 5, 0.9)
     assert (number.value, number.n) == (0.9, 50)

@@ -400,16 +400,3 @@ def test_order_of_convergence_in_time(material, way, least):
     order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
     print(f"order {order:.2f}, errors", *(f"{e:.1e}" for e in errors), "steps", *steps)
     assert order > least, (order, errors, steps)
-
-
-@pytest.mark.parametrize(
-    ("material", "way"), [(GEL, COLLAPSE), slow(SOFT, dict(stretch=8.0, max_radius=230e-6))], ids=str
-)
-def test_order_of_convergence_in_space(material, way):
-    """Errors against 1024 shells, from one number of shells to twice as many: order 2 throughout (measured 2.1-2.5)."""
-    way = dict(time=TIME, **way)
-    fine, *runs = (simulate(material, accuracy=Accuracy(cells, 1e-7), **way) for cells in (1024, 64, 128, 256, 512))
-    errors = np.array([largest(run.radius - fine.radius) for run in runs])
-    orders = np.log2(errors[:-1] / errors[1:])
-    print("orders", *(f"{o:.2f}" for o in orders), "errors", *(f"{e / way['max_radius']:.1e}" for e in errors))
-    assert np.all(orders > 1.8), (orders, errors)
