@@ -152,6 +152,3 @@ def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path
     (free,) = load("free").curves
     assert free.stretch_prior == {}
     assert free.stretch.median != row.stretch.median
-    laws = ("which-law", "stated.csv", "--laws", "nhkv,newtonian", "--bubble", "field", "--stretch", "free")
-    assert run(*laws, "--no-pictures", "-o", "laws")[0] in (0, 1)
-    assert load("laws/result.json").curves[0].stretch_prior == {}

@@ -204,6 +204,7 @@ def test_the_interval_is_about_the_one_that_infer_gives(good):
     assert good.half_width == pytest.approx(0.5 * np.diff(ends)[:, 0], rel=0.6)
 
 
+@pytest.mark.slow
 def test_answers_of_recordings_check_what_is_expected():
     known, stretch = np.log10([[6e3, 0.06]]), np.array([6.0])
     expectation, reached = design.reached(Setting(250e-6, 1e6), NHKV, known, stretch, seed=5)

@@ -13,7 +13,7 @@ from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
-from cavirheo.inference.verify.evidence import models, rank_laws
+from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, Damage
 from cavirheo.reporting.answer import curve_record
 
@@ -108,19 +108,6 @@ def test_the_evidence_tells_the_contents_apart():
     curve = shot(contents="kinetic", noise=0.008)
     (single,), _ = rank_laws([curve], ["nhkv"], bubble="auto", trust_input=True)
     assert single.log_evidence["nhkv, real"] > single.log_evidence["nhkv, field"]
-
-
-def test_models_of_a_ranking():
-    softening = replace(REAL, damage="first-rebound")
-    found = models(["nhkv", "newtonian"], [FIELD, REAL, softening])
-    assert list(found) == [
-        "nhkv, field", "nhkv, real", "nhkv, real, damage", "newtonian, field", "newtonian, real",
-    ]  # fmt: skip
-    assert found["nhkv, real, damage"] == ("nhkv", softening)
-    assert models(["nhkv", "newtonian"]) == {"nhkv": ("nhkv", REAL), "newtonian": ("newtonian", REAL)}
-    for few in ((["nhkv"],), (["newtonian"], [REAL, softening]), (["nhkv", "nhkv"],), (["nhkv"], [REAL, REAL])):
-        with refused("option.laws"):
-            models(*few)
 
 
 IMPOSSIBLE = [

@@ -22,7 +22,7 @@ from cavirheo.io.option_tables import read_column
 from cavirheo.messages import Message, of_error
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer
-from cavirheo.reporting import figures, group, html, result, svg, table, write_report
+from cavirheo.reporting import group, html, result, svg, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.curve_panels import answer_panels, preview_panels
 from cavirheo.reporting.group_panels import group_panels
@@ -336,11 +336,6 @@ def test_numbers_show_the_digits_that_their_error_leaves(text, shown):
     assert text == shown
 
 
-@pytest.mark.parametrize(("values", "unit"), [((310.0, 95.0), (1.0, "Pa")), ((310.0, 5e3), (1e-3, "kPa"))])
-def test_table_chooses_one_unit(values, unit):
-    assert result([(bubble(), answer(bubble(), G)) for G in values], COMMAND).modulus_unit == unit
-
-
 def test_no_cell_of_a_table_is_a_formula(tmp_path):
     names = ["=1+1", "+a", "-a", "@a", "＝1", "'=1", "'a", "-1.5", "a"]
     document.write_rows(tmp_path / "a.csv", ["shot", "=n"], [{"shot": name, "=n": -1.5} for name in names])
@@ -447,16 +442,6 @@ def test_every_curve_has_a_picture(curve, made):
         layers = {part.get("class") for part in drawn.iter("path")}
         assert ("measured" in layers) == bool(len(curve.time))
         assert ("simulated" in layers) == (made.checks.verdict != "failed")
-
-
-@pytest.mark.needs("matplotlib")
-def test_figures_show_what_the_picture_shows(pairs):
-    panels = panels_of(*pairs[0])
-    drawn = figures.curve_figure(panels)
-    found = {line.get_label(): line.get_xydata() for line in drawn.axes[0].lines}
-    measured = panels[0].layer("measured")
-    assert found["measured"] == pytest.approx(np.column_stack([measured.x, measured.y]))
-    assert found["simulation: answer"][:, 1] == pytest.approx(panels[0].layer("simulated").y)
 
 
 @pytest.mark.needs("matplotlib")

@@ -148,17 +148,6 @@ def test_every_page_begins_with_its_title_and_the_page_of_commands_has_every_ver
     assert [verb for verb in OPTIONS if not re.search(rf"[`/ ]{verb}[`,]", text)] == []
 
 
-def test_source_refers_to_pages_that_exist():
-    folders = ("src", "tests", "benchmarks", "validation", "packaging", "recipes")
-    files = [path for folder in folders for path in ROOT.glob(f"{folder}/**/*") if path.suffix in (".py", ".toml")]
-    named = {
-        (name(path), page)
-        for path in {*files, ROOT / "Makefile", ROOT / "pyproject.toml"} - {Path(__file__)}
-        for page in re.findall(r"(?<![\w/.-])(?:docs|benchmarks)/[\w/-]+\.md", path.read_text("utf-8"))
-    }
-    assert {(path, page) for path, page in named if not (ROOT / page).exists()} == set()
-
-
 SNIPPET = re.compile(r"^```python\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)  # with its output
 SNIPPETS = [(page, *found) for page in PAGES for found in SNIPPET.findall(page.read_text("utf-8"))]
 NUMBER = re.compile(r"\d+(?:\.\d+)?")

@@ -18,7 +18,7 @@ from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, predictive, verification, verify_many
 from cavirheo.inference.verify import mode as mode_module
-from cavirheo.inference.verify.evidence import models, rank_laws, ranked
+from cavirheo.inference.verify.evidence import rank_laws, ranked
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
@@ -377,15 +377,6 @@ def named(*groups_and_names: str) -> list[RadiusCurve]:
     """A curve for each "group name"."""
     about = [dict(zip(("group", "name"), one.split(), strict=True)) for one in groups_and_names]
     return [RadiusCurve(np.arange(3) * 1e-6, np.full(3, 1e-4), meta=meta) for meta in about]
-
-
-def test_the_network_knows_some_laws_and_bubbles():
-    known = models(["nhkv", "fung+newtonian"], [FIELD, REAL, replace(REAL, accommodation=0.1)])
-    assert all(evidence.by_network(model) for model in known.values())
-    assert not evidence.by_network(known["nhkv, real"], "plateau")
-    others = replace(REAL, damage="strain"), Bubble(confinement_damping="free"), Bubble(confinement_inertia=0.2)
-    for model in (*(("nhkv", bubble) for bubble in others), ("zener", REAL)):
-        assert not evidence.by_network(model)
 
 
 def test_the_law_of_the_group_explains_each_of_its_shots():
