@@ -6,25 +6,12 @@ import zipfile
 from contextlib import suppress
 from pathlib import Path
 
+import files
 import h5py
 import numpy as np
 import pytest
 from conftest import code_of, refused
-from files import (
-    R_MAX,
-    R_STAR,
-    RADIUS,
-    T_C,
-    T_STAR,
-    TIME,
-    bdt_variables,
-    lines,
-    ods_row,
-    save_v73,
-    text_table,
-    write_ods,
-    write_xlsx,
-)
+from files import R_MAX, R_STAR, RADIUS, T_C, T_STAR, TIME, bdt_variables, lines, save_v73, text_table
 from scipy.io import loadmat, savemat
 
 from cavirheo import InputError, RadiusCurve, read_curves
@@ -452,11 +439,11 @@ def sheet(*columns):
 OTHER, GAP = sheet(US, 2 * UM), [["time_us", None, "radius_um"], *zip(US, [None] * len(US), UM, strict=True)]
 COMMAS = [[f"{t:.6f}".replace(".", ","), f"{r:.6f}".replace(".", ",")] for t, r in zip(US, UM, strict=True)]
 BOOKS = {
-    "first visible tab": lambda path: write_xlsx(path, {"no": OTHER, "a": GAP, "b": OTHER}, hidden=["no"]),
-    "heading and commas": lambda path: write_xlsx(
+    "first visible tab": lambda path: files.write_xlsx(path, {"no": OTHER, "a": GAP, "b": OTHER}, hidden=["no"]),
+    "heading and commas": lambda path: files.write_xlsx(
         path, {"a": [["Bubble data"], [None], ["Zeit", "Radius"], ["µs", "µm"], *COMMAS]}
     ),
-    "open document": lambda path: write_ods(path, "".join(map(ods_row, sheet(US, UM)))),
+    "open document": lambda path: files.write_ods(path, "".join(map(files.ods_row, sheet(US, UM)))),
     **{
         f"{name} text": lambda path, name=name: path.write_bytes(("time_µs,radius_µm\n" + PLAIN).encode(name))
         for name in ("utf-8-sig", "utf-16", "latin-1")

@@ -22,13 +22,7 @@ from cavirheo.inference.verify.evidence import rank_laws, ranked
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
-from cavirheo.inference.verify.sampler import (
-    Mixture,
-    Sample,
-    adapted,
-    effective_size,
-    importance_sample,
-)
+from cavirheo.inference.verify.sampler import Mixture, Sample, adapted, effective_size, importance_sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
