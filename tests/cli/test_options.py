@@ -59,6 +59,9 @@ infer shot.csv --confinement-inertia 0.1 --wall-distance-um 900
 infer shot.csv --bubble real --model bdt-viscoelastic
 infer shot.csv --bubble auto --verify none
 infer shot.csv --group shoe
+infer shot.csv --shots 99
+show shot.csv --shots x
+collapse-time times.csv --shots 99
 which-law shot.csv --bubble auto,moon
 which-law shot.csv --laws ,
 design --bubble auto

@@ -14,19 +14,17 @@ from answers import COMMAND, NAMES, Page, answer, bubble, empty, unanswered, wit
 from conftest import refused, rows_of
 from scipy.stats import binom, theilslopes
 
-from cavirheo import InputError, Posterior, RadiusCurve, infer, infer_many, load, population
-from cavirheo.inference.analysis import Analysis
+from cavirheo import Posterior, infer_many, load, population
 from cavirheo.inference.input_checks import warned
 from cavirheo.inference.network_answer import Networked
 from cavirheo.io.option_tables import read_column
-from cavirheo.messages import Message, of_error
+from cavirheo.messages import Message
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer
 from cavirheo.reporting import group, html, result, svg, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.curve_panels import answer_panels, preview_panels
 from cavirheo.reporting.group_panels import group_panels
-from cavirheo.reporting.input_remarks import next_step
 from cavirheo.reporting.record import CurveAnswers
 from cavirheo.writing import digits, document, style
 from cavirheo.writing.document import Quantity, Spread, write_json
@@ -215,25 +213,6 @@ def test_bounds_count_where_they_tell_something(tmp_path):
     assert (one.n_trusted, one.shear_modulus_Pa.n, one.viscosity_Pa_s.n) == (3, 3, 2)
 
 
-@pytest.mark.parametrize(
-    ("verdicts", "material", "diagnostics", "proposed"),
-    [
-        (["model_does_not_fit"] * 4, "nhkv", {}, True),
-        (["model_does_not_fit"] * 4, "auto", {}, False),
-        (["model_does_not_fit"] + ["ok"] * 3, "nhkv", {}, False),
-        (["model_does_not_fit"] * 4, "nhkv", {"frames_left_out": 2}, False),
-        (["model_does_not_fit"] * 4, "nhkv", {"at_bound": ("radius_scale",)}, False),
-    ],
-)
-def test_another_law_is_proposed_where_it_may_help(verdicts, material, diagnostics, proposed):
-    pairs = several(4)
-    for k, verdict in enumerate(verdicts):
-        made = with_verdict(replace(pairs[k][1], diagnostics=Diagnostics(**diagnostics)), verdict)
-        pairs[k] = pairs[k][0], made
-    made = result(pairs, f"cavirheo infer a.mat --material {material} -o out")
-    assert ("--material auto" in next_step(made, Analysis(material=material), Path("out"))) == proposed
-
-
 RADII = np.linspace(1.2e-4, 3.2e-4, 7)
 
 
@@ -358,16 +337,6 @@ def test_messages_have_codes_and_sentences_and_an_input_warning_decides_the_verd
     row = strictly(tmp_path / "result.json")["curves"][0]
     assert row["messages"] == [{"code": one.code, "text": one.text} for one in (late, misfit)]
     assert [one.code for one in load(tmp_path / "result.json").curves[0].messages] == [late.code, misfit.code]
-
-
-def test_why_a_curve_has_no_answer_is_the_code_of_the_error_and_the_log_has_its_traceback(caplog):
-    curve = bubble()
-    with caplog.at_level("DEBUG", "cavirheo"):
-        failed = infer(RadiusCurve(curve.time, np.full(len(curve.time), np.nan)))
-    assert [one.code for one in failed.checks.messages] == ["curve.few_frames"]
-    assert any(one.exc_info and one.exc_info[0] is InputError for one in caplog.records)
-    error = InputError("no file", "reading.missing", "a.csv")
-    assert (str(error.within("folder")), of_error(error).text) == ("folder: a.csv: no file", "no file")
 
 
 def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):

@@ -51,13 +51,6 @@ def test_verbs_answer_the_chosen_shots_alone(run):
         assert [shot["name"] for shot in group["shots"]] == names
 
 
-@pytest.mark.parametrize("verb", ["infer", "fit", "which-law", "collapse-time", "show"])
-@pytest.mark.parametrize("shots", ["99", "x"])
-def test_a_shot_that_is_not_there_is_bad_usage(verb, shots, run):
-    status, _, said = run(verb, FILE, "--shots", shots, *([] if verb == "show" else ["-o", "out"]))
-    assert (status, shots in said, Path("out").exists()) == (2, True, False)
-
-
 def test_files_of_one_name_are_one_group(run, tmp_path):
     curve = read_curves(FILE)[0]
     stems = {"soft_1": "soft", "soft 02": "soft", "soft_1 (2)": "soft", "soft(3)": "soft", "gel5kPa_3": "gel5kPa"}

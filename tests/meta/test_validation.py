@@ -1,7 +1,5 @@
 """The open challenge: recordings of known truth are made and scored, and both mean what they say."""
 
-import json
-
 import numpy as np
 import pytest
 from conftest import ROOT
@@ -10,7 +8,6 @@ from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, read_curves, simulat
 from cavirheo.physics.elastic import Fung
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Newtonian, PowerLaw
-from validation import __main__ as validate
 from validation import numbers, pages
 from validation.challenge import answers, camera, make, score, truth
 
@@ -141,21 +138,6 @@ def test_the_page_of_claims_is_that_of_the_results():
 def test_headline_numbers_are_marked(page):
     assert pages.MARKED.search((ROOT / page).read_text("utf-8"))
     assert not pages.AT_BEGINNING.search((ROOT / page).read_text("utf-8"))
-
-
-def test_numbers_are_written_with_their_errors_and_others_are_kept(tmp_path, monkeypatch):
-    out = tmp_path / "validate.json"
-    out.write_text('{"earlier": {"numbers": {}}}')
-    values = np.arange(100.0)
-    monkeypatch.setattr(validate, "measured", lambda name: lambda run: [numbers.statistic("middle", values, "m")])
-    monkeypatch.setattr("sys.argv", ["validate", "solver", "--full", "-o", str(out)])
-    validate.main()
-    found = json.loads(out.read_text())
-    assert found["earlier"] == {"numbers": {}}
-    assert {"commit", "date", "processor", "full", "seconds"} < set(found["solver"])
-    number = found["solver"]["numbers"]["middle"]
-    assert (number["value"], number["n"], number["unit"], number["seed"]) == (49.5, 100, "m", numbers.SEED)
-    assert number["standard_error"] == pytest.approx(1.2533 * np.std(values) / 10, rel=0.5)  # that of a normal sample
 
 
 def test_shares_and_their_standard_errors():

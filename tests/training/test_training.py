@@ -52,22 +52,6 @@ def changed(recipe: Recipe, **settings) -> Recipe:
 # recipes
 
 
-def test_the_paper_protocol():
-    recipes = {name: read_recipe(path) for name, path in RECIPES.items()}
-    for name, recipe in recipes.items():
-        assert recipe.export.name == name
-        assert recipe.problem.reference_max_radius == 245e-6
-        assert (recipe.training.batch, recipe.training.lr) == (32, 1e-3)
-        assert recipe.training.dropout_epochs < recipe.training.epochs
-    full, viscous, laptop = recipes.values()
-    steps = [0.8 * one.data.n / one.training.batch * one.training.epochs for one in (full, viscous)]
-    assert steps == [25_000, 39_000]
-    assert full.outputs == ("log10_shear_modulus", "log10_viscosity")
-    assert viscous.outputs == ("log10_viscosity",)
-    assert laptop.problem.id == full.problem.id
-    assert laptop.data.n >= 3000
-
-
 def test_recipe_names_its_medium(tmp_path):
     path = tmp_path / "medium.toml"
     for given, density in (('"bu2026"', 1000.0), ("{density = 1010.0}", 1010.0), ('{name = "bu2026"}', 1000.0)):
@@ -193,24 +177,6 @@ class TestTorch:
         self.train(recipe, data, tmp_path / "cut", **CPU)
         assert len(steps) == done  # a finished run is not trained, nor its test part looked at, again
         assert (tmp_path / "cut" / "result.json").read_bytes() == before
-
-    def test_dropout_ends_where_the_recipe_says(self, recipe, data, tmp_path, monkeypatch):
-        dropped, now = {}, []
-        forward, loss_of = self.torch.nn.Dropout.forward, self.point.PointTraining.loss
-
-        def loss(training, step):
-            now.append(step // training.every)
-            return loss_of(training, step)
-
-        def seen(layer, x):
-            if self.torch.is_grad_enabled():  # in training, not in the look at the validation part
-                dropped.setdefault(now[-1], set()).add(layer.training)
-            return forward(layer, x)
-
-        monkeypatch.setattr(self.torch.nn.Dropout, "forward", seen)
-        monkeypatch.setattr(self.point.PointTraining, "loss", loss)
-        self.train(changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **CPU)
-        assert dropped == {0: {True}, 1: {True}, 2: {False}}
 
     def test_learning_rate(self, recipe):
         learning_rate = self.point.learning_rate
