@@ -7,6 +7,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -22,7 +23,11 @@ BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, whe
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
-collect_ignore_glob = [] if importlib.util.find_spec("av") else ["*test_video*"]  # without the extra [video]
+NEEDED = {  # a library of an extra, and the files of tests that need it
+    "av": ["*test_video*", "*test_app_film*"], "gradio": ["*test_app*"], "distributed": ["*test_cluster*"],
+    "mkdocstrings_handlers": ["*test_site*"],
+}  # fmt: skip
+collect_ignore_glob = [glob for name, globs in NEEDED.items() if not find_spec(name) for glob in globs]
 if not (ROOT / "docs").is_dir():  # the sdist, whose tests run from the wheel (tests/wheel.py)
     collect_ignore_glob += ["meta/test_document*.py", "meta/test_site.py"]
 
@@ -97,7 +102,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.get_closest_marker("repository") and not (ROOT / "docs").is_dir():
             item.add_marker(pytest.mark.skip(reason="no repository beside the tests"))
         for mark in item.iter_markers("needs"):
-            if importlib.util.find_spec(mark.args[0]) is None:
+            if find_spec(mark.args[0]) is None:
                 item.add_marker(pytest.mark.skip(reason=f"needs {mark.args[0]}"))
     items.sort(key=lambda item: next((i for i, name in enumerate(LONGEST) if item.path.stem == name), len(LONGEST)))
 
@@ -116,7 +121,7 @@ def real_data() -> Path:
 def chromium() -> Iterator[object]:
     """A real browser; without one a test is skipped."""
     program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None or importlib.util.find_spec("playwright") is None:
+    if program is None or find_spec("playwright") is None:
         pytest.skip("needs playwright and a Chromium")
     from playwright.sync_api import sync_playwright
 

@@ -165,5 +165,5 @@ def text_table(path, header, *columns, separator=","):
 
 
 def lines(separator, *columns, comma=False):
-    text = "\n".join(separator.join(f"{v:.6f}" for v in row) for row in zip(*columns, strict=True)) + "\n"
+    text = "\n".join(separator.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)) + "\n"
     return text.replace(".", ",") if comma else text

@@ -10,18 +10,13 @@ import time
 import zipfile
 from contextlib import closing, contextmanager, suppress
 from dataclasses import fields
-from importlib.util import find_spec
 from multiprocessing import active_children
 from pathlib import Path
 from threading import Event, Thread
 
+import httpx
 import numpy as np
 import pytest
-
-if find_spec("gradio") is None:
-    pytest.skip("the app extra is not installed", allow_module_level=True)
-
-import httpx
 from conftest import refusal, refused
 
 from cavirheo import InputError, RadiusCurve, read_curves

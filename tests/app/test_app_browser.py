@@ -3,12 +3,8 @@
 import json
 import time
 import zipfile
-from importlib.util import find_spec
 
 import pytest
-
-if find_spec("gradio") is None:
-    pytest.skip("the app extra is not installed", allow_module_level=True)
 
 from cavirheo.app.session import VisitorLimits
 from cavirheo.app.steps import examples

@@ -1,14 +1,9 @@
 """The step of a recording in the browser app, without a browser: measured apart, frames left out, confirmed."""
 
 from contextlib import closing
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
-
-if find_spec("gradio") is None or find_spec("av") is None:
-    pytest.skip("the extras app and video are not installed", allow_module_level=True)
-
 import tifffile
 from conftest import refused
 from recordings import RATE, SCALE, film

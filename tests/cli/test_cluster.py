@@ -15,9 +15,6 @@ from pathlib import Path
 import pytest
 from answers import same
 from conftest import EXAMPLE, ROOT, refusal, refused
-
-pytest.importorskip("distributed", reason="needs the extra [cluster]")
-
 from dask import config
 from distributed import Client, LocalCluster
 

@@ -15,6 +15,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 from answers import answer, bubble  # noqa: E402
 from broken_recipes import RIGHT  # noqa: E402
 from files import cells, ods_row, save_v73, write_ods, write_xls, write_xlsx  # noqa: E402
+from files import lines as rows  # noqa: E402
 
 from cavirheo.companions import rheometer  # noqa: E402
 from cavirheo.companions.collapse_times import CollapseTimes, read_groups  # noqa: E402
@@ -29,12 +30,6 @@ TIME = np.arange(-8.0, 92.0)  # us
 RADIUS = 250 * (0.12 + 0.88 * np.abs(np.cos(np.pi * TIME / 46)) * np.exp(-np.maximum(TIME, 0) / 70))  # um
 SECONDS, METRES = TIME * 1e-6, RADIUS * 1e-6
 STAR = 250e-6 * np.sqrt(998 / 101325)  # s per unit of t*
-
-
-def rows(separator: str, *columns: np.ndarray, comma: bool = False) -> str:
-    """Lines of numbers."""
-    text = "\n".join(separator.join(f"{value:.6g}" for value in row) for row in zip(*columns, strict=True)) + "\n"
-    return text.replace(".", ",") if comma else text
 
 
 OMEGA = np.geomspace(0.1, 100, 13)
