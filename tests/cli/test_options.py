@@ -33,7 +33,7 @@ WORDS = ["word", "nan", "\x1b]0;title\x07", "漢" * 30, "-1"]
 
 
 def odd_values() -> list[tuple[str, str, str]]:
-    """(verb, option, value): three for every option that takes a value, in turn."""
+    """(verb, option, value): two for every option that takes a value, in turn."""
     found, turn = [], count()
     for verb, command in COMMANDS.items():
         context = command.make_context(verb, [], resilient_parsing=True)
@@ -41,7 +41,7 @@ def odd_values() -> list[tuple[str, str, str]]:
             if option.param_type_name == "option" and not option.is_flag and option.opts[-1] not in FREE:
                 number = re.search("float|int|NUMBER|FLOAT", option.get_help_record(context)[0])
                 values = NUMBERS if number else WORDS
-                found += [(verb, option.opts[-1], values[next(turn) % len(values)]) for _ in range(3)]
+                found += [(verb, option.opts[-1], values[next(turn) % len(values)]) for _ in range(2)]
     return found
 
 

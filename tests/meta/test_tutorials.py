@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import resource
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -24,8 +23,6 @@ SHOWN = {  # tutorial: what its outputs say
 }
 NEEDS = {"gel": ("matplotlib", "av"), "liquid": ("matplotlib",), "own_law": ("matplotlib",)}
 NEEDS |= {"cluster": ("distributed",), "app": ("gradio",)}
-LONGEST = {"cluster": 60.0}  # s of processor time, of all processes: a busy machine needs twice that of an idle one
-USUAL = 30.0  # s; a cluster's are on two cores, and each of its processes loads the solver
 
 
 def ran(script: Path, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -49,16 +46,13 @@ def test_every_tutorial_is_tested():
 def test_a_tutorial_says_what_is_so(stem, tmp_path):
     if any(find_spec(name) is None for name in NEEDS[stem]):
         pytest.skip("an extra is not installed")
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = ran(SCRIPTS[stem], tmp_path)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert done.returncode == 0, done.stderr
     said = outputs(tmp_path / f"{stem}.ipynb")
     assert re.search(SHOWN[stem], said), said
     page = (tmp_path / f"{stem}.md").read_text("utf-8")
     assert all(line.rstrip() in page for line in said.splitlines())
     assert len(re.findall(r"!\[.*?\]\(\w+-\d\.png\)", page)) == len(list(tmp_path.glob("*.png")))
-    assert after.ru_utime - before.ru_utime < LONGEST.get(stem, USUAL)
 
 
 @pytest.mark.parametrize(
