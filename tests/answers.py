@@ -7,14 +7,18 @@ from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
-from conftest import messages
+from conftest import ROOT, messages
 
 import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
+from cavirheo.companions import rheometer
+from cavirheo.companions.collapse_times import CollapseTimes, read_groups
+from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
+from cavirheo.physics.media import WATER
 from cavirheo.posterior import Checks, Diagnostics
-from cavirheo.reporting import table
+from cavirheo.reporting import laws, result, table
 from cavirheo.reporting.record import Result
 from cavirheo.writing import terminal
 
@@ -23,6 +27,7 @@ COMMAND = "cavirheo infer shots.mat -o out"
 CENTRE = np.array([3.8, -1.4])  # log10 of 6.3 kPa and 0.04 Pa s
 FLAT = {NAMES[0]: (1.0, 7.0), NAMES[1]: (-4.0, 1.0)}
 GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
+SWEEP = str(ROOT / "examples" / "soft_gel_{}_sweep.csv")
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,30 @@ def shots(n, spread=0.05, width=0.05, *, seed=1, centre=CENTRE, away=()) -> list
     truths = centre + spread * rng.standard_normal((n, 2))
     truths[list(away)] = np.asarray(centre) + 0.5
     return [seen(truth + width * rng.standard_normal(2), width, seed=i) for i, truth in enumerate(truths)]
+
+
+def laws_of(names: Sequence[str]) -> laws.Laws:
+    """A ranking of laws under each name."""
+    (row,) = result([(bubble(), answer(bubble(), draws=40))], "").curves
+    about = laws.WeighedLaw(log_evidence=-1234.5, standard_error=0.31, probability=0.25, answer=row)
+    known = dict.fromkeys(("neo-hookean + carreau-yasuda", "quadratic-kelvin-voigt", "newtonian"), about)
+    each = {"shots": 1, "chosen": "newtonian", "contenders": [], "laws": known}
+    return laws.Laws(command="", curves=[{"name": name, **each} for name in names], groups=[])
+
+
+def sweeps_of(names: Sequence[str]) -> rheometer.Rheometry:
+    """Both sweeps of the example under each name."""
+    kinds = [sweep for kind in ("strain", "frequency") for sweep in read_sweeps(SWEEP.format(kind))]
+    named = [sweep.model_copy(update={"name": name}) for sweep in kinds for name in names]
+    return rheometer.rheometry(named, names[0], command="", date="", notes=[])
+
+
+def times_of(names: Sequence[str]) -> CollapseTimes:
+    """Collapse times of a material under each name."""
+    (group,), *_ = read_groups([ROOT / "tests" / "meta" / "golden" / "times.csv"], WATER)
+    group.answer("nhkv", medium=WATER)
+    groups = [group.model_copy(update={"name": name}) for name in names]
+    return CollapseTimes(command="", material="nhkv", medium={"density": WATER.density}, groups=groups)
 
 
 def printed(document: Result, width: int) -> str:
