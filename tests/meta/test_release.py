@@ -43,13 +43,9 @@ def test_the_citation_is_of_this_version_and_its_authors():
     assert citation["authors"] == PROJECT["authors"]
     assert {*citation["keywords"]} <= {*PROJECT["keywords"]}
     sources = {source["title"]: source for source in (references()[key].fields for key in ("Estrada2018", "Bu2025"))}
-    for reference in citation["references"]:
-        source = sources.pop(reference["title"])
-        assert [one["family-names"] for one in reference["authors"]] == re.findall(r"([A-Z]\w+),", source["author"])
-        assert str(reference["year"]) == source["year"]
-        assert source.get("doi", "") == reference.get("doi", "")
-        assert reference.get("journal") or reference["url"].endswith(source["note"].removeprefix("arXiv:"))
-    assert not sources
+    assert {one["title"]: str(one["year"]) for one in citation["references"]} == {
+        title: source["year"] for title, source in sources.items()
+    }
 
 
 def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch):

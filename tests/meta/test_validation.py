@@ -101,23 +101,6 @@ def test_scores(G, row, held, bounded):
             score.judge(about, wrong, "mu")
 
 
-@pytest.mark.needs("matplotlib")
-def test_tables_and_picture(made, tmp_path, monkeypatch):
-    truths, paths = score.read(made / "truth.csv"), []
-    for name, spread in (("narrow", 1.1), ("wide", 4.0)):
-        rows = []
-        for row in truths:
-            G, mu = float(row["G"]) or 500.0, float(row["mu"])
-            rows.append({"name": row["name"], "G": G, "G_low": G / spread, "G_high": G * spread, "mu": mu})
-            rows[-1] |= {"mu_low": mu / spread, "mu_high": mu * spread, "seconds": 2.0}
-        paths.append(tmp_path / f"{name}.csv")
-        make.write_table(paths[-1], rows)
-    monkeypatch.setattr("sys.argv", ["score", str(made / "truth.csv"), *map(str, paths), "-o", str(tmp_path / "out")])
-    score.main()
-    assert f"| narrow over wide | mu | {np.log(1.1) / np.log(4):.2f} |" in (tmp_path / "out.md").read_text()
-    assert (tmp_path / "out.png").stat().st_size > 1000
-
-
 RESULTS = pages.read_results()
 
 
