@@ -1,6 +1,5 @@
 """Curves of known truth, and answers that are not computed, for tests of what is done with answers."""
 
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from html.parser import HTMLParser
@@ -18,9 +17,7 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Checks, Diagnostics
-from cavirheo.reporting import laws, result, table
-from cavirheo.reporting.record import Result
-from cavirheo.writing import terminal
+from cavirheo.reporting import laws, result
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
@@ -152,13 +149,6 @@ def times_of(names: Sequence[str]) -> CollapseTimes:
     group.answer("nhkv", medium=WATER)
     groups = [group.model_copy(update={"name": name}) for name in names]
     return CollapseTimes(command="", material="nhkv", medium={"density": WATER.density}, groups=groups)
-
-
-def printed(document: Result, width: int) -> str:
-    """The table of a document on a terminal of this width."""
-    console = terminal.console(width=width, file=io.StringIO(), force_terminal=False)
-    table.print_table(document, console)
-    return console.file.getvalue()
 
 
 class Page(HTMLParser):
