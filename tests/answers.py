@@ -108,13 +108,13 @@ def with_verdict(posterior: Posterior, verdict: str, *said: Message) -> Posterio
     return replace(posterior, checks=replace(posterior.checks, verdict=verdict, messages=said))
 
 
-def seen(mean, width, draws=600, *, seed=0, names=NAMES, bend=None, **more) -> Posterior:
-    """Draws of a Gaussian posterior with exactly this mean (d,) and standard deviation; `bend`: log weights."""
+def seen(mean, width, draws=600, *, seed=0, names=NAMES, **more) -> Posterior:
+    """Draws of a Gaussian posterior with exactly this mean (d,) and standard deviation."""
     rng = np.random.default_rng(seed)
     z = rng.standard_normal((draws, len(names)))
     z = (z - z.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(z.T, bias=True).reshape(len(names), -1))).T
     theta = np.asarray(mean) + z * width
-    about = {"prior": {name: FLAT[name] for name in names}, "log_weight": None if bend is None else bend(theta), **more}
+    about = {"prior": {name: FLAT[name] for name in names}, **more}
     law = "nhkv" if len(names) == 2 else "newtonian"
     return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks("ok"), law, "verified", **about)
 

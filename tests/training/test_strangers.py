@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from broken_recipes import RECIPES, RIGHT
-from conftest import code_of, error_of
+from conftest import code_of, error_of, refusal
 
 from cavirheo import load
 from cavirheo.inference import session
@@ -237,13 +237,6 @@ def small(tmp_path) -> Path:
     return tmp_path / "small.toml"
 
 
-def one_line(status: int, out: str, err: str) -> str:
-    assert (status, out) == (2, "")
-    (line,) = (line for line in err.splitlines() if line.strip())
-    assert line.startswith("error: ")
-    return line
-
-
 @pytest.mark.train
 @pytest.mark.slow
 def test_wrong_words_and_places_of_generate_and_train(instant, small, run, tmp_path):
@@ -251,12 +244,12 @@ def test_wrong_words_and_places_of_generate_and_train(instant, small, run, tmp_p
     assert run("generate", small, "-o", "data")[0] == 0
     (tmp_path / "file").write_text("mine")
     for words in (("generate", small), ("train", small, "data")):
-        assert "file/inside" in one_line(*run(*words, "-o", "file/inside"))
+        assert "file/inside" in refusal(run(*words, "-o", "file/inside"))
     for device in ("foo", "cuda:99", "meta", ""):
-        assert repr(device) in one_line(*run("train", small, "data", "-o", "run", "--device", device))
+        assert repr(device) in refusal(run("train", small, "data", "-o", "run", "--device", device))
     wild = small.with_name("wild.toml")
     wild.write_text(small.read_text().replace("lr = 0.01", "lr = 1e30"))
-    assert "lower lr" in one_line(*run("train", wild, "data", "-o", "wild", "--threads", 1))
+    assert "lower lr" in refusal(run("train", wild, "data", "-o", "wild", "--threads", 1))
 
 
 @pytest.mark.train
@@ -279,7 +272,7 @@ def test_a_damaged_run_is_named(instant, small, run, tmp_path):
         shutil.rmtree(tmp_path / "run", ignore_errors=True)
         shutil.copytree(whole, tmp_path / "run")
         (tmp_path / "run" / name).write_bytes(bad)
-        line = one_line(*run(*words))
+        line = refusal(run(*words))
         assert name in line or bad == b"{}"
 
 
@@ -290,7 +283,7 @@ def test_training_says_what_is_not_installed(small, run, monkeypatch):
                 patch.delitem(sys.modules, f"cavirheo.training.{loaded}", raising=False)
                 patch.delattr(f"cavirheo.training.{loaded}", raising=False)
             patch.setitem(sys.modules, name, None)
-            assert "[train]" in one_line(*run("train", small, "data", "-o", "run"))
+            assert "[train]" in refusal(run("train", small, "data", "-o", "run"))
 
 
 def command(*words: object) -> list[str]:
@@ -308,5 +301,5 @@ def test_a_full_disk(small, tmp_path, most):
 
     words = command("generate", small, "-o", tmp_path / "data", "-n", 20)
     done = subprocess.run(words, capture_output=True, text=True, check=False, preexec_fn=limit)
-    one_line(done.returncode, done.stdout, done.stderr)
+    refusal((done.returncode, done.stdout, done.stderr))
     assert list((tmp_path / "data").iterdir()) == []
