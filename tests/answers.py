@@ -1,29 +1,30 @@
 """Curves of known truth, and answers that are not computed, for tests of what is done with answers."""
 
-from __future__ import annotations
-
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from html.parser import HTMLParser
 from typing import Any
 
 import numpy as np
-from conftest import messages
+from conftest import ROOT, messages
 
+import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
+from cavirheo.companions import rheometer
+from cavirheo.companions.collapse_times import CollapseTimes, read_groups
+from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
+from cavirheo.physics.media import WATER
 from cavirheo.posterior import Checks, Diagnostics
-from cavirheo.reporting import table
-from cavirheo.reporting.record import Result
-from cavirheo.writing import terminal
+from cavirheo.reporting import laws, result
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
 CENTRE = np.array([3.8, -1.4])  # log10 of 6.3 kPa and 0.04 Pa s
 FLAT = {NAMES[0]: (1.0, 7.0), NAMES[1]: (-4.0, 1.0)}
 GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
+SWEEP = str(ROOT / "examples" / "soft_gel_{}_sweep.csv")
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,11 @@ def simulated(material=GEL, *, frames=80, frame=1e-6, noise=0.0, seed=3, within=
     run = simulate(material, **about)
     scatter = noise * about["max_radius"] * np.random.default_rng(seed).standard_normal(len(run.time))
     return RadiusCurve(run.time, run.radius + scatter, **{"meta": {"name": "shot"}, **given})
+
+
+def fit(curve: RadiusCurve, *args: Any, **options: Any) -> Posterior:
+    """Of the field's bubble alone, with which shots are simulated."""
+    return cavirheo.fit(curve, *args, **{"others": False, "bubble": "field", **options})
 
 
 def bubble(name="shot[1]", group="shots", source="data/shots.mat", top=2.6e-4, frames=160, **meta) -> RadiusCurve:
@@ -102,13 +108,13 @@ def with_verdict(posterior: Posterior, verdict: str, *said: Message) -> Posterio
     return replace(posterior, checks=replace(posterior.checks, verdict=verdict, messages=said))
 
 
-def seen(mean, width, draws=600, *, seed=0, names=NAMES, bend=None, **more) -> Posterior:
-    """Draws of a Gaussian posterior with exactly this mean (d,) and standard deviation; `bend`: log weights."""
+def seen(mean, width, draws=600, *, seed=0, names=NAMES, **more) -> Posterior:
+    """Draws of a Gaussian posterior with exactly this mean (d,) and standard deviation."""
     rng = np.random.default_rng(seed)
     z = rng.standard_normal((draws, len(names)))
     z = (z - z.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(z.T, bias=True).reshape(len(names), -1))).T
     theta = np.asarray(mean) + z * width
-    about = {"prior": {name: FLAT[name] for name in names}, "log_weight": None if bend is None else bend(theta), **more}
+    about = {"prior": {name: FLAT[name] for name in names}, **more}
     law = "nhkv" if len(names) == 2 else "newtonian"
     return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks("ok"), law, "verified", **about)
 
@@ -121,11 +127,28 @@ def shots(n, spread=0.05, width=0.05, *, seed=1, centre=CENTRE, away=()) -> list
     return [seen(truth + width * rng.standard_normal(2), width, seed=i) for i, truth in enumerate(truths)]
 
 
-def printed(document: Result, width: int) -> str:
-    """The table of a document on a terminal of this width."""
-    console = terminal.console(width=width, file=io.StringIO(), force_terminal=False)
-    table.print_table(document, console)
-    return console.file.getvalue()
+def laws_of(names: Sequence[str]) -> laws.Laws:
+    """A ranking of laws under each name."""
+    (row,) = result([(bubble(), answer(bubble(), draws=40))], "").curves
+    about = laws.WeighedLaw(log_evidence=-1234.5, standard_error=0.31, probability=0.25, answer=row)
+    known = dict.fromkeys(("neo-hookean + carreau-yasuda", "quadratic-kelvin-voigt", "newtonian"), about)
+    each = {"shots": 1, "chosen": "newtonian", "contenders": [], "laws": known}
+    return laws.Laws(command="", curves=[{"name": name, **each} for name in names], groups=[])
+
+
+def sweeps_of(names: Sequence[str]) -> rheometer.Rheometry:
+    """Both sweeps of the example under each name."""
+    kinds = [sweep for kind in ("strain", "frequency") for sweep in read_sweeps(SWEEP.format(kind))]
+    named = [sweep.model_copy(update={"name": name}) for sweep in kinds for name in names]
+    return rheometer.rheometry(named, names[0], command="", date="", notes=[])
+
+
+def times_of(names: Sequence[str]) -> CollapseTimes:
+    """Collapse times of a material under each name."""
+    (group,), *_ = read_groups([ROOT / "tests" / "meta" / "golden" / "times.csv"], WATER)
+    group.answer("nhkv", medium=WATER)
+    groups = [group.model_copy(update={"name": name}) for name in names]
+    return CollapseTimes(command="", material="nhkv", medium={"density": WATER.density}, groups=groups)
 
 
 class Page(HTMLParser):

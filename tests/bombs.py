@@ -1,7 +1,5 @@
 """Files made to exhaust or to deceive a reader: what writes each, its ending, and the code by which it is refused."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable
@@ -34,11 +32,7 @@ TEXTS = {
     "csv_of_separators": ("txt", "limits.curves", "1,2\n-1000,-1000\n" * 6_000),
     "csv_of_a_title_of_spaces": ("csv", "table.columns", "time" + " " * 90_000 + "us,radius_um\n1,2\n"),
     "csv_of_many_cells": ("csv", "limits.cells", HEAD + ("1," * 999 + "1\n") * 5_100),
-    "csv_of_as_many_shots_as_lines": (
-        "csv",
-        "limits.curves",
-        f"shot,{HEAD}" + "".join(f"{k},{k},1\n" for k in range(6000)),
-    ),
+    "csv_of_as_many_shots_as_lines": ("csv", "limits.curves", f"shot,{HEAD}" + "".join(MANY)),
 }
 SHEETS = {  # the XML of rows
     "xlsx_of_one_huge_cell": ("limits.memory", f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>'),

@@ -4,8 +4,6 @@ refused, and what writes it into a folder.
 Where it is the file that is wrong, it is made of `graph`; where it is the card, of `card`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Recipes that are wrong in one way each: `RECIPES[name]` is their content, and what the refusal must name."""
 
-from __future__ import annotations
-
 RIGHT = """
 [problem]
 material = "nhkv"

@@ -1,23 +1,33 @@
 """Fixtures shared by all tests."""
 
+import csv
 import importlib.util
 import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
+import numpy as np
 import pytest
 
 from cavirheo import InputError, verbs
 from cavirheo.messages import Message
+from cavirheo.problem import TrainingProblem
+from cavirheo.training import dataset
 
 BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
 
 ROOT = Path(__file__).resolve().parents[1]
-collect_ignore_glob = [] if importlib.util.find_spec("av") else ["*test_video*"]  # without the extra [video]
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
+NEEDED = {  # a library of an extra, and the files of tests that need it
+    "av": ["*test_video*", "*test_app_film*"], "gradio": ["*test_app*"], "distributed": ["*test_cluster*"],
+    "mkdocstrings_handlers": ["*test_site*"],
+}  # fmt: skip
+collect_ignore_glob = [glob for name, globs in NEEDED.items() if not find_spec(name) for glob in globs]
 if not (ROOT / "docs").is_dir():  # the sdist, whose tests run from the wheel (tests/wheel.py)
     collect_ignore_glob += ["meta/test_document*.py", "meta/test_site.py"]
 
@@ -37,6 +47,12 @@ def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:
     return tuple(Message(code, {"text": text}) for text in texts if text)
 
 
+def rows_of(path: Path | str) -> list[dict[str, str]]:
+    """Of a CSV file with titles."""
+    with Path(path).open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
 @contextmanager
 def refused(code: str, *words: str) -> Iterator[None]:
     """An InputError of this code is raised, and its message has these words."""
@@ -46,11 +62,23 @@ def refused(code: str, *words: str) -> Iterator[None]:
     assert [word for word in words if word not in str(caught.value)] == []
 
 
-def code_of(use: Callable[[], object]) -> str:
-    """The code with which this is refused."""
+def error_of(call: Callable[..., object], *given: object, **settings: object) -> InputError:
+    """The error, of one line, with which this call is refused."""
     with pytest.raises(InputError) as caught:
-        use()
-    return caught.value.code
+        call(*given, **settings)
+    assert "\n" not in str(caught.value)
+    return caught.value
+
+
+def code_of(call: Callable[..., object], *given: object, **settings: object) -> str:
+    """Its code."""
+    return error_of(call, *given, **settings).code
+
+
+def done(called: tuple[int, str, str]) -> str:
+    """What a command printed that ended with status 0."""
+    assert called[0] == 0, called[2]
+    return called[1]
 
 
 def refusal(called: tuple[int, str, str], *words: str) -> str:
@@ -74,7 +102,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if item.get_closest_marker("repository") and not (ROOT / "docs").is_dir():
             item.add_marker(pytest.mark.skip(reason="no repository beside the tests"))
         for mark in item.iter_markers("needs"):
-            if importlib.util.find_spec(mark.args[0]) is None:
+            if find_spec(mark.args[0]) is None:
                 item.add_marker(pytest.mark.skip(reason=f"needs {mark.args[0]}"))
     items.sort(key=lambda item: next((i for i, name in enumerate(LONGEST) if item.path.stem == name), len(LONGEST)))
 
@@ -93,7 +121,7 @@ def real_data() -> Path:
 def chromium() -> Iterator[object]:
     """A real browser; without one a test is skipped."""
     program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if program is None or importlib.util.find_spec("playwright") is None:
+    if program is None or find_spec("playwright") is None:
         pytest.skip("needs playwright and a Chromium")
     from playwright.sync_api import sync_playwright
 
@@ -102,6 +130,37 @@ def chromium() -> Iterator[object]:
         browser = driver.chromium.launch(executable_path=program, args=sandbox)
         yield browser
         browser.close()
+
+
+class Instant(list):
+    """How many curves each batch of instant curves had; those of which `fails` (of theta) holds end half way."""
+
+    def fails(self, theta: np.ndarray) -> np.ndarray:
+        return np.zeros(len(theta), bool)
+
+    def curves(self, problem: TrainingProblem, theta: np.ndarray) -> list[SimpleNamespace]:
+        """Damped by the viscosity, and as fast as the modulus."""
+        self.append(len(theta))
+        of = dict(zip(problem.prior.names, theta.T, strict=True))
+        decay = 0.5 * (of.get("log10_viscosity", np.zeros(len(theta))) + 3.0)
+        speed = of.get("log10_shear_modulus", np.full(len(theta), 3.0)) - 2.0
+        phase = problem.grid.time / problem.grid.time[-1]
+        shape = (1 + 0.5 * np.cos(np.outer(speed, 3.0 * phase))) / 1.5 * np.exp(-np.outer(decay, phase))
+        failed = self.fails(theta)
+        shape[failed, len(phase) // 2 :] = np.nan
+        status = np.where(failed, "the step size went to zero", "ok").tolist()
+        curves = zip(problem.reference_max_radius * shape, status, strict=True)
+        return [SimpleNamespace(radius=radius, status=ok) for radius, ok in curves]
+
+
+@pytest.fixture
+def instant(monkeypatch) -> Instant:
+    """Instead of the simulations of training curves, which then stand in small files."""
+    made = Instant()
+    monkeypatch.setattr(TrainingProblem, "simulate_many", lambda self, theta, workers=None: made.curves(self, theta))
+    monkeypatch.setattr(dataset, "SHARD", 20)
+    monkeypatch.setattr(dataset, "CHUNK", 8)
+    return made
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Files for tests as other programs write them: workbooks (.xlsx, .ods, .xls) and MATLAB files of version 7.3."""
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 from base64 import b64decode
@@ -167,5 +165,5 @@ def text_table(path, header, *columns, separator=","):
 
 
 def lines(separator, *columns, comma=False):
-    text = "\n".join(separator.join(f"{v:.6f}" for v in row) for row in zip(*columns, strict=True)) + "\n"
+    text = "\n".join(separator.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)) + "\n"
     return text.replace(".", ",") if comma else text

@@ -1,7 +1,5 @@
 """Recordings for tests: a bubble with known R(t), filmed and written as cameras do."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

@@ -6,8 +6,6 @@ Of each Python: an empty environment, the wheel, what it needs and pytest, no ex
 sdist in a folder of their own. Exit status 1 if a test fails or no interpreter is found.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -10,30 +10,23 @@ import time
 import zipfile
 from contextlib import closing, contextmanager, suppress
 from dataclasses import fields
-from importlib.util import find_spec
 from multiprocessing import active_children
 from pathlib import Path
 from threading import Event, Thread
 
+import httpx
 import numpy as np
 import pytest
-
-if find_spec("gradio") is None:
-    pytest.skip("the app extra is not installed", allow_module_level=True)
-
-import httpx
 from conftest import refusal, refused
 
+from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.app import words
 from cavirheo.app.events import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, preview, sliders, what_if
 from cavirheo.app.words import files_table
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
-from cavirheo.inference.what_if import band
-from cavirheo.io import read_curves, write_csv
+from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
 from cavirheo.workflow.store import Store
 
@@ -460,16 +453,6 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     assert all(f'<path class="{layer}"' in words.checked(session, "soft_gel[1]") for layer in drawn)
     assert what_if(session, "soft_gel[1]", [5.0, 0.03, 0.5]).verdict == "failed"
     assert '<path class="what-if"' not in words.checked(session, "soft_gel[1]")
-
-
-def test_the_band_of_the_draws_holds_the_answer(session):
-    session.add([SOFT], PageSettings(), copy=True)
-    infer(session, ["soft_gel[1]"])
-    _, curve, answer, _ = session.find("soft_gel[1]")
-    time, low, high = band(curve, answer, session.settings.analysis)
-    assert np.array_equal(time, answer.checks.reconstruction_time)
-    inside = (answer.checks.reconstruction_radius >= low) & (answer.checks.reconstruction_radius <= high)
-    assert np.mean(inside) > 0.7
 
 
 def test_a_link_leads_back_to_a_session_and_no_other_word_does():

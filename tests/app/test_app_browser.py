@@ -3,16 +3,11 @@
 import json
 import time
 import zipfile
-from importlib.util import find_spec
 
 import pytest
 
-if find_spec("gradio") is None:
-    pytest.skip("the app extra is not installed", allow_module_level=True)
-
 from cavirheo.app.session import VisitorLimits
 from cavirheo.app.steps import examples
-from cavirheo.io import read_curves, write_csv
 
 WIDE, PHONE = (1440, 900), (390, 844)
 
@@ -142,6 +137,12 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page.wait_for_selector("#check-plot path.fit", state="attached")
     assert {"what-if", "measured", "simulated", "draws", "fit", "residual"} <= layers(page)
     assert fits_the_screen(page)
+    unnamed = page.evaluate(  # every field has a name
+        "[...document.querySelectorAll('input:not([type=file]), button, select')]"
+        ".filter(one => one.offsetParent && !(one.labels?.length || one.getAttribute('aria-label') || one.title"
+        " || one.innerText.trim())).map(one => one.outerHTML)"
+    )
+    assert unnamed == []
 
     folder = take(page, tmp_path)
     document = json.loads((folder / "result.json").read_text())
@@ -201,13 +202,8 @@ def test_the_page_has_one_state(visit):
     page.wait_for_selector("#answers .stale", state="detached")
     assert closed(page) == []
 
-    head = page.locator("#answers .curves thead th").first
     names = page.locator("#answers .curves tbody td:first-child")
-    for _ in range(2):
-        head.press("Enter")
-    assert head.get_attribute("aria-sort") == "descending"
-    assert names.all_inner_texts() == [f"soft_gel[{k}]" for k in (5, 4, 3, 2, 1)]
-    names.nth(1).press("Enter")
+    names.nth(3).press("Enter")
     shown(page, "soft_gel[4]")
     page.get_by_role("tab", name="3 Infer").click()
     page.click("#infer")
@@ -279,30 +275,3 @@ def test_a_recording_is_measured_looked_at_and_confirmed_on_a_phone(visit, tmp_p
     answered(page, 1)
     (record,) = json.loads((take(page, tmp_path) / "result.json").read_text())["curves"]
     assert "excluded by hand: frames 40-45" in record["notes"]
-
-
-@pytest.mark.slow
-def test_two_visitors_do_not_see_each_other_and_need_no_mouse(visit, tmp_path):
-    pages, names = (visit(WIDE), visit(PHONE)), ("mine", "yours")
-    for page, name in zip(pages, names, strict=True):
-        write_csv(tmp_path / f"{name}.csv", read_curves(examples()["soft_gel.csv"])[0])
-        drop(page, tmp_path / f"{name}.csv")
-        page.wait_for_selector("#infer-now:enabled")
-        page.focus("#infer-now")
-        page.keyboard.press("Enter")
-    for page, name in zip(pages, names, strict=True):
-        answered(page, 1)
-        assert page.locator("#answers .curves tbody td:first-child").all_inner_texts() == [name]
-    page = pages[0]
-    page.focus("#to-check")
-    page.keyboard.press("Enter")
-    page.wait_for_selector("#facts article")
-    page.locator("#slider-shear_modulus input[type=range]").focus()
-    page.keyboard.press("ArrowRight")
-    page.wait_for_selector("#trial :text('RMSE')")
-    unnamed = page.evaluate(  # every field has a name
-        "[...document.querySelectorAll('input:not([type=file]), button, select')]"
-        ".filter(one => one.offsetParent && !(one.labels?.length || one.getAttribute('aria-label') || one.title"
-        " || one.innerText.trim())).map(one => one.outerHTML)"
-    )
-    assert unnamed == []

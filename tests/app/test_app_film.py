@@ -1,29 +1,15 @@
 """The step of a recording in the browser app, without a browser: measured apart, frames left out, confirmed."""
 
 from contextlib import closing
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
-
-if find_spec("gradio") is None or find_spec("av") is None:
-    pytest.skip("the extras app and video are not installed", allow_module_level=True)
-
 import tifffile
 from conftest import refused
 from recordings import RATE, SCALE, film
 
+from cavirheo.app import film as step
 from cavirheo.app import words
-from cavirheo.app.film import (
-    camera_of,
-    confirm,
-    curve,
-    excluded,
-    measure,
-    toggle,
-    unlisted,
-    unready,
-)
 from cavirheo.app.session import PageSettings, Session, VisitorLimits
 from cavirheo.errors import InputError, number_of
 from cavirheo.io import read_curves
@@ -54,7 +40,7 @@ def session(reader, tmp_path):
 @pytest.fixture
 def seen(session):
     """The film, measured."""
-    measure(session, CAMERA, silent)
+    step.measure(session, CAMERA, silent)
     return session.current
 
 
@@ -65,12 +51,12 @@ def silent(*_):
 def test_a_recording_waits_until_it_is_confirmed(session):
     assert (session.waiting, session.curves, session.files) == (["shot.tif"], [], [])
     with refused("app.not_measured"):
-        confirm(session)
+        step.confirm(session)
 
 
 def test_the_confirmed_curve_is_that_of_the_command_line(session, seen, tmp_path):
-    unlisted(seen, "6, 12-14")
-    confirm(session)
+    step.unlisted(seen, "6, 12-14")
+    step.confirm(session)
     (mine,) = session.curves
     (theirs,) = read_curves(tmp_path / "shot.tif", frame_rate_hz=RATE, um_per_px=SCALE, exclude="6,12-14")
     for name in ("time", "radius", "radius_std"):
@@ -84,10 +70,10 @@ def test_the_confirmed_curve_is_that_of_the_command_line(session, seen, tmp_path
 
 def test_a_confirmed_curve_is_replaced_and_stands_beside_others(session, seen, tmp_path):
     (tmp_path / "other.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(8)))
-    confirm(session)
+    step.confirm(session)
     session.add([tmp_path / "other.csv"], PageSettings())
-    unlisted(session.current, "20")
-    confirm(session)
+    step.unlisted(session.current, "20")
+    step.confirm(session)
     assert [one.name for one in session.curves] == ["shot", "other"]
     assert np.isnan(session.curves[0].radius[19])
     with pytest.raises(InputError):  # it is not that of the other shot
@@ -98,17 +84,17 @@ def test_a_confirmed_curve_is_replaced_and_stands_beside_others(session, seen, t
 
 def test_frames_are_left_out_and_brought_back(seen):
     seen.frame = 12
-    toggle(seen)
+    step.toggle(seen)
     assert seen.exclude == "12"
-    assert np.isnan(curve(seen).radius[11])
-    assert unlisted(seen, "12, 3-5,") == [""]  # while it is typed
-    assert np.flatnonzero(excluded(seen)).tolist() == [2, 3, 4, 11]
-    toggle(seen)
+    assert np.isnan(step.curve(seen).radius[11])
+    assert step.unlisted(seen, "12, 3-5,") == [""]  # while it is typed
+    assert np.flatnonzero(step.excluded(seen)).tolist() == [2, 3, 4, 11]
+    step.toggle(seen)
     for wrong, why in (("3, 99", "1 to 34"), ("1-34", "all measured frames")):
-        assert why in unlisted(seen, wrong)[0]
+        assert why in step.unlisted(seen, wrong)[0]
         assert seen.exclude == "3-5"
-    assert unlisted(seen, "") == [""]
-    assert not excluded(seen).any()
+    assert step.unlisted(seen, "") == [""]
+    assert not step.excluded(seen).any()
 
 
 @pytest.mark.parametrize(
@@ -121,18 +107,18 @@ def test_frames_are_left_out_and_brought_back(seen):
     ],
 )
 def test_what_is_missing_is_said_at_its_field(seen, texts, field, why):
-    wrong = camera_of(seen, texts)[1]
+    wrong = step.camera_of(seen, texts)[1]
     assert why in wrong[field]
     assert [bool(one) for one in wrong] == [k == field for k in range(3)]
 
 
 def test_what_changed_must_be_measured_again(session, seen):
-    assert camera_of(seen, TYPED) == (CAMERA, ["", "", ""])
-    assert unready(seen, *TYPED, "6") == ["", "", "", ""]
-    assert "measure again" in unready(seen, str(RATE), "6", "", "")[1]
-    assert "1 to 34" in unready(seen, *TYPED, "0")[3]
-    measure(session, Camera(RATE), silent)  # a .tif may have a scale; this one has none
-    assert "missing" in unready(session.current, str(RATE), "", "", "")[1]
+    assert step.camera_of(seen, TYPED) == (CAMERA, ["", "", ""])
+    assert step.unready(seen, *TYPED, "6") == ["", "", "", ""]
+    assert "measure again" in step.unready(seen, str(RATE), "6", "", "")[1]
+    assert "1 to 34" in step.unready(seen, *TYPED, "0")[3]
+    step.measure(session, Camera(RATE), silent)  # a .tif may have a scale; this one has none
+    assert "missing" in step.unready(session.current, str(RATE), "", "", "")[1]
 
 
 def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(session, tmp_path):
@@ -145,7 +131,7 @@ def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(session,
     session.add([tmp_path / name for name in names], PageSettings())
     for session.film in names:
         with pytest.raises(InputError) as error:
-            measure(session, CAMERA, silent)
+            step.measure(session, CAMERA, silent)
         assert str(session.folder) not in words.for_page(error.value)
     assert [path.suffix for path in session.folder.iterdir() if path.is_file()] == []  # no frames are left behind
 
@@ -155,7 +141,7 @@ def test_too_much_is_refused(reader, tmp_path):
         film().save(tmp_path / "shot.tif")
         session.add([tmp_path / "shot.tif"], PageSettings())
         with refused("app.too_large"):
-            measure(session, CAMERA, silent)
+            step.measure(session, CAMERA, silent)
         with refused("app.too_many_files"):
             session.add([tmp_path / "more.mp4"], PageSettings())
 

@@ -1,14 +1,12 @@
 """`cavirheo cite`: sources and numbers that a paper must name."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from itertools import zip_longest
 from math import inf
 
 import pytest
-from conftest import BDT, ROOT, refusal
+from conftest import BDT, EXAMPLE, refusal
 
 from cavirheo import infer_many, load, read_curves
 from cavirheo.io import write_csv
@@ -21,8 +19,6 @@ from cavirheo.reporting.answer import OtherModel
 from cavirheo.reporting.citation import MEDIA, methods, of_law, references
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.writing.document import Quantity, write_json
-
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 
 
 @pytest.fixture(scope="module")
@@ -156,6 +152,3 @@ def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path
     (free,) = load("free").curves
     assert free.stretch_prior == {}
     assert free.stretch.median != row.stretch.median
-    laws = ("which-law", "stated.csv", "--laws", "nhkv,newtonian", "--bubble", "field", "--stretch", "free")
-    assert run(*laws, "--no-pictures", "-o", "laws")[0] in (0, 1)
-    assert load("laws/result.json").curves[0].stretch_prior == {}

@@ -1,7 +1,5 @@
 """The same verbs on a dask cluster: the same bytes and answers, nothing lost, no worker that would answer otherwise."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -16,20 +14,16 @@ from pathlib import Path
 
 import pytest
 from answers import same
-from conftest import ROOT, refusal, refused
-
-pytest.importorskip("distributed", reason="needs the extra [cluster]")
-
+from conftest import EXAMPLE, ROOT, refusal, refused
 from dask import config
 from distributed import Client, LocalCluster
 
-from cavirheo import InputError
+from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
-from cavirheo.io import read_curves
 from cavirheo.parallel import Threads
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
-from cavirheo.training import dataset, shards
+from cavirheo.training import dataset
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.cluster import check, connected
@@ -37,7 +31,6 @@ from cavirheo.workflow.cluster.check import Identity, admitted, code_of, identit
 from cavirheo.workflow.cluster.executor import Workers
 from cavirheo.workflow.cluster.slurm import read_settings
 
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
 
 
@@ -76,23 +69,11 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
 # --- the same bytes and answers ---------------------------------------------------------------------------------------
 
 
-def test_a_data_set_is_the_same_from_threads_and_a_cluster_and_after_it_was_stopped(workers, monkeypatch, tmp_path):
+def test_a_data_set_is_the_same_from_threads_and_a_cluster(workers, monkeypatch, tmp_path):
     monkeypatch.setattr(dataset, "SHARD", 6)
     monkeypatch.setattr(dataset, "CHUNK", 2)
-    generate(PROBLEM, 14, tmp_path / "threads", seed=3, workers=2, progress=False)
-    write = shards.write_hdf5
-
-    def stopped(path, *content):
-        write(path, *content)
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(shards, "write_hdf5", stopped)
-        with pytest.raises(KeyboardInterrupt):
-            generate(PROBLEM, 14, tmp_path / "dask", seed=3, executor=workers, progress=False)
-    assert len(files(tmp_path / "dask")) == 1
-    made = generate(PROBLEM, 14, tmp_path / "dask", seed=3, executor=workers, progress=False)
-    assert (made.written, made.skipped) == (2, 1)
+    for folder, how in (("threads", {"workers": 2}), ("dask", {"executor": workers})):
+        generate(PROBLEM, 14, tmp_path / folder, seed=3, progress=False, **how)
     assert files(tmp_path / "dask") == files(tmp_path / "threads")
 
 

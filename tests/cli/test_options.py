@@ -1,7 +1,5 @@
 """Odd calls of the command line are refused in one line at status 2; options that all verbs read alike."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys
@@ -13,7 +11,7 @@ import numpy as np
 import pytest
 import typer
 from answers import answer
-from conftest import BDT, ROOT, refusal
+from conftest import BDT, EXAMPLE, ROOT, refusal
 from recordings import write_mraw
 
 from cavirheo.inference.analysis import Analysis
@@ -35,7 +33,7 @@ WORDS = ["word", "nan", "\x1b]0;title\x07", "漢" * 30, "-1"]
 
 
 def odd_values() -> list[tuple[str, str, str]]:
-    """(verb, option, value): three for every option that takes a value, in turn."""
+    """(verb, option, value): two for every option that takes a value, in turn."""
     found, turn = [], count()
     for verb, command in COMMANDS.items():
         context = command.make_context(verb, [], resilient_parsing=True)
@@ -43,7 +41,7 @@ def odd_values() -> list[tuple[str, str, str]]:
             if option.param_type_name == "option" and not option.is_flag and option.opts[-1] not in FREE:
                 number = re.search("float|int|NUMBER|FLOAT", option.get_help_record(context)[0])
                 values = NUMBERS if number else WORDS
-                found += [(verb, option.opts[-1], values[next(turn) % len(values)]) for _ in range(3)]
+                found += [(verb, option.opts[-1], values[next(turn) % len(values)]) for _ in range(2)]
     return found
 
 
@@ -61,9 +59,13 @@ infer shot.csv --confinement-inertia 0.1 --wall-distance-um 900
 infer shot.csv --bubble real --model bdt-viscoelastic
 infer shot.csv --bubble auto --verify none
 infer shot.csv --group shoe
+infer shot.csv --shots 99
+show shot.csv --shots x
+collapse-time times.csv --shots 99
 which-law shot.csv --bubble auto,moon
 which-law shot.csv --laws ,
 design --bubble auto
+design --noise-um 1,2 --fps 250e3,500e3,1e6
 fit shot.csv --free t1
 fit shot.csv --window 0
 fit shot.csv --scale-percent 200
@@ -104,7 +106,7 @@ def lab(run, tmp_path, monkeypatch):
     monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
     for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer", "inference.verify.each"):
         monkeypatch.setattr(f"cavirheo.{name}", lambda *_, **__: pytest.fail("it computes"))
-    lines = (ROOT / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
+    lines = EXAMPLE.read_text(encoding="utf-8").splitlines()
     (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")
     write_mraw(tmp_path / "film.mraw", np.zeros((3, 16, 16)), 8)
     (tmp_path / "refs.csv").write_text("set,method,quantity,mean\nshot.csv,IMR,G_Pa,1000\n")
@@ -234,6 +236,7 @@ def test_folders_patterns_and_stdin_are_files(run, lab_answers, tmp_path, monkey
             assert (status, err) == (0, ""), words
             (row,) = json.loads(out)["curves"]
             assert row["max_radius_m"] == pytest.approx(267e-6, rel=0.01)
+    assert row["source"] == "standard input"
     refusal(run("infer", "g*/*.mat"))
     refusal(run("infer", "frames.csv", "--no-pictures", "-o", "q"))
 

@@ -1,25 +1,19 @@
 """Collapse times: the model against its limits and simulations, what a table can and cannot tell, the command."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import refusal, refused
+from conftest import done, refusal, refused
 from scipy.io import savemat
 from scipy.stats import t as student
 
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, SolverError, simulate
 from cavirheo.companions.collapse_times import read_groups, read_table
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import SolverError
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot
-from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER
-from cavirheo.physics.simulate import simulate
 
 EMPTY = replace(WATER, surface_tension=0.0, vapour_reference_pressure=1e-6, sound_speed=float("inf"), name="empty")
 R = 2e-4
@@ -56,12 +50,6 @@ class TestModel:
                 np.ravel(time(R, 6.0, 0, 0, m))[0] for m in (base, replace(base, unusual=True, **{name: value}))
             )
             assert (other > one) == longer, time
-
-    def test_material_and_gas(self):
-        for time in (analytic_time, simulated_time):
-            t = np.ravel(time([R] * 4, [6, 6, 6, 4], [0, 2e4, 0, 0], [0, 0, 0.1, 0]))
-            assert t[1] < t[0] < t[2]  # elasticity shortens, viscosity lengthens
-            assert t[0] < t[3]  # more gas lengthens
 
     def test_first_order_in_elasticity(self):
         """Far from R_0 the solid pulls with 5/2 G; the paper's next term in 1/lambda is 27 % too large."""
@@ -230,8 +218,7 @@ class TestReading:
 class TestCommand:
     @pytest.mark.needs("matplotlib")
     def test_table(self, run, tmp_path):
-        status, _, err = run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result")
-        assert status == 0, err
+        done(run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result"))
         document = json.loads((tmp_path / "result" / "collapse-time.json").read_text())
         (group,) = document["groups"]
         assert (document["schema"], group["n"], group["model"]) == (1, 30, "analytic")

@@ -1,8 +1,5 @@
 """Rheometer sweeps: exact answers of known models, what instruments export, and what is refused."""
 
-from __future__ import annotations
-
-import csv
 import importlib.util
 import json
 from pathlib import Path
@@ -10,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import answer, bubble
-from conftest import ROOT, refusal, refused
+from conftest import ROOT, done, refused, rows_of
 from files import write_xlsx
 
 from cavirheo.companions.rheometer import VOCABULARY, Sweep, frequency_sweep, read_sweeps, strain_sweep
@@ -289,27 +286,11 @@ def test_files_that_cannot_be_used(tmp_path, name):
         read_sweeps(path)
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("nowhere.csv", "nowhere.csv"),
-        ("a.csv --at -1", "--at"),
-        ("a.csv --tolerance 0", "--tolerance"),
-        ("a.csv --beside a.csv", "a.csv"),
-        ("a.csv -o a.csv", "a.csv"),
-    ],
-)
-def test_bad_usage(run, tmp_path, words, named):
-    write(tmp_path / "a.csv", LAYOUTS["comma.csv"])
-    refusal(run("rheometer", *words.split()), named)
-
-
 @pytest.mark.needs("matplotlib")
 def test_examples_give_back_the_truth(run, tmp_path, examples):
     """The main job: both sweeps of one gel, documents, pictures."""
     files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
-    status, _, err = run("rheometer", *files, "-o", "r")
-    assert status == 0, err
+    done(run("rheometer", *files, "-o", "r"))
     found = json.loads((tmp_path / "r" / "rheometer.json").read_text())
     storage, loss = (float(modulus) for modulus in examples.moduli(1.0))
     assert (found["schema"], found["material"]) == (1, "soft_gel")
@@ -323,8 +304,7 @@ def test_examples_give_back_the_truth(run, tmp_path, examples):
     assert strain["crossover"] == pytest.approx(examples.HALF_STRAIN * np.sqrt((storage / loss - 1) / 4), rel=0.02)
     names = {"rheometer.json", "rheometer.csv", "strain-sweep.png", "frequency-sweep.png", ".cavirheo"}
     assert {path.name for path in (tmp_path / "r").iterdir()} == names
-    with (tmp_path / "r" / "rheometer.csv").open(newline="", encoding="utf-8") as file:
-        assert [row["kind"] for row in csv.DictReader(file)] == ["strain", "frequency"]
+    assert [row["kind"] for row in rows_of("r/rheometer.csv")] == ["strain", "frequency"]
     examples.write_sweeps(tmp_path)  # the shipped sweeps are what this makes
     assert all((tmp_path / path.name).read_text() == path.read_text() for path in files)
 
@@ -359,11 +339,9 @@ def test_beside_bubbles(run, tmp_path):
     write_report(tmp_path, [(one, answer(one, 6e3 + 1e3 * k)) for k, one in enumerate(curves)], "x", ())
     before = (tmp_path / "result.json").read_bytes()
     files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
-    status, _, err = run("rheometer", *files, "--beside", "result.json", "-o", "r", "--name", "soft gel")
-    assert status == 0, err
+    done(run("rheometer", *files, "--beside", "result.json", "-o", "r", "--name", "soft gel"))
     assert (tmp_path / "result.json").read_bytes() == before
-    with (tmp_path / "r" / "table.csv").open(newline="", encoding="utf-8") as file:
-        rows = {row["quantity"]: row for row in csv.DictReader(file)}
+    rows = {row["quantity"]: row for row in rows_of("r/table.csv")}
     modulus = rows["shear_modulus_Pa"]
     (method,) = (name for name in modulus if name.startswith("rheometer") and name.endswith("_mean"))
     assert float(modulus[method]) == pytest.approx(1500, rel=0.01)

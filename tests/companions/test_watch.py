@@ -1,25 +1,19 @@
 """`cavirheo watch`: each recording of a folder is answered once, when its file is complete, whatever ends the run."""
 
-from __future__ import annotations
-
 import json
 import os
-import random
 import re
 import shutil
-import subprocess
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from answers import KnownAnalysis, answer, unanswered
-from conftest import BDT, ROOT
+from conftest import BDT, EXAMPLE
 from recordings import SCALE, film, write_mraw
 
-from cavirheo import read_curves, watch
-from cavirheo.curve import RadiusCurve
+from cavirheo import RadiusCurve, read_curves, watch
 from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
 from cavirheo.parallel import Threads
@@ -27,8 +21,6 @@ from cavirheo.reporting import read_json
 from cavirheo.reporting.html import LIVE
 from cavirheo.reporting.record import Result
 from cavirheo.watch import Watch
-
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 
 
 @pytest.fixture(scope="module")
@@ -205,33 +197,6 @@ def test_the_command_answers_as_infer_does(run, tmp_path, curve):
     (tmp_path / "in" / "bad.csv").write_text("nothing\n")
     assert run("watch", "in", "--once", "--patience", 0, "-o", "b", *how)[0] == 2
     assert run("watch", "nowhere", *how)[0] == 2
-
-
-@pytest.mark.slow
-def test_killed_in_the_middle_and_started_again(tmp_path, curve):
-    (tmp_path / "in").mkdir()
-    write(tmp_path / "in", curve, *range(60))
-    result, chance = tmp_path / "out" / "result.json", random.Random(0)
-    command = [sys.executable, "-m", "cavirheo", "watch", "in", "-o", "out", *BDT]
-
-    def answered() -> int:
-        return len(json.loads(result.read_text())["curves"]) if result.exists() else 0
-
-    for more in (1, 8, 15, 30):
-        process, before = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL), answered()
-        end = time.monotonic() + 60.0
-        while answered() < min(before + more, 60):
-            assert time.monotonic() < end
-            time.sleep(0.05)
-        time.sleep(chance.uniform(0.0, 0.3))
-        process.kill()
-        process.wait()
-        assert answered() >= before
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("watched/*.npz")}
-    subprocess.run([*command, "--once", "--no-pictures"], cwd=tmp_path, check=True)
-    rows = json.loads(result.read_text())["curves"]
-    assert [row["name"] for row in rows] == [f"shot{k:03d}" for k in range(60)]
-    assert all(path.stat().st_mtime_ns == when for path, when in kept.items())  # none was answered twice
 
 
 @pytest.mark.needs("av")

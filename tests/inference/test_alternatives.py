@@ -1,7 +1,5 @@
 """Which model is chosen, and what is said where other models, or other modes of the same model, answer otherwise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +10,7 @@ from conftest import messages
 import cavirheo
 from cavirheo import Newtonian, population
 from cavirheo.inference.alternatives import compared, contenders, judged
-from cavirheo.inference.law_average import averaged_over_laws, comparable
+from cavirheo.inference.law_average import averaged_over_laws
 from cavirheo.inference.verify import verify_many
 from cavirheo.messages import Message
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
@@ -85,11 +83,6 @@ def test_an_answer_whose_model_the_evidence_rejects_is_not_ok(rival, verdict):
     assert judged(replace(answer, checks=Checks("model_does_not_fit"))).verdict == "model_does_not_fit"
 
 
-def test_an_answer_without_draws_has_nothing_to_compare():
-    failed = replace(posterior(evidence=None), theta=np.empty((0, 3)))
-    assert compared(failed) == []
-
-
 @pytest.mark.parametrize(
     ("evidence", "sizes", "within"),
     [
@@ -156,13 +149,6 @@ def test_a_law_that_the_evidence_rejects_has_no_part():
     assert list(answer.laws) == ["nhkv"]
     alone = both(30.0, 10.0)[0].interval("shear_modulus")
     assert answer.interval("shear_modulus") == pytest.approx(alone, rel=0.01)
-
-
-def test_answers_without_an_error_of_their_evidence_or_of_one_law_are_not_averaged():
-    gel, liquid = both(10.0, 10.0)
-    assert comparable([gel, liquid])
-    assert not comparable([gel, gel])
-    assert not comparable([gel, replace(liquid, evidence=Evidence(10.0))])
 
 
 def test_averages_count_in_a_material_by_the_law_of_all_shots_together():

@@ -1,18 +1,15 @@
 """A warning on the recording or its settings decides the verdict and stands in the messages."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from answers import simulated
-from conftest import BDT, ROOT, messages
-from fits import fit
+from answers import fit, simulated
+from conftest import BDT, EXAMPLE, messages
 
 import cavirheo
-from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves
 from cavirheo.inference import input_checks
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
@@ -21,13 +18,11 @@ from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import Bubble
 from cavirheo.reporting import read_json
 
 infer = partial(cavirheo.infer, model="bdt-viscoelastic")
 infer_many = partial(cavirheo.infer_many, model="bdt-viscoelastic")
 
-SOFT = ROOT / "examples" / "soft_gel.csv"
 GEL = NeoHookeanKelvinVoigt(3e3, 0.05)
 
 
@@ -38,7 +33,7 @@ def codes(messages) -> list[str]:
 @pytest.mark.parametrize(("radius", "time"), [(2.0, 1.0), (0.36, 1.0), (1.0, 1e-3), (1.0, 2.0)])
 def test_a_wrong_scale_or_rate_is_no_ok(run, tmp_path, radius, time):
     """Diameters, pixels, ms as us, half the frame rate."""
-    curve = read_curves(SOFT)[0]
+    curve = read_curves(EXAMPLE)[0]
     wrong = replace(curve, time=curve.time * time, radius=curve.radius * radius)
     write_csv(tmp_path / "wrong.csv", wrong)
     status, _, _ = run("infer", *BDT, tmp_path / "wrong.csv", "-o", "out")
@@ -49,7 +44,7 @@ def test_a_wrong_scale_or_rate_is_no_ok(run, tmp_path, radius, time):
 
 
 def test_who_vouches_for_the_input_gets_the_verdict_and_the_doubt():
-    curve = replace(read_curves(SOFT)[0], warnings=messages("check the unit: it is odd", code="check_input.test"))
+    curve = replace(read_curves(EXAMPLE)[0], warnings=messages("check the unit: it is odd", code="check_input.test"))
     doubtful, trusted = infer(curve), infer(curve, trust_input=True)
     assert (doubtful.checks.verdict, trusted.checks.verdict) == ("check_input", "ok")
     assert doubtful.checks.message == trusted.checks.message == "check the unit: it is odd"
@@ -80,7 +75,7 @@ def gel(seed, stiff):
 def test_a_recording_that_starts_at_the_maximum_is_no_doubt():
     """The twelve of a group count, whatever a frame would change in their answers."""
     soft = [recorded(GEL, 7.0, noise=0.008, seed=seed) for seed in range(12)]
-    stated = simulated(stated_time_of_max=0.0), simulated(maximum=(0.0, 250e-6)), *read_curves(SOFT)
+    stated = simulated(stated_time_of_max=0.0), simulated(maximum=(0.0, 250e-6)), *read_curves(EXAMPLE)
     assert [curve.begins_late for curve in (*soft, *stated)] == [True] * 12 + [False] * len(stated)
     assert [answer.checks.warnings for answer in infer_many(soft)] == [()] * 12
     answer = fit(soft[0])
@@ -113,7 +108,7 @@ def test_a_rounded_recording_is_no_doubt(step, noise):
 
 
 def test_a_recording_that_runs_backwards_is_a_doubt():
-    grown = read_curves(SOFT)[0]
+    grown = read_curves(EXAMPLE)[0]
     for curve in (recorded(GEL, 7.0, frames=100), grown):
         assert input_checks.plain(curve, WATER) == []
         backwards = replace(curve, radius=curve.radius[::-1])
@@ -199,19 +194,8 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
         assert (answer.checks.verdict == "check_input") == (not trusted)
 
 
-def test_the_same_recording_counts_once(run, tmp_path):
-    curve = read_curves(SOFT)[0]
-    for place in ("one/s1.csv", "two/s1.csv"):
-        (tmp_path / place).parent.mkdir()
-        write_csv(tmp_path / place, curve)
-    status, _, _ = run("infer", *BDT, "one/s1.csv", "two/s1.csv", "-o", "out")
-    result = read_json("out/result.json")
-    assert (status, [group.n for group in result.groups]) == (0, [1])
-    assert any("two/s1.csv" in note for note in result.notes)
-
-
 def test_names_are_told_apart_by_folder(tmp_path):
-    curves = read_curves(SOFT)[:3]
+    curves = read_curves(EXAMPLE)[:3]
     for place, curve in zip(("one/s1.csv", "two/s1.csv", "two/s2.csv"), curves, strict=True):
         (tmp_path / place).parent.mkdir(exist_ok=True)
         write_csv(tmp_path / place, curve)

@@ -1,14 +1,10 @@
 """The least-squares fit: truth recovered, nuisances, bounds, failures, windows, what it says of itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import GEL, simulated
-from conftest import refused
-from fits import fit
+from answers import GEL, fit, simulated
 
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, load, simulate
 from cavirheo.inference import experiment
@@ -166,27 +162,6 @@ def test_frames_beside_a_collapse_count_less_where_their_instants_are_uncertain(
     lowest = np.argmin(np.abs(there.since - (curve.collapse_times()[0] - 1e-6)))
     assert sigma["learnt"][lowest] > 4 * sigma["learnt"][0]
     assert np.ptp(sigma["equal"]) == 0
-
-
-@pytest.mark.parametrize(
-    ("options", "code"),
-    [
-        ({"material": "jelly"}, "law.not_fittable"),
-        ({"material": "ogden"}, "law.not_fittable"),
-        ({"material": "nhkv + newtonian"}, "laws.viscous_twice"),
-        ({"material": "nhkv(8e3, 0.1)"}, "law.not_fittable"),
-        ({"window": "most"}, "option.window"),
-        ({"end": -1.0}, "option.end"),
-        ({"free": ("t0", "t0")}, "option.free"),
-        ({"stretch": 0.5}, "option.stretch"),
-        ({"weights": "motion"}, "option.weights"),
-        ({"t0_bound": 0.0}, "option.t0_bound"),
-        ({"scale_bound": 0.5}, "option.scale_bound"),
-    ],
-)
-def test_bad_options_are_named(options, code):
-    with refused(code):
-        fit(RadiusCurve(np.arange(3) * 1e-6, np.array([1e-4, 2e-4, 1e-4])), **options)
 
 
 def test_an_interval_as_wide_as_the_range_is_no_ok():

@@ -9,7 +9,6 @@ import pytest
 from conftest import ROOT, refused
 
 from cavirheo import load
-from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.laws import Laws
 from cavirheo.reporting.record import Result
@@ -62,9 +61,8 @@ def test_arviz_gets_draws_units_and_weights(posterior):
 @pytest.mark.parametrize(("name", "method"), [("pandas", "to_dataframe"), ("arviz", "to_arviz")])
 def test_a_missing_library_is_named(posterior, monkeypatch, name, method):
     monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError, match=f"pip install {name}") as refused:
+    with refused("posterior.missing_library", f"pip install {name}"):
         getattr(posterior, method)()
-    assert refused.value.code == "posterior.missing_library"
 
 
 def test_plot_has_marginals_and_pairs(posterior, tmp_path):
@@ -82,32 +80,11 @@ def test_a_point_has_nothing_to_plot(posterior):
         replace(posterior, theta=posterior.theta[:1]).plot()
 
 
-HEAD = {"schema": 1, "version": "0", "command": "cavirheo"}
-EMPTY = {"mean": None, "std": None, "median": None}
-LAW = {"log_evidence": -3.0, "standard_error": None, "probability": 1.0}
-RANKED = {"name": "a", "shots": 1, "chosen": "nhkv", "contenders": ["nhkv"], "laws": {"nhkv": LAW}}
-DOCUMENTS = {  # by the kind that each names: its class and its fields
-    "result": ("Result", {"curves": [], "groups": []}),
-    "laws": ("Laws", {"curves": [RANKED], "groups": []}),
-    "rheometer": ("Rheometry", {
-        "material": "", "tolerance": 0.1, "at_rad_per_s": 1.0, "shear_modulus_Pa": EMPTY, "shear_modulus_from": "",
-        "viscosity_Pa_s": EMPTY, "sweeps": [],
-    }),
-    "collapse-time": ("CollapseTimes", {"material": "nhkv", "medium": {}, "groups": []}),
-}  # fmt: skip
-RESULT = HEAD | {"kind": "result"} | DOCUMENTS["result"][1]
-
-
-@pytest.mark.parametrize("kind", DOCUMENTS)
-def test_load_tells_documents_apart_by_what_they_say(kind, tmp_path):
-    path = tmp_path / "any.json"
-    path.write_text(json.dumps({"kind": kind} | HEAD | DOCUMENTS[kind][1]), encoding="utf-8")
-    found = load(path)
-    assert (type(found).__name__, found.kind, found.command) == (DOCUMENTS[kind][0], kind, "cavirheo")
+HEAD, EMPTY = {"schema": 1, "version": "0", "command": "cavirheo"}, {"curves": [], "groups": []}
 
 
 def test_load_takes_the_one_document_of_a_folder_and_refuses_another_kind_than_the_one_wanted(tmp_path):
-    (tmp_path / "result.json").write_text(json.dumps(RESULT), encoding="utf-8")
+    (tmp_path / "result.json").write_text(json.dumps(HEAD | EMPTY | {"kind": "result"}), encoding="utf-8")
     assert load(tmp_path, Result) == load(tmp_path) == load(tmp_path / "result.json")
     for kind, code in ((Laws, "loading.kind"), ("Laws", "input.type")):
         with refused(code):
@@ -133,12 +110,11 @@ def test_load_reads_a_training_set(tmp_path):
         (HEAD | {"kind": "poem"}, "document.other"),
         (HEAD | {"kind": ["result"]}, "document.other"),
         (HEAD | {"kind": "result"}, "document.other"),  # without rows
-        (HEAD | DOCUMENTS["result"][1], "document.other"),  # does not say of which kind it is
+        (HEAD | EMPTY, "document.other"),  # does not say of which kind it is
     ],
 )
 def test_load_refuses_what_we_did_not_write(content, code, tmp_path):
     if content is not None:
         (tmp_path / "x.json").write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
-    with pytest.raises(InputError, match=r"x\.json") as refused:
+    with refused(code, "x.json"):
         load(tmp_path / "x.json")
-    assert refused.value.code == code

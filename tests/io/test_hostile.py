@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from bombs import FILES
+from conftest import error_of, refused
 from scipy.io import savemat
 
 from cavirheo.companions.collapse_times import read_table
@@ -24,9 +25,8 @@ def test_refused_with_the_reason(tmp_path, monkeypatch, make):
     monkeypatch.setattr(workbook, "MEMORY", 300_000_000)
     ending, code = FILES[make]
     make(tmp_path / f"file.{ending}")
-    with pytest.raises(InputError) as error:
+    with refused(code):
         read_curves(tmp_path / f"file.{ending}")
-    assert error.value.code == code, error.value
 
 
 ROOMS = [read_curves, read_sweeps, read_table, read_references, read_trace]
@@ -41,15 +41,13 @@ def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, monkeypatch, r
         one.bind("socket.csv")
     Path("loop.csv").symlink_to("loop.csv")
     Path("file.csv").touch()
-    refused = {
+    codes = {
         "pipe.csv": "special", "socket.csv": "special", "/dev/zero": "special", "loop.csv": "unreadable",
         "n" * 300: "unreadable", ".": "folder", "file.csv/inside.csv": "missing", "a\0.csv": "missing",
     }  # fmt: skip
-    for name, code in refused.items():
-        with pytest.raises(InputError) as error:
-            read(Path(name))
-        assert error.value.code == f"reading.{code}", name
-        assert str(error.value).isprintable()
+    for name, code in codes.items():
+        error = error_of(read, Path(name))
+        assert (error.code, str(error).isprintable()) == (f"reading.{code}", True), name
 
 
 def test_a_large_recording_is_within_the_limits(tmp_path):

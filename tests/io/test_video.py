@@ -1,7 +1,5 @@
 """Radii from rendered recordings, where R(t) is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conftest import refused

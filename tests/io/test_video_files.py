@@ -1,9 +1,6 @@
 """Recordings as files: what is read of each format, what is refused, and the command that measures them."""
 
-from __future__ import annotations
-
 import contextlib
-import csv
 import json
 import shutil
 from pathlib import Path
@@ -11,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
-from conftest import code_of
+from conftest import code_of, done, refused, rows_of
 from PIL import Image
 from recordings import FRAMES, RATE, SCALE, film, write_cine, write_mraw
 from scipy.io import loadmat
@@ -168,9 +165,8 @@ def several(place, shot):
 )
 def test_what_is_no_recording_is_refused(tmp_path, shot, make, code):
     make(tmp_path / "a.tif", shot)
-    with pytest.raises(InputError, match=r"a\.tif") as raised:
+    with refused(code, "a.tif"):
         measure(tmp_path / "a.tif", **HOW)
-    assert raised.value.code == code
 
 
 @pytest.mark.parametrize(
@@ -233,10 +229,8 @@ def test_a_film_of_two_files_is_read_once(folder, tmp_path):
 
 
 def test_the_command_writes_what_can_be_read_again(run, folder):
-    status, _, err = run("measure", folder / "shot.tif", "--fps", RATE, "--um-per-px", SCALE, "-o", "out", "--overlay")
-    assert status == 0, err
-    with open("out/measured.csv", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    done(run("measure", folder / "shot.tif", "--fps", RATE, "--um-per-px", SCALE, "-o", "out", "--overlay"))
+    rows = rows_of("out/measured.csv")
     curve = measure(folder / "shot.tif", **HOW)
     (again,) = cavirheo.read_curves("out/measured.csv")
     assert again.radius == pytest.approx(curve.radius, rel=1e-4, nan_ok=True)

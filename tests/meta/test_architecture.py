@@ -1,7 +1,5 @@
 """The plan of the packages (docs/architecture.md) holds: imports run one way, and extras stay optional."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess
@@ -88,25 +86,6 @@ def test_imports_run_one_way():
         if room not in FREE and (other := imported(tree) - MAY_USE[room] - {room}):
             wrong[name] = other
     assert wrong == {}
-
-
-def named_modules(tree: ast.Module, room: str, names: set[str]) -> set[str]:
-    """Modules of a room that a module of it names in any import, of types alone too."""
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"cavirheo.{room}"):
-            _, _, module = (node.module or "").partition(f"cavirheo.{room}.")
-            found |= {module} if module else {alias.name for alias in node.names}
-    return found & names
-
-
-def test_no_module_of_the_physics_needs_itself():
-    within = {name.removeprefix("physics/")[:-3]: tree for name, tree in trees().items() if room_of(name) == "physics"}
-    needs = {name: named_modules(tree, "physics", {*within}) for name, tree in within.items()}
-    assert needs["materials"] >= {"law", "elastic"}
-    while free := [name for name, others in needs.items() if not others & {*needs}]:
-        needs = {name: others for name, others in needs.items() if name not in free}
-    assert needs == {}
 
 
 def test_nothing_reads_provenance():

@@ -1,7 +1,5 @@
 """What a user holds can be pickled, copied and handed to other libraries, and is then the same."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 import pickle
@@ -10,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from answers import same, shots
-from conftest import ROOT, messages, refused
+from conftest import EXAMPLE, messages, refused
 
 import cavirheo
 from cavirheo import InputError, Medium, SolverError
@@ -21,7 +19,6 @@ from cavirheo.posterior import Bubble, Checks, Evidence, Posterior, WindowAnswer
 from cavirheo.reporting import result
 from cavirheo.reporting.table import write_csv
 
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 WAYS = {
     "pickle": lambda one: pickle.loads(pickle.dumps(one)),
     "oldest pickle": lambda one: pickle.loads(pickle.dumps(one, protocol=2)),
@@ -65,6 +62,8 @@ def test_copies_are_the_same(held, way):
     assert held["curve"].max_radius > 0  # what was computed is kept with the curve
     assert [name for name, one in held.items() if not same(one, WAYS[way](one))] == []
     assert WAYS[way](held["curve"]).with_max_radius(1e-4).max_radius == 1e-4
+    with pytest.raises(ValueError, match="read-only"):
+        held["curve"].radius[0] = 1.0
     assert not same(held["curve"], held["curve"].with_notes("another"))  # `same` sees a difference
 
 

@@ -1,7 +1,5 @@
 """Every command, path, link, name and snippet of the documentation exists and works."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import io
@@ -16,7 +14,7 @@ from typing import Any
 
 import pytest
 import typer
-from conftest import ROOT, load_benchmark
+from conftest import ROOT
 
 import cavirheo
 from cavirheo import read_curves, verbs
@@ -150,17 +148,6 @@ def test_every_page_begins_with_its_title_and_the_page_of_commands_has_every_ver
     assert [verb for verb in OPTIONS if not re.search(rf"[`/ ]{verb}[`,]", text)] == []
 
 
-def test_source_refers_to_pages_that_exist():
-    folders = ("src", "tests", "benchmarks", "validation", "packaging", "recipes")
-    files = [path for folder in folders for path in ROOT.glob(f"{folder}/**/*") if path.suffix in (".py", ".toml")]
-    named = {
-        (name(path), page)
-        for path in {*files, ROOT / "Makefile", ROOT / "pyproject.toml"} - {Path(__file__)}
-        for page in re.findall(r"(?<![\w/.-])(?:docs|benchmarks)/[\w/-]+\.md", path.read_text("utf-8"))
-    }
-    assert {(path, page) for path, page in named if not (ROOT / page).exists()} == set()
-
-
 SNIPPET = re.compile(r"^```python\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)  # with its output
 SNIPPETS = [(page, *found) for page in PAGES for found in SNIPPET.findall(page.read_text("utf-8"))]
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
@@ -226,19 +213,3 @@ def test_examples_run(script, monkeypatch, tmp_path, capsys):
     runpy.run_path(str(path), run_name="__main__")
     assert re.search((EXAMPLES | LONG)[script], capsys.readouterr().out)
     assert {one.stem for one in path.parent.glob("*.py")} == {*EXAMPLES, *LONG, "make_examples"}
-
-
-PICTURES = sorted((ROOT / "docs" / "method").glob("*.png"))
-LARGEST = 150_000  # bytes
-
-
-@pytest.mark.slow
-@pytest.mark.needs("matplotlib")
-@pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.stem)
-def test_a_picture_of_the_method_pages_is_made(picture, monkeypatch, tmp_path):
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    monkeypatch.setattr("sys.argv", ["method_figures.py", picture.stem])
-    script = load_benchmark("method_figures")
-    monkeypatch.setattr(script, "FOLDER", tmp_path)
-    script.main()
-    assert max((tmp_path / picture.name).stat().st_size, picture.stat().st_size) < LARGEST

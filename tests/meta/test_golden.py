@@ -5,8 +5,6 @@ An answer may move by a tenth of its interval, one without an interval by 1 %.
     python tests/meta/test_golden.py --write    makes the files in golden/ anew
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 import json

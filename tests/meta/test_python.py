@@ -1,7 +1,5 @@
 """The face of the package in Python: names, options, and one sentence for each wrong call."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import inspect
@@ -66,6 +64,9 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer_many([CURVE], workers=0), "0"),
     (lambda: cavirheo.fit([CURVE]), "fit_many"),
     (lambda: cavirheo.fit(CURVE, GEL), "nhkv"),
+    *((lambda law=law: cavirheo.fit(CURVE, law), law) for law in ("jelly", "ogden", "nhkv(8e3, 0.1)")),
+    (lambda: cavirheo.fit(CURVE, weights="motion"), "motion"),
+    (lambda: cavirheo.fit(CURVE, scale_bound=0.5), "0.5"),
     (lambda: cavirheo.fit(CURVE, end="10"), "'10'"),
     (lambda: cavirheo.fit(CURVE, stretch="seven"), "plateau"),
     (lambda: cavirheo.fit(CURVE, free="clock"), "t0, scale, rmax"),

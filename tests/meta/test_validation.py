@@ -1,10 +1,5 @@
 """The open challenge: recordings of known truth are made and scored, and both mean what they say."""
 
-from __future__ import annotations
-
-import csv
-import json
-
 import numpy as np
 import pytest
 from conftest import ROOT
@@ -13,10 +8,8 @@ from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, read_curves, simulat
 from cavirheo.physics.elastic import Fung
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Newtonian, PowerLaw
-from validation import __main__ as validate
 from validation import numbers, pages
 from validation.challenge import answers, camera, make, score, truth
-from validation.numbers import Run
 
 
 @pytest.fixture(scope="module")
@@ -44,14 +37,6 @@ def test_a_recording_depends_on_its_seed_and_number_alone(made, tmp_path):
         first, again = ((folder / name).read_text().splitlines() for folder in (made, tmp_path))
         assert again == first[: len(again)]
     assert make.cells(7, 60) != make.cells(8, 60)
-
-
-def test_sixty_recordings_have_each_bubble_law_and_difficulty_equally_often():
-    design = make.cells(3, 60)
-    for half in truth.HALVES:
-        for difficulty in camera.LEVELS:
-            laws = [law for a, law, b in design if (a, b) == (half, difficulty)]
-            assert sorted(laws) == sorted(2 * truth.LAWS)
 
 
 LAWS = {  # a truth, and the material of it
@@ -116,35 +101,6 @@ def test_scores(G, row, held, bounded):
             score.judge(about, wrong, "mu")
 
 
-@pytest.mark.needs("matplotlib")
-def test_tables_and_picture(made, tmp_path, monkeypatch):
-    truths, paths = score.read(made / "truth.csv"), []
-    for name, spread in (("narrow", 1.1), ("wide", 4.0)):
-        rows = []
-        for row in truths:
-            G, mu = float(row["G"]) or 500.0, float(row["mu"])
-            rows.append({"name": row["name"], "G": G, "G_low": G / spread, "G_high": G * spread, "mu": mu})
-            rows[-1] |= {"mu_low": mu / spread, "mu_high": mu * spread, "seconds": 2.0}
-        paths.append(tmp_path / f"{name}.csv")
-        make.write_table(paths[-1], rows)
-    monkeypatch.setattr("sys.argv", ["score", str(made / "truth.csv"), *map(str, paths), "-o", str(tmp_path / "out")])
-    score.main()
-    assert f"| narrow over wide | mu | {np.log(1.1) / np.log(4):.2f} |" in (tmp_path / "out.md").read_text()
-    assert (tmp_path / "out.png").stat().st_size > 1000
-
-
-def test_a_runner_goes_on_where_it_stopped(made, tmp_path, monkeypatch):
-    asked = []
-    out = tmp_path / "answers.csv"
-    monkeypatch.setattr("sys.argv", ["run", str(made / "recordings"), str(out)])
-    for _ in range(2):
-        answers.run("", lambda recording, options: asked.append(recording.name) or {"G": "1"})
-    with out.open() as file:
-        rows = list(csv.DictReader(file))
-    assert asked == ["shot001", "shot002"] == [row["name"] for row in rows]
-    assert all(float(row["seconds"]) >= 0 for row in rows)
-
-
 RESULTS = pages.read_results()
 
 
@@ -165,47 +121,6 @@ def test_the_page_of_claims_is_that_of_the_results():
 def test_headline_numbers_are_marked(page):
     assert pages.MARKED.search((ROOT / page).read_text("utf-8"))
     assert not pages.AT_BEGINNING.search((ROOT / page).read_text("utf-8"))
-
-
-def test_numbers_are_written_with_their_errors_and_others_are_kept(tmp_path, monkeypatch):
-    out = tmp_path / "validate.json"
-    out.write_text('{"earlier": {"numbers": {}}}')
-    values = np.arange(100.0)
-    monkeypatch.setattr(validate, "measured", lambda name: lambda run: [numbers.statistic("middle", values, "m")])
-    monkeypatch.setattr("sys.argv", ["validate", "solver", "--full", "-o", str(out)])
-    validate.main()
-    found = json.loads(out.read_text())
-    assert found["earlier"] == {"numbers": {}}
-    assert {"commit", "date", "processor", "full", "seconds"} < set(found["solver"])
-    number = found["solver"]["numbers"]["middle"]
-    assert (number["value"], number["n"], number["unit"], number["seed"]) == (49.5, 100, "m", numbers.SEED)
-    assert number["standard_error"] == pytest.approx(1.2533 * np.std(values) / 10, rel=0.5)  # that of a normal sample
-
-
-@pytest.mark.parametrize(
-    ("marked", "filled"),
-    [("error:.1e", "1.8e-5"), ("error:.4%", "0.0018"), ("error:se.0e", "2e-6"), ("error:n", "12"), ("time:.1f", None)],
-)
-def test_numbers_between_markers_are_filled(marked, filled):
-    results = {"solver": {"numbers": {"error": {"value": 1.84e-5, "standard_error": 2.2e-6, "n": 12}}}}
-    text = f"| it is <!--solver.{marked}-->9<!--/--> |"
-    if filled is None:
-        with pytest.raises(ValueError, match="python -m validation solver"):
-            pages.filled(text, results)
-    else:
-        assert pages.filled(text, results) == f"| it is <!--solver.{marked}-->{filled}<!--/--> |"
-
-
-def squared(job: tuple[int]) -> dict:
-    return {"square": job[0] ** 2}
-
-
-def test_cases_are_kept_and_an_interrupted_run_goes_on(tmp_path):
-    run = Run(workers=1, kept=tmp_path)
-    run.rows("squares", squared, [(1,), (3,)])
-    kept = (tmp_path / "squares.jsonl").read_text().replace("9", "10")
-    (tmp_path / "squares.jsonl").write_text(kept)
-    assert [row["square"] for row in run.rows("squares", squared, [(3,), (2,)])] == [10, 4]
 
 
 def test_shares_and_their_standard_errors():

@@ -1,7 +1,5 @@
 """Work in processes of their own, so that a crash or a hang is an outcome like others and ends nothing else."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import resource

@@ -4,8 +4,6 @@
 be held against it whatever the name is made of.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import socket

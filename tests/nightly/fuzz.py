@@ -5,24 +5,28 @@ beside it: a traceback, a crash, a hang, a warning, numbers that no curve may ho
 ours or that does not name the file.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
+import io
+import json
+import random
 import re
 import shutil
+import struct
 import sys
 import tempfile
 import traceback
 import warnings
+import zipfile
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
+import h5py
 import numpy as np
 from apart import Ended, each_apart
-from mutate import mutated
 from valid import BINARIES, TEXTS, content, documents
 
 import cavirheo
@@ -84,6 +88,136 @@ TABLES: tuple[Callable[[Path], object], ...] = (
 READERS = dict.fromkeys(("csv", "txt", "xlsx"), TABLES) | dict.fromkeys(("ods", "xls", "mat", "h5"), TABLES[:3])
 READERS |= {"toml": (lambda path: read_recipe(path).settings(),), "json": (cavirheo.load,), "onnx": (network,)}
 READERS |= {"shard-00000.h5": (load_folder,)}
+
+
+# --- a valid file and a number -> the same damaged file on every machine
+
+_NUMBERS = """nan inf -inf 1e308 1e400 5e-324 0 -1 1e17 9999999999999999999999 2147483648 0x10 1_000 ١٢ ½ 1e 1,5
+1.5.2 +-1 TRUE ∞ 12:30:05 2024-01-01 45% 10000000000000"""
+_WORDS = """' "" --- # % , ; =1+1 <script>alert(1)</script> [/] {{7*7}} $x^2_{ ../../etc/passwd é😀 time_us radius_um
+rmax_m px NaN(1) N/A null shot [] {} [nan,1.0] [a.b] &#0; </sheetData>"""
+NUMBERS, WORDS = _NUMBERS.split(), _WORDS.split()
+WORDS += ["", " ", "\t", "\0", "\ufeff", "\x1b[31mred\x1b[0m", "\u202etxt", "a" * 300, "R [mm]", "G' (Pa)"]
+SIZES = (0, 1, 3, 255, 65535, 2**31 - 1, 2**31, 2**32 - 1)
+
+
+def mutated(name: str, content: bytes, seed: int, number: int) -> bytes:
+    """`content` of a valid file `name`, changed one to four times."""
+    chance = random.Random(f"{seed}/{number}/{name}")
+    way = WAYS.get(name.rpartition(".")[2], text)
+    for _ in range(chance.choice((1, 1, 1, 2, 4))):
+        with contextlib.suppress(Exception):  # what is damaged already may have no structure left to be changed
+            content = chance.choice((way, way, way, flat))(content, chance)
+    return content
+
+
+def flat(content: bytes, chance: random.Random) -> bytes:
+    """Bytes, whatever they mean."""
+    at = chance.randrange(len(content) + 1)
+    end = min(len(content), at + chance.choice((1, 1, 2, 4, 8, 64, 512)))
+    piece = content[at:end]
+    changed = [
+        bytes(b ^ 1 << chance.randrange(8) for b in piece),
+        chance.choice((b"\0", b"\xff", b"\r", b"\xff\xff\xff\x7f")),
+        piece * chance.choice((0, 2, 50)),
+        chance.randbytes(len(piece)),
+        struct.pack("<I", chance.choice(SIZES)),
+        struct.pack("<d", chance.choice((np.nan, np.inf, -1, 1e308, 5e-324))),
+    ]
+    return content[:at] + chance.choice(changed) + (b"" if chance.random() < 0.1 else content[end:])
+
+
+def word(chance: random.Random) -> str:
+    return chance.choice(chance.choice((NUMBERS, WORDS)))
+
+
+def text(content: bytes, chance: random.Random) -> bytes:
+    """Tokens, lines, separators and encodings."""
+    said = content.decode("utf-8", "surrogateescape")
+    lines = said.split("\n")
+    k = chance.randrange(len(lines)) if chance.random() < 0.7 else 0
+    cells = re.split("([,;\t =<>])", lines[k])
+    at = chance.randrange(len(cells))
+    match chance.randrange(8):
+        case 0 | 1 | 2:
+            lines[k] = "".join([*cells[:at], word(chance), *cells[at + chance.randrange(2) :]])
+        case 3:
+            lines[k:k] = [word(chance)] * chance.choice((1, 3, 200))
+        case 4:
+            lines[k : k + chance.choice((1, 5, 1000))] = lines[chance.randrange(len(lines)) :]
+        case 5:
+            lines = [line.replace(chance.choice(",;\t "), chance.choice(",;\t ")) for line in lines]
+        case 6:
+            lines[k] = lines[k] * chance.choice((2, 40, 4000))
+        case 7:
+            return said.encode(chance.choice(("utf-16", "utf-16-le", "utf-8-sig", "utf-32", "latin-1")), "replace")
+    return "\n".join(lines).encode("utf-8", "surrogateescape")
+
+
+def archive(content: bytes, chance: random.Random) -> bytes:
+    """A member of a workbook: its bytes, its words, its name, or whether it is there."""
+    with zipfile.ZipFile(io.BytesIO(content)) as old:
+        members = [(name, old.read(name)) for name in old.namelist()]
+    k = chance.randrange(len(members))
+    name, data = members[k]
+    changed = [(name, chance.choice((flat, text))(data, chance))]
+    members[k : k + 1] = chance.choice(([], [(word(chance)[:40].replace("\0", "0") or "x", data)], *[changed] * 5))
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as new:
+        for name, data in members:
+            new.writestr(name, data)
+    return packed.getvalue()
+
+
+ODD: list[Any] = [np.nan, np.inf, -1.0, 1e308, 2**62, True, 1j, "seven", "\x1b[31m", "é" * 300, b"\xff\xfe"]
+ODD += [np.zeros(3), np.zeros((2, 0)), np.array([b"x"]), np.zeros(2, [("a", "f8"), ("b", "i4")]), np.zeros(1, "V8")]
+ODD += [h5py.Empty("f8"), h5py.SoftLink("/nowhere"), h5py.SoftLink("/"), h5py.ExternalLink("other.h5", "/x")]
+
+
+def hdf5(content: bytes, chance: random.Random) -> bytes:
+    """A dataset, an attribute or a link of the file is something else."""
+    memory = io.BytesIO(content)
+    with h5py.File(memory, "r+") as file:
+        names: list[str] = []
+        file.visit(names.append)
+        name = chance.choice(names)
+        if chance.random() < 0.25:
+            file[name].attrs[chance.choice(("stretch", "MATLAB_empty", "frame_rate_hz"))] = chance.choice(ODD)
+            return memory.getvalue()
+        kept = np.asarray(file[name][()]) if isinstance(file[name], h5py.Dataset) else np.arange(100.0)
+        del file[name]
+        if chance.random() < 0.3:  # declared, and not written
+            kind = chance.choice((h5py.ref_dtype, h5py.string_dtype(), h5py.vlen_dtype("f8"), "f8", "S9"))
+            file.create_dataset(name, chance.choice(((), (0,), (3,), (1, 3), (100,), (10**12,))), kind)
+        elif kept.dtype.kind in "fiu" and chance.random() < 0.5:
+            file[name] = chance.choice((kept[:2], kept[::-1], np.stack([kept] * 2), kept.astype(complex)))
+        else:
+            file[name] = chance.choice(ODD)
+    return memory.getvalue()
+
+
+def values(content: bytes, chance: random.Random) -> bytes:
+    """A value somewhere in a JSON document."""
+    tree = json.loads(content)
+    at: Any = tree
+    while True:
+        key = chance.choice(list(at) if isinstance(at, dict) else range(len(at)))
+        below = at[key]
+        if not (isinstance(below, (dict, list)) and below) or chance.random() < 0.15:
+            break
+        at = below
+    if chance.random() < 0.1:
+        del at[key]
+    else:
+        odd = [None, True, 0, -1, 1e308, 10**30, float("nan"), "x" * 300, "<b>x", [], {}, [below] * 300, str(below)]
+        at[key] = chance.choice([*odd, word(chance), {"a": below}, "\ud800"])
+    return json.dumps(tree).encode()
+
+
+WAYS = {"mat": flat, "xls": flat, "onnx": flat, "h5": hdf5, "xlsx": archive, "ods": archive, "json": values}
+
+
+# --- what is said of it
 
 
 def judged(read: Callable[[Path], object], path: Path) -> tuple[str, str]:

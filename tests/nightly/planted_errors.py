@@ -6,8 +6,6 @@ Signs, units, steps too far and guards that are missing, over all rooms of the p
 errors that no test caught.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil
@@ -119,7 +117,7 @@ PLANTED = (
     Planted("any file of the machine is uploaded", "app/events.py",
             "path.is_relative_to(folder) and path.is_file()", "path.is_file()", ("test_app",)),
     Planted("exposure after the frame's time", "training/camera.py",
-            "(0.2 * k - 0.4) * camera.exposure", "(0.2 * k) * camera.exposure", ("test_camera",)),
+            "(0.2 * k - 0.4) * camera.exposure", "(0.2 * k) * camera.exposure", ("test_dataset",)),
     Planted("split of a training set leaves out curves", "training/dataset.py",
             "[round(0.8 * n), round(0.9 * n)]", "[round(0.8 * n), round(0.8 * n) + 1]", ("test_dataset",)),
 )  # fmt: skip

@@ -4,8 +4,6 @@ A batch is many files and a good one in one call: the good one is answered, each
 line that names it. A command that takes one file is called for each.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,8 +1,6 @@
 """Surroundings that take something away: each command works, or says in one line what it lacks, and leaves no broken
 file. Every case is a process of its own, which a shell prepares."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

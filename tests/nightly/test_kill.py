@@ -1,7 +1,5 @@
 """Killed at random moments: what was answered is there, the same command completes it, and nothing is doubled."""
 
-from __future__ import annotations
-
 import json
 import random
 import subprocess
@@ -11,15 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import EXAMPLE
 
-from cavirheo import read_curves
+from cavirheo import Posterior, read_curves
 from cavirheo.io import write_csv
-from cavirheo.posterior import Posterior
 from cavirheo.workflow.store import read_kept
 from cavirheo.writing.document import LIST
 
-EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 COMMANDS = {  # shots, kills, words
     "infer": (50, 8, ["infer", "shots", "--verify", "none", "-o", "out"]),
     "fit": (12, 4, ["fit", "shots", "--window", "2", "-o", "out"]),

@@ -1,7 +1,5 @@
 """Small files of every kind that the program reads, all of them valid: what mutated and damaged ones are made from."""
 
-from __future__ import annotations
-
 import json
 import sys
 import tomllib
@@ -14,16 +12,12 @@ from scipy.io import savemat
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
-from answers import answer, bubble  # noqa: E402
+from answers import answer, bubble, laws_of, sweeps_of, times_of  # noqa: E402
 from broken_recipes import RIGHT  # noqa: E402
 from files import cells, ods_row, save_v73, write_ods, write_xls, write_xlsx  # noqa: E402
+from files import lines as rows  # noqa: E402
 
-from cavirheo.companions import rheometer  # noqa: E402
-from cavirheo.companions.collapse_times import CollapseTimes, read_groups  # noqa: E402
-from cavirheo.companions.rheometer import read_sweeps  # noqa: E402
-from cavirheo.physics.media import WATER  # noqa: E402
 from cavirheo.reporting import result  # noqa: E402
-from cavirheo.reporting.laws import Laws, WeighedLaw  # noqa: E402
 from cavirheo.training.recipe import Recipe  # noqa: E402
 from cavirheo.writing.document import as_json  # noqa: E402
 
@@ -31,12 +25,6 @@ TIME = np.arange(-8.0, 92.0)  # us
 RADIUS = 250 * (0.12 + 0.88 * np.abs(np.cos(np.pi * TIME / 46)) * np.exp(-np.maximum(TIME, 0) / 70))  # um
 SECONDS, METRES = TIME * 1e-6, RADIUS * 1e-6
 STAR = 250e-6 * np.sqrt(998 / 101325)  # s per unit of t*
-
-
-def rows(separator: str, *columns: np.ndarray, comma: bool = False) -> str:
-    """Lines of numbers."""
-    text = "\n".join(separator.join(f"{value:.6g}" for value in row) for row in zip(*columns, strict=True)) + "\n"
-    return text.replace(".", ",") if comma else text
 
 
 OMEGA = np.geomspace(0.1, 100, 13)
@@ -152,17 +140,11 @@ def content(name: str, folder: Path) -> bytes:
 
 def documents() -> dict[str, str]:
     """One document of each kind, as the program writes it."""
-    found = result([(bubble(f"shot[{k}]"), answer(bubble(), 6e3 + 100 * k, draws=40)) for k in range(3)], "x")
-    law = WeighedLaw(log_evidence=-12.5, standard_error=0.3, probability=0.25, answer=found.curves[0])
-    shot = {"name": "a", "shots": 1, "chosen": "nhkv", "contenders": [], "laws": {"nhkv": law}, "pairs": []}
-    groups, *_ = read_groups([ROOT / "tests" / "meta" / "golden" / "times.csv"], WATER)
-    groups[0].answer("nhkv", medium=WATER)
-    medium = {"density": WATER.density, "pressure": WATER.pressure}
-    sweeps = read_sweeps(ROOT / "examples" / "soft_gel_strain_sweep.csv")
+    shots = [(bubble(f"shot[{k}]"), answer(bubble(), 6e3 + 100 * k, draws=40)) for k in range(3)]
     made = {
-        "result": found,
-        "laws": Laws(command="x", curves=[shot], groups=[]),
-        "collapse-time": CollapseTimes(command="x", material="nhkv", medium=medium, groups=groups),
-        "rheometer": rheometer.rheometry(sweeps, "gel", command="x", date="", notes=[]),
+        "result": result(shots, "x"),
+        "laws": laws_of("a"),
+        "collapse-time": times_of("a"),
+        "rheometer": sweeps_of("a"),
     }
     return {f"{name}.json": as_json(one) for name, one in made.items()}

@@ -3,8 +3,6 @@
 `pytest -s` shows every measured number beside its limit. The limits are two to ten times what was measured.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,16 +11,15 @@ from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
 from test_limits import COLLAPSE, DRY, GEL, IDEAL, KINETIC, TIME, dense, draws, largest, within
 
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, simulate
 from cavirheo.physics import simulate as forward
 from cavirheo.physics.accuracy import DEFAULT, PRECISE, Accuracy
-from cavirheo.physics.bubble import ACCOMMODATION, CONTENTS, FIELD, Bubble, Damage
+from cavirheo.physics.bubble import ACCOMMODATION, CONTENTS, FIELD, Damage
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.elastic import NeoHookean
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Zener
+from cavirheo.physics.materials import Zener
 from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import simulate
-from cavirheo.physics.viscous import Newtonian
 from validation.field_standard import neo_hookean, newtonian
 from validation.field_standard import solve as solve_by_field_standard
 

@@ -4,8 +4,6 @@ Three things differ. Its gas is adiabatic from R_eq, ours is expanded isothermal
 the same gas. Its elastic law is about R_eq all the same. Its Gilmore equation leaves out the factor 1 - U/C of dH/dt.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,17 +13,14 @@ import pytest
 from scipy.optimize import brentq
 from test_limits import textbook
 
+from cavirheo import Bubble, Medium, Newtonian, simulate
 from cavirheo.physics.accuracy import Accuracy
-from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.elastic import NeoHookean, Quadratic
 from cavirheo.physics.law import Elastic
 from cavirheo.physics.materials import OldroydB, TotalRelaxation, Viscoelastic
-from cavirheo.physics.media import Medium
 from cavirheo.physics.scales import TAIT, dimensionless
-from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import scaled
-from cavirheo.physics.viscous import Newtonian
 
 R_MAX, STRETCH, G, MU, INDEX = 225e-6, 6.0, 2500.0, 0.1, 1.4
 WET = Medium(density=1064.0, surface_tension=0.07, sound_speed=1484.0)

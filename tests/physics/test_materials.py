@@ -1,42 +1,19 @@
 """One battery for every instantaneous law, and what each law reduces to. docs/method/physics.md, section 4."""
 
-from __future__ import annotations
-
 import re
-from math import inf, sqrt
+from math import inf
 
 import numpy as np
 import pytest
-from conftest import refused
 from scipy.integrate import quad
 
-from cavirheo.errors import SolverError
-from cavirheo.physics import solver
-from cavirheo.physics.elastic import (
-    ArrudaBoyce,
-    Fung,
-    Gent,
-    Linear,
-    MooneyRivlin,
-    NeoHookean,
-    Ogden,
-    Quadratic,
-    StrainEnergy,
-    Yeoh,
-)
+from cavirheo import Newtonian, SolverError, simulate
+from cavirheo.physics import elastic, viscous
+from cavirheo.physics.elastic import Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
 from cavirheo.physics.law import SHEAR, Elastic, Viscous
 from cavirheo.physics.materials import Material, Viscoelastic
-from cavirheo.physics.simulate import simulate
-from cavirheo.physics.table import TOLERANCE, read, tabulate
-from cavirheo.physics.viscous import (
-    CarreauYasuda,
-    Cross,
-    HerschelBulkley,
-    Newtonian,
-    PowellEyring,
-    PowerLaw,
-    Viscosity,
-)
+from cavirheo.physics.table import read
+from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, PowerLaw, Viscosity
 
 
 def gent_energy(l1, l2, l3):
@@ -44,14 +21,14 @@ def gent_energy(l1, l2, l3):
 
 
 ELASTIC: list[tuple[Elastic, float]] = [  # a law and its small-strain shear modulus, Pa
-    (Linear(3e3), 3e3),
+    (elastic.Linear(3e3), 3e3),
     (NeoHookean(3e3), 3e3),
     (Quadratic(3e3, 0.4), 3e3),
     (MooneyRivlin(1e3, 500.0), 3e3),
     (Yeoh(1.5e3, 20.0, 1.0), 3e3),
-    (Fung(3e3, 0.3), 3e3),
+    (elastic.Fung(3e3, 0.3), 3e3),
     (Gent(3e3, 60.0), 3e3),
-    (ArrudaBoyce(3e3, 1e3), 3e3 * (1 + 0.6 / 1e3 + 99 / 175 / 1e6)),
+    (elastic.ArrudaBoyce(3e3, 1e3), 3e3 * (1 + 0.6 / 1e3 + 99 / 175 / 1e6)),
     (Ogden((2e3, -500.0), (2.5, -2.0)), 3e3),
     (StrainEnergy(gent_energy), 3e3),
 ]
@@ -63,7 +40,7 @@ VISCOUS: list[Viscous] = [
     CarreauYasuda(0.5, 0.01, 1e-4, 0.4),
     CarreauYasuda(0.5, 0.01, 1e-4, 0.4, 0.7),
     Cross(0.5, 0.01, 1e-4, 0.8),
-    PowellEyring(0.5, 0.01, 1e-4),
+    viscous.PowellEyring(0.5, 0.01, 1e-4),
     Viscosity(lambda s: 0.01 + 0.4 * np.exp(-1e-5 * s)),
 ]
 CLOSED = [law for law, _ in ELASTIC if hasattr(law, "closed")]
@@ -112,9 +89,9 @@ def test_closed_forms(law):
         (MooneyRivlin(1500.0, 0.0), NeoHookean(3e3)),
         (Yeoh(1500.0), NeoHookean(3e3)),
         (Yeoh(1500.0, 450.0), Quadratic(3e3, 0.6)),
-        (Fung(3e3, 0.0), NeoHookean(3e3)),
+        (elastic.Fung(3e3, 0.0), NeoHookean(3e3)),
         (Gent(3e3, 1e12), NeoHookean(3e3)),
-        (ArrudaBoyce(3e3, inf), NeoHookean(3e3)),
+        (elastic.ArrudaBoyce(3e3, inf), NeoHookean(3e3)),
         (Ogden([3e3], [2.0]), NeoHookean(3e3)),
         (Ogden((2e3, -1e3), (2.0, -2.0)), MooneyRivlin(1e3, 500.0)),
         (StrainEnergy(gent_energy), Gent(3e3, 60.0)),
@@ -165,7 +142,7 @@ def test_viscous_closed_forms():
         CarreauYasuda(0.3, 0.1, 1e-4, 1.0),
         CarreauYasuda(0.3, 0.1, 0.0, 0.5),
         Cross(0.3, 0.3, 1e-4, 0.8),
-        PowellEyring(0.3, 0.1, 0.0),
+        viscous.PowellEyring(0.3, 0.1, 0.0),
         Viscosity(lambda s: 0.3),
     ],
     ids=str,
@@ -202,24 +179,3 @@ def test_lock_up_is_a_status():
     at_once = simulate(law, **GEL | {"stretch": 5.0}, throw=False)
     assert at_once.stats["steps"] == 0
     assert "t = 0 us" in at_once.status
-
-
-def test_the_solver_reads_a_table_as_python_does():
-    table = Gent(3e3, 60.0).table()
-    for x in [*RATIOS[::5], *table[[0, 7, -1], 0]]:
-        assert solver.look_up(table, x) == pytest.approx(read(table, x), rel=1e-14, abs=1e-300)
-    for x in (table[0, 0] * 0.999, table[-1, 0] * 1.001, np.nan):
-        assert np.isnan(solver.look_up(table, x)).all()
-        assert np.isnan(read(table, x)[0])
-
-
-def test_a_table_follows_kinks_and_refuses_noise():
-    nodes = np.linspace(0, 4, 5)
-    table = tabulate(lambda x: np.maximum(x, sqrt(2)), nodes, 0.0)
-    x = np.linspace(0, 4, 999)
-    exact = np.where(x < sqrt(2), sqrt(2) * x, 1 + x * x / 2)
-    assert read(table, x)[0] == pytest.approx(exact, abs=1e-7)
-    noise = np.random.default_rng(0)
-    with refused("physics.rough"):
-        tabulate(lambda x: noise.normal(size=x.shape), nodes, 0.0)
-    assert TOLERANCE <= 1e-8

@@ -1,31 +1,19 @@
 """Laws with memory against convolution integrals, a Lagrangian tensor solution, and what they reduce to."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conftest import load_benchmark
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from cavirheo.errors import SolverError
+from cavirheo import Bubble, Medium, Newtonian, SolverError, simulate
+from cavirheo.physics import materials
 from cavirheo.physics.accuracy import Accuracy
-from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Quadratic
-from cavirheo.physics.materials import (
-    Maxwell,
-    OldroydB,
-    StandardLinearSolid,
-    TotalRelaxation,
-    UpperConvectedMaxwell,
-    Viscoelastic,
-    Zener,
-    parse,
-)
-from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.materials import Maxwell, OldroydB, TotalRelaxation, UpperConvectedMaxwell, Zener, parse
+from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import remembered, simulate
-from cavirheo.physics.viscous import Newtonian
+from cavirheo.physics.simulate import remembered
 
 lagrangian = load_benchmark("lagrangian")
 TIME = np.linspace(0, 100e-6, 101)
@@ -53,7 +41,7 @@ def test_against_the_stress_field_around_the_bubble(law, motion):
     if arm is OldroydB:
         material, options = OldroydB((mu + mu_s) * p * t_c, De * t_c, De * t_c * mu_s / (mu + mu_s)), {"mu_s": mu_s}
     else:
-        material = Viscoelastic(spring and spring(G * p), None, [arm(mu * p * t_c, De * t_c)])
+        material = materials.Viscoelastic(spring and spring(G * p), None, [arm(mu * p * t_c, De * t_c)])
         options = {"G": G} if spring else {}
     t = np.linspace(0, 3, 61)
     C = np.inf if motion == "rayleigh-plesset" else liquid.sound_speed / liquid.velocity_scale
@@ -67,7 +55,7 @@ def test_against_the_stress_field_around_the_bubble(law, motion):
     assert R.min() < 0.3
 
 
-@pytest.mark.parametrize(("law", "parent"), [(Zener, NeoHookean), (StandardLinearSolid, Linear)])
+@pytest.mark.parametrize(("law", "parent"), [(Zener, NeoHookean), (materials.StandardLinearSolid, Linear)])
 def test_an_arm_that_never_relaxes_is_its_spring(law, parent):
     """Grown from R_0 the arm's spring acts beside the other one; relaxed at R_max it is stress-free there."""
     arm = 4e3
@@ -84,8 +72,8 @@ def test_parts_add():
     arm, half, none = (UpperConvectedMaxwell(mu, 2e-6) for mu in (0.1, 0.05, 0.0))
     spring, dashpot = NeoHookean(2e3), Newtonian(0.05)
     same = [
-        (Viscoelastic(spring, None, [arm]), Viscoelastic(spring, None, [half, half])),
-        (Viscoelastic(spring, dashpot), Viscoelastic(spring, dashpot, [none])),
+        (materials.Viscoelastic(spring, None, [arm]), materials.Viscoelastic(spring, None, [half, half])),
+        (materials.Viscoelastic(spring, dashpot), materials.Viscoelastic(spring, dashpot, [none])),
         (Newtonian(0.1), OldroydB(0.1, 1e-6, 1e-6)),
     ]
     for one, other in same:
@@ -115,7 +103,9 @@ def following(stiffening, retardation, G=0.1, mu=0.2, De=0.3):
 
     y = solve_ivp(rate, (0, 3), [1.0, 0.0, 0.0], t_eval=t, rtol=1e-11, atol=1e-13, method="DOP853").y
     dashpot = Newtonian(solvent * p * t_c) if retardation else None
-    law = Viscoelastic(Quadratic(G * p, stiffening), dashpot, [TotalRelaxation((mu - solvent) * p * t_c, De * t_c)])
+    law = materials.Viscoelastic(
+        Quadratic(G * p, stiffening), dashpot, [TotalRelaxation((mu - solvent) * p * t_c, De * t_c)]
+    )
     way = dict(max_radius=R_max, stretch=stretch, time=t * t_c, medium=liquid, relaxed=True, accuracy=EXACT)
     run = simulate(law, bubble=Bubble(exponent=1.4), **way)
     return (y[0], y[2] / y[0] ** 3 - 4 * solvent * y[1] / y[0]), (run.radius / R_max, run.stress / p)
@@ -137,7 +127,9 @@ def test_the_fields_law_starts_without_stress(beside):
     start, relaxed = (simulate(law, relaxed=relaxed, **GEL).stress[0] for relaxed in (False, True))
     assert relaxed == 0
     assert (start == 0) == ("ucm" not in beside)
-    open_to_growth = Viscoelastic(Quadratic(5e3, 0.02), law.viscous, [TotalRelaxation(0.05, 3e-6), *law.memory[1:]])
+    open_to_growth = materials.Viscoelastic(
+        Quadratic(5e3, 0.02), law.viscous, [TotalRelaxation(0.05, 3e-6), *law.memory[1:]]
+    )
     assert simulate(open_to_growth, **GEL).stress[0] < start - 1e3
 
 
@@ -172,7 +164,7 @@ def test_growth_leaves_what_an_impulse_leaves(G, mu, tau):
 
 
 def test_growth_that_cannot_be_is_a_status():
-    taut = Viscoelastic(Gent(1e3, 20.0), None, [Maxwell(0.1, 1e-6)])  # chains are taut before R_max
+    taut = materials.Viscoelastic(Gent(1e3, 20.0), None, [Maxwell(0.1, 1e-6)])  # chains are taut before R_max
     run = simulate(taut, **GEL, throw=False)
     assert str(taut) in run.status
     assert np.isnan(run.radius).all()

@@ -1,25 +1,20 @@
 """Models, recipes and training sets that are damaged or hostile: each is refused in one line, and nothing hangs."""
 
-from __future__ import annotations
-
 import json
 import os
-import random
 import shutil
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 from broken_recipes import RECIPES, RIGHT
+from conftest import code_of, error_of, refusal
 
 from cavirheo import load
-from cavirheo.errors import InputError
 from cavirheo.inference import session
 from cavirheo.inference.bdt import Amortised
 from cavirheo.inference.graph import check_graph
@@ -40,13 +35,6 @@ needs_onnx = pytest.mark.skipif(made is None, reason="needs onnx")
 BROKEN = made.BROKEN if made else {}
 
 
-def refused(call, *given, **settings) -> InputError:
-    with pytest.raises(InputError) as caught:
-        call(*given, **settings)
-    assert "\n" not in str(caught.value)
-    return caught.value
-
-
 # models
 
 
@@ -62,7 +50,7 @@ def test_broken_model(tmp_path, name, monkeypatch):
     code, write = BROKEN[name]
     if code == "model.time":
         monkeypatch.setattr(session, "SECONDS", 1.0)
-    assert refused(Network, write(tmp_path)).code == code
+    assert code_of(Network, write(tmp_path)) == code
 
 
 @needs_onnx
@@ -73,7 +61,7 @@ def test_a_model_of_a_part_of_its_law_does_not_answer_shots(tmp_path):
     content = made.graph(nodes, tensors, outputs=ends, last="out").SerializeToString()
     about = made.card(content)
     network = Network(made.put(tmp_path, content, about | {"outputs": about["outputs"][:1]}))
-    assert refused(Amortised, network).code == "model.outputs"
+    assert code_of(Amortised, network) == "model.outputs"
 
 
 def test_shipped_models_are_of_the_allowed_parts(monkeypatch):
@@ -94,7 +82,7 @@ def test_shipped_models_are_of_the_allowed_parts(monkeypatch):
 def test_broken_recipe(tmp_path, name):
     content, named = RECIPES[name]
     (tmp_path / "r.toml").write_bytes(content)
-    assert named in str(refused(read_recipe, tmp_path / "r.toml")).removeprefix(str(tmp_path))
+    assert named in str(error_of(read_recipe, tmp_path / "r.toml")).removeprefix(str(tmp_path))
 
 
 def test_a_recipe_that_is_no_file(tmp_path):
@@ -102,9 +90,9 @@ def test_a_recipe_that_is_no_file(tmp_path):
     with (tmp_path / "huge").open("wb") as file:
         file.truncate(1 << 30)
     codes = {".": "files.kind", "pipe": "files.kind", "huge": "files.size", "x" * 300: "files.unreadable"}
-    assert {name: refused(read_recipe, tmp_path / name).code for name in codes} == codes
-    assert refused(read_recipe, "/dev/zero").code == "files.kind"
-    assert refused(read_recipe, "nul\0l").code == "files.unreadable"
+    assert {name: code_of(read_recipe, tmp_path / name) for name in codes} == codes
+    assert code_of(read_recipe, "/dev/zero") == "files.kind"
+    assert code_of(read_recipe, "nul\0l") == "files.unreadable"
 
 
 # training sets
@@ -113,19 +101,7 @@ PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 
 
 
 @pytest.fixture
-def fake(monkeypatch):
-    """Small shards of instant curves."""
-
-    def simulate_many(self, theta, *, workers=None):
-        radius = self.reference_max_radius * np.exp(-self.grid.time / 1e-4 * 10 ** np.minimum(theta[:, :1], 0.0))
-        return [SimpleNamespace(radius=row, status="ok") for row in radius]
-
-    monkeypatch.setattr(TrainingProblem, "simulate_many", simulate_many)
-    monkeypatch.setattr(dataset, "SHARD", 20)
-
-
-@pytest.fixture
-def shards(fake, tmp_path) -> Path:
+def shards(instant, tmp_path) -> Path:
     dataset.generate(PROBLEM, 50, tmp_path / "set", progress=False)
     return tmp_path / "set"
 
@@ -176,7 +152,7 @@ SHARDS = {
 def test_broken_shard(shards, name):
     with h5py.File(shards / "shard-00000.h5", "a") as file:
         SHARDS[name](file)
-    said = refused(dataset.load, shards)
+    said = error_of(dataset.load, shards)
     assert said.code.startswith(("dataset.", "problem.", "limits."))
     assert "shard-" in str(said)
 
@@ -192,33 +168,33 @@ def test_broken_shard(shards, name):
 )
 def test_a_shard_that_is_no_whole_file(shards, damage):
     damage(shards / "shard-00001.h5")
-    assert refused(dataset.load, shards).code == "dataset.unreadable"
+    assert code_of(dataset.load, shards) == "dataset.unreadable"
 
 
 def test_a_file_beside_the_set_is_not_read_as_a_part_of_it(shards):
     shutil.copy(shards / "shard-00001.h5", shards / "shard-00001 (copy).h5")
-    assert refused(dataset.load, shards).code == "dataset.foreign"
+    assert code_of(dataset.load, shards) == "dataset.foreign"
     (shards / "shard-00001 (copy).h5").unlink()
     (shards / "shard-00000.h5").replace(shards / "kept")
     shutil.copy(shards / "shard-00001.h5", shards / "shard-00000.h5")
-    assert refused(dataset.load, shards).code == "dataset.shape"
+    assert code_of(dataset.load, shards) == "dataset.shape"
 
 
-def test_a_set_that_does_not_fit_is_refused_before_it_is_made(fake, tmp_path, monkeypatch):
-    said = refused(dataset.generate, PROBLEM, 10**12, tmp_path, progress=False)
+def test_a_set_that_does_not_fit_is_refused_before_it_is_made(instant, tmp_path, monkeypatch):
+    said = error_of(dataset.generate, PROBLEM, 10**12, tmp_path, progress=False)
     assert (said.code, list(tmp_path.iterdir())) == ("dataset.size", [])
-    refused(dataset.generate, PROBLEM, 10**40, tmp_path, progress=False)
+    error_of(dataset.generate, PROBLEM, 10**40, tmp_path, progress=False)
     assert dataset.generate(PROBLEM, 10**8, tmp_path, shard=(1, 10**7), progress=False).curves == 20
     dataset.generate(PROBLEM, 20, tmp_path / "small", progress=False)
     monkeypatch.setattr(os, "sysconf", lambda name: 10)
-    assert refused(dataset.load, tmp_path / "small").code == "dataset.size"
+    assert code_of(dataset.load, tmp_path / "small") == "dataset.size"
 
 
 # a model and a set that is not of its problem
 
 
 @needs_onnx
-def test_a_model_is_judged_on_its_own_problem_only(fake, tmp_path):
+def test_a_model_is_judged_on_its_own_problem_only(instant, tmp_path):
     path, problem = made.sound(tmp_path), Network(made.sound(tmp_path)).problem
     linear = Prior.uniform({"shear_modulus": [1e3, 1e6], **{name: made.PRIOR[name] for name in list(made.PRIOR)[1:]}})
     others = {
@@ -230,7 +206,7 @@ def test_a_model_is_judged_on_its_own_problem_only(fake, tmp_path):
     }
     for what, other in others.items():
         dataset.generate(other, 10, tmp_path / what, seed=7, progress=False)
-        said = refused(evaluate, path, tmp_path / what)
+        said = error_of(evaluate, path, tmp_path / what)
         assert (said.code, what in str(said)) == ("evaluate.problem", True)
     narrow, wide = (Prior.uniform(made.PRIOR | {"log10_viscosity": [low, 0.0]}) for low in (-2.0, -4.0))
     water = replace(problem.medium, name="ours")
@@ -242,7 +218,7 @@ def test_a_model_is_judged_on_its_own_problem_only(fake, tmp_path):
 
 
 @needs_onnx
-def test_an_evaluation_needs_no_matplotlib(fake, tmp_path, monkeypatch):
+def test_an_evaluation_needs_no_matplotlib(instant, tmp_path, monkeypatch):
     path = made.sound(tmp_path)
     dataset.generate(Network(path).problem, 5, tmp_path / "set", seed=7, progress=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
@@ -261,31 +237,24 @@ def small(tmp_path) -> Path:
     return tmp_path / "small.toml"
 
 
-def one_line(status: int, out: str, err: str) -> str:
-    assert (status, out) == (2, "")
-    (line,) = (line for line in err.splitlines() if line.strip())
-    assert line.startswith("error: ")
-    return line
-
-
 @pytest.mark.train
 @pytest.mark.slow
-def test_wrong_words_and_places_of_generate_and_train(fake, small, run, tmp_path):
+def test_wrong_words_and_places_of_generate_and_train(instant, small, run, tmp_path):
     pytest.importorskip("torch")
     assert run("generate", small, "-o", "data")[0] == 0
     (tmp_path / "file").write_text("mine")
     for words in (("generate", small), ("train", small, "data")):
-        assert "file/inside" in one_line(*run(*words, "-o", "file/inside"))
+        assert "file/inside" in refusal(run(*words, "-o", "file/inside"))
     for device in ("foo", "cuda:99", "meta", ""):
-        assert repr(device) in one_line(*run("train", small, "data", "-o", "run", "--device", device))
+        assert repr(device) in refusal(run("train", small, "data", "-o", "run", "--device", device))
     wild = small.with_name("wild.toml")
     wild.write_text(small.read_text().replace("lr = 0.01", "lr = 1e30"))
-    assert "lower lr" in one_line(*run("train", wild, "data", "-o", "wild", "--threads", 1))
+    assert "lower lr" in refusal(run("train", wild, "data", "-o", "wild", "--threads", 1))
 
 
 @pytest.mark.train
 @pytest.mark.slow
-def test_a_damaged_run_is_named(fake, small, run, tmp_path):
+def test_a_damaged_run_is_named(instant, small, run, tmp_path):
     pytest.importorskip("onnxscript")
     assert run("generate", small, "-o", "data")[0] == 0
     words = ("train", small, "data", "-o", "run", "--threads", 1)
@@ -303,7 +272,7 @@ def test_a_damaged_run_is_named(fake, small, run, tmp_path):
         shutil.rmtree(tmp_path / "run", ignore_errors=True)
         shutil.copytree(whole, tmp_path / "run")
         (tmp_path / "run" / name).write_bytes(bad)
-        line = one_line(*run(*words))
+        line = refusal(run(*words))
         assert name in line or bad == b"{}"
 
 
@@ -314,7 +283,7 @@ def test_training_says_what_is_not_installed(small, run, monkeypatch):
                 patch.delitem(sys.modules, f"cavirheo.training.{loaded}", raising=False)
                 patch.delattr(f"cavirheo.training.{loaded}", raising=False)
             patch.setitem(sys.modules, name, None)
-            assert "[train]" in one_line(*run("train", small, "data", "-o", "run"))
+            assert "[train]" in refusal(run("train", small, "data", "-o", "run"))
 
 
 def command(*words: object) -> list[str]:
@@ -332,43 +301,5 @@ def test_a_full_disk(small, tmp_path, most):
 
     words = command("generate", small, "-o", tmp_path / "data", "-n", 20)
     done = subprocess.run(words, capture_output=True, text=True, check=False, preexec_fn=limit)
-    one_line(done.returncode, done.stdout, done.stderr)
+    refusal((done.returncode, done.stdout, done.stderr))
     assert list((tmp_path / "data").iterdir()) == []
-
-
-def until_killed(words: list[str], seconds: float) -> bool:
-    """Whether the command had to be killed."""
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        return bool(process.wait(seconds))
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-        return True
-
-
-TIMED = ("result.json", "history.jsonl", "last.safetensors", "tiny.json")  # they hold the seconds that it took
-
-
-def contents(folder: str) -> dict[str, object]:
-    """The bytes of each file, and the content of the card without the seconds that it took."""
-    found = {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
-    card = json.loads(found["tiny.json"])
-    del card["training"]["seconds"]
-    return {name: content for name, content in found.items() if name not in TIMED} | {"card": card}
-
-
-@pytest.mark.train
-@pytest.mark.slow
-def test_a_training_that_is_killed_at_random_moments_ends_as_one_that_is_not(small, tmp_path):
-    pytest.importorskip("torch")
-    subprocess.run(command("generate", small, "-n", 200, "-o", tmp_path / "data"), check=True)
-    small.write_text(small.read_text().replace("epochs = 4", "epochs = 50"))
-    words = command("train", small, tmp_path / "data", "--threads", 1, "-o")
-    whole, killed = ([*words, str(tmp_path / name)] for name in ("whole", "killed"))
-    began = time.monotonic()
-    subprocess.run(whole, check=True)
-    longest, chance = time.monotonic() - began, random.Random(0)
-    assert sum(until_killed(killed, chance.uniform(0.3, 0.6) * longest) for _ in range(10)) >= 3
-    subprocess.run(killed, check=True)
-    assert contents(whole[-1]) == contents(killed[-1])

@@ -1,7 +1,5 @@
 """Compiled code on disk: damage, no place to write and several processes at once cost time and nothing else."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

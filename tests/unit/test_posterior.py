@@ -1,45 +1,31 @@
 """The verified posterior: likelihood, sampling, what catches a wrong width or a wrong law."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from answers import GEL, simulated
+from answers import GEL, fit, simulated
 from conftest import messages, refused
-from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
 from cavirheo import RadiusCurve, infer, simulate
 from cavirheo.inference import camera, verify
-from cavirheo.inference.alternatives import LAPLACE
-from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, predictive, verification, verify_many
 from cavirheo.inference.verify import mode as mode_module
-from cavirheo.inference.verify.adaptive_sampling import TwoFidelityTarget
-from cavirheo.inference.verify.evidence import models, rank_laws, ranked
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes
+from cavirheo.inference.verify.evidence import rank_laws, ranked
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
-from cavirheo.inference.verify.sampler import (
-    Mixture,
-    Sample,
-    adapted,
-    effective_size,
-    importance_sample,
-)
-from cavirheo.inference.verify.surrogate import Surrogate
+from cavirheo.inference.verify.sampler import Mixture, Sample, adapted, effective_size, importance_sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
-from cavirheo.physics.accuracy import BRISK, DEFAULT, ROUGH
+from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.materials import Zener
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, weighted_quantile
@@ -167,75 +153,18 @@ def test_priors_are_normalised_and_their_coordinates_normal():
 # sampling
 
 
-@dataclass(frozen=True)
-class ExactCamera:
-    """Of which nothing is free; a shape is the frames."""
+class TwoModes(Target):
+    """Of two parameters, with a better and a worse mode on either side of u_0 = 0; the frames follow by a formula."""
 
-    time: np.ndarray
-    sized: bool = False
-    size: int = 41
-    numbers: int = 20
-    collapses: int = 0
-    free: tuple = ()
+    def __init__(self):
+        self.prior, self.columns, self.experiment = Prior(("a", "b"), [-1.0] * 2, [1.0] * 2), [0, 1], SimpleNamespace()
+        self.time, self.experiment.steps = np.linspace(0.0, 1.0, 20), np.ones(2)
+        self.noise = Noise(np.full(20, 0.05), self.time, 1.0, False)
 
-    def resolves_size(self, noise):
-        return False
-
-    def z(self, residuals):
-        return residuals[..., :0]
-
-    def of_shapes(self, shapes, noise):
-        return np.column_stack([shapes, np.zeros(len(shapes))])
-
-    def difference_of_shapes(self, shapes, z):
-        return shapes
-
-    def radius_of(self, shape):
-        return shape
-
-
-def two_modes() -> tuple[Target, Callable[[np.ndarray], np.ndarray]]:
-    """A target of two parameters with a better and a worse mode on either side of u_0 = 0, and its exact log
-    posterior; the frames follow x by a formula instead of a simulation."""
-    time = np.linspace(0.0, 1.0, 20)
-
-    def frames(x):
-        across, along, off = x[0] ** 2 - 0.06, x[1] - 0.4 * x[0], 0.25 - x[0]
-        return 0.4 * across * np.sin(7.0 * time) + 0.1 * along * np.cos(3.0 * time) + 0.025 * off * np.cos(15.0 * time)
-
-    noise = Noise(np.full(20, 0.05), time, 1.0, False)
-    seen = SimpleNamespace(law=0, steps=np.ones(2), free={}, camera=ExactCamera(time))
-    seen.difference = lambda x, accuracy: -frames(x)
-
-    def extended(x, camera, noise, accuracy):
-        missed = seen.difference(x, accuracy)
-        return np.concatenate([missed, [0.0], missed]), np.zeros((0, 0))
-
-    seen.extended = extended
-    prior = Prior(("a", "b"), [-1.0, -1.0], [1.0, 1.0])
-
-    def exact(u):
-        return noise.log_density(-np.array([frames(x) for x in prior.to_x(u)])) + log_normal(u)
-
-    return Target(seen, prior, noise), exact
-
-
-def test_a_surrogate_knows_what_simulations_would_say():
-    """Of a bubble through its first collapses, clock and scales free, at places that it was not taught."""
-    curve = simulated(GEL, noise=0.01)
-    shot = Experiment(curve, Family("nhkv"), options=Options(None, None, None, tuple(FREE)))
-    target = Target(shot, shot.prior(), shot.noise(True))
-    best = {"shear_modulus": 8e3, "viscosity": 0.05, "stretch": 7.0}
-    (mode,) = modes(target, [target.start(shot.from_best(best)[None])[0]])
-    taught, new = (mode.u + 1.2 * (mode.draws(n, seed) - mode.u) for n, seed in ((70, 1), (40, 2)))
-    known = Simulated.at(target, np.concatenate([mode.u[None], taught]), BRISK)
-    surrogate = Surrogate(target, *known)
-    there = Simulated.at(target, new, BRISK)
-    z = target.camera.z(there.residual)
-    told, value = surrogate(np.hstack([new, z])), target.log_joint(new, there.residual, z)
-    likely = value > np.max(value) - 6.0
-    assert np.count_nonzero(likely) > 20
-    assert np.std((told - value)[likely]) < 0.3
+    def residuals(self, u, accuracy):
+        x, y = self.prior.to_x(u).T[..., None]
+        frames = 0.4 * (x**2 - 0.06) * np.sin(7.0 * self.time) + 0.1 * (y - 0.4 * x) * np.cos(3.0 * self.time)
+        return -frames - 0.025 * (0.25 - x) * np.cos(15.0 * self.time)
 
 
 def test_frames_of_a_shape_follow_the_size_of_the_bubble():
@@ -286,52 +215,13 @@ def test_draws_of_an_adapted_proposal_are_those_of_the_density_wherever_they_beg
     assert ends == pytest.approx(2.0 * norm.ppf([0.05, 0.95]), rel=tolerance)
 
 
-def mended(bias, at) -> TwoFidelityTarget:
-    """Two modes whose rough simulations are wrong by bias(x), after learning from those at u (k, 2)."""
-    target, exact = two_modes()
-    frames, there = target.experiment.difference, target.experiment
-    there.difference = lambda x, accuracy: frames(x, accuracy) + (bias(x) if accuracy is BRISK else 0.0)
-    found = TwoFidelityTarget(target)
-    found.correct(Simulated(at, found.residuals(at), exact(at)))
-    return found
-
-
-PLACES = np.array([[0.3, 0.1], [0.35, 0.2], [0.2, 0.0], [0.4, 0.1], [0.3, 0.3], [-2.5, 2.5], [2.5, -2.0]])
-
-
-def test_rough_simulations_are_corrected_where_their_error_is_alike():
-    """A part that is everywhere is learnt, and one that grows far from all that is likely does no harm; where the error
-    changes within the posterior, draws that came before are simulated anew."""
-    wave = 0.05 * np.sin(np.arange(20.0))
-    found = mended(lambda x: wave * (1.0 + 5.0 * (np.max(np.abs(x)) > 0.9)), PLACES)
-    assert found.rough
-    assert found.missed[:20] == pytest.approx(-wave, abs=0.02 * np.max(wave))
-    u = np.array([[0.25, 0.15]])
-    assert found.residuals(u) == pytest.approx(found.exact.residuals(u, DEFAULT), abs=1e-3)
-    found = mended(lambda x: 0.5 * x[0] * np.ones(20), PLACES)
-    assert not found.rough
-    fine, rough = (found.exact.residuals(PLACES, accuracy) for accuracy in (DEFAULT, BRISK))
-    assert np.array_equal(found.residuals(PLACES), fine)
-    assert np.array_equal(found.corrected(PLACES, rough).value, found.exact.log_posterior(PLACES, fine))
-
-
-@pytest.mark.parametrize("most", [2, 12])
-def test_a_climb_ends_with_the_slopes_of_where_it_ends(most, monkeypatch):
-    monkeypatch.setattr(mode_module, "TUNING", replace(TUNING, climb_steps=most))
-    target, _ = two_modes()
-    for start in np.random.default_rng(0).uniform(-2.5, 2.5, (12, 2)):
-        mode = climb(target, start, ROUGH)
-        assert np.array_equal(mode.jacobian, target.jacobian(mode.u, mode.residual, ROUGH))
-
-
 def test_a_mode_that_no_start_led_to_is_climbed_into():
-    target, exact = two_modes()
+    target = TwoModes()
     (mode,) = modes(target, [np.array([-0.4, -0.2])])
     assert mode.u[0] < 0
     explorer = AdaptiveProposal(target, [mode])
-    near = np.array([0.3, 0.1]) + np.random.default_rng(0).uniform(-0.1, 0.1, (60, 2))
-    assert np.max(exact(near)) > mode.log_posterior + TUNING.other_mode
-    explorer(near)
+    explorer(np.array([0.3, 0.1]) + np.random.default_rng(0).uniform(-0.1, 0.1, (60, 2)))
+    assert explorer.height > mode.log_posterior + TUNING.other_mode
     explorer.climb_higher()
     assert max(explorer.modes, key=lambda mode: mode.log_posterior).u[0] > 0
 
@@ -481,34 +371,6 @@ def named(*groups_and_names: str) -> list[RadiusCurve]:
     """A curve for each "group name"."""
     about = [dict(zip(("group", "name"), one.split(), strict=True)) for one in groups_and_names]
     return [RadiusCurve(np.arange(3) * 1e-6, np.full(3, 1e-4), meta=meta) for meta in about]
-
-
-def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
-    """A law far behind keeps Laplace's evidence, with an error that says what that is worth."""
-    logs, full = {"newtonian": -90.0, "nhkv": -40.0, "qkv": -42.0}, []
-
-    def answered(analysis, curve, begun=None, **_):
-        law = analysis.material
-        if begun is None:
-            return weighed(law, logs[law], None, log_weight=None)
-        full.append(law)
-        return weighed(law, logs[law])
-
-    monkeypatch.setattr(evidence, "by_network", lambda *_, **__: False)
-    monkeypatch.setattr(Analysis, "answer", answered)
-    ((found,), _) = rank_laws([shot()], list(logs))
-    assert full == ["nhkv", "qkv"]
-    assert found.error == {"newtonian": LAPLACE, "nhkv": 0.1, "qkv": 0.1}
-    assert found.chosen == "nhkv"
-
-
-def test_the_network_knows_some_laws_and_bubbles():
-    known = models(["nhkv", "fung+newtonian"], [FIELD, REAL, replace(REAL, accommodation=0.1)])
-    assert all(evidence.by_network(model) for model in known.values())
-    assert not evidence.by_network(known["nhkv, real"], "plateau")
-    others = replace(REAL, damage="strain"), Bubble(confinement_damping="free"), Bubble(confinement_inertia=0.2)
-    for model in (*(("nhkv", bubble) for bubble in others), ("zener", REAL)):
-        assert not evidence.by_network(model)
 
 
 def test_the_law_of_the_group_explains_each_of_its_shots():

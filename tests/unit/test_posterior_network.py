@@ -1,21 +1,17 @@
 """The posterior network: slots, cells, draws and their density; what `infer` makes of them by simulations."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from answers import simulated
-from conftest import ROOT, refused
+from conftest import ROOT, done, refused
 
 import cavirheo
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve
-from cavirheo.inference.bins import BINS, CHANNELS, SCALARS, SIZE, binned
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.latent import CAMERA, COORDINATES, damping, damping_to_latent, from_latent, to_latent, used
+from cavirheo.inference.latent import CAMERA, COORDINATES, damping, damping_to_latent
 from cavirheo.inference.law import Family
 from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.options import FREE, Options
@@ -23,17 +19,14 @@ from cavirheo.inference.posterior_network import load_posterior
 from cavirheo.inference.verify import Verification, adaptive_sampling, verify_many
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.mode import Target
-from cavirheo.inference.verify.model_average import Part, sample_parts
+from cavirheo.inference.verify.model_average import Part
 from cavirheo.inference.verify.sampler import Mixture
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
-from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import Evidence
 
 NHKV = {"material": "nhkv", "trust_input": True}
-LAWS = ("newtonian", "power-law", "nhkv", "fung + newtonian")
 
 
 def shot(*given, **settings) -> RadiusCurve:
@@ -44,43 +37,6 @@ def shot(*given, **settings) -> RadiusCurve:
 def experiment(curve, law="nhkv", bubble=FIELD, **given):
     options = Options(free=tuple(FREE), bubble=bubble, **given)
     return Experiment(curve, Family(law), options=options)
-
-
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("bubble", ["field", "real"])
-def test_slots_are_a_change_of_coordinates(law, bubble):
-    names = (*Family(law).parameters, "stretch", *(["accommodation"] if bubble == "real" else []))
-    bounds = np.array([PARAMETERS[name].searched for name in names])
-    rng = np.random.default_rng(1)
-    log10 = bounds[:, 0] + rng.uniform(0.02, 0.98, (20, len(names))) * (bounds[:, 1] - bounds[:, 0])
-    z = to_latent(names, log10)
-    back, log_jacobian = from_latent(names, z)
-    assert np.allclose(back, log10)
-    places = [k for k in used(law, bubble) if COORDINATES[k] not in (*CAMERA, "confinement_damping")]
-    assert len(places) == len(names)
-    for row in range(3):
-        step, columns = 1e-5, []
-        for i in range(len(names)):
-            moved = log10[row].copy()
-            moved[i] += step
-            columns.append((to_latent(names, moved[None])[0, places] - z[row, places]) / step)
-        assert np.log(abs(np.linalg.det(columns))) == pytest.approx(-log_jacobian[row] * -1, abs=1e-3)
-
-
-def test_cells_hold_the_frames_whatever_their_rate():
-    about = {"max_radius": 1e-4, "frame": 0.05, "exposure": 0.0, "noise": 0.01, "discrepancy": 0.0, "late": 0.0}
-    time = np.arange(0.0, 3.0, 0.05)
-    frames = [np.tile(values, 2) for values in (time, 1.0 - 0.2 * time)]
-    one, two = binned(
-        np.repeat([0, 1], len(time)), *frames, **{name: np.full(2, value) for name, value in about.items()}
-    )
-    assert one.shape == (SIZE,) == (BINS * CHANNELS + SCALARS,)
-    assert np.array_equal(one, two)
-    line, _, known, within = one[: 4 * BINS].reshape(4, BINS)
-    assert known.sum() == len(time)
-    middle = (np.arange(BINS) + 0.5) * 6.0 / BINS
-    inside = (within > 0) & (known == 0)  # passed by a straight line
-    assert np.allclose(line[inside], 2.0 * (1.0 - 0.2 * middle[inside]) - 1.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("integrated", [False, True])
@@ -242,21 +198,6 @@ def test_a_law_is_looked_at_where_a_better_one_is_best():
     assert explorer.height > best.sampling.explorer.height - TUNING.other_law
 
 
-def test_a_hard_law_is_sampled_to_its_end_whatever_others_take():
-    def part(rounds):
-        sampling = SimpleNamespace(left=rounds, short=lambda _: sampling.left > 0, explorer=SimpleNamespace(height=0.0))
-        sampling.weigh = lambda _: setattr(sampling, "left", sampling.left - 1)
-        target = SimpleNamespace(workers=1)
-        return SimpleNamespace(
-            sampling=sampling, evidence=Evidence(0.0), log=0.0, look_where=lambda _: None,
-            estimation=SimpleNamespace(target=target),
-        )  # fmt: skip
-
-    parts = [part(TUNING.emulated_rounds + 1), part(2)]
-    sample_parts(parts)
-    assert [one.sampling.left for one in parts] == [0, 0]
-
-
 def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):
     simulated = Target.residuals
 
@@ -297,8 +238,7 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     (tmp_path / "data" / "curves-00000.h5").unlink()
     assert run("generate", "small.toml", "-o", "data", "--workers", 2)[0] == 0
     assert (tmp_path / "data" / "curves-00000.h5").read_bytes() == first
-    status, _, err = run("train", "small.toml", "data", "-o", "run", "--threads", 1)
-    assert status == 0, err
+    done(run("train", "small.toml", "data", "-o", "run", "--threads", 1))
     card = json.loads((tmp_path / "run" / "small.json").read_text("utf-8"))
     assert card["kind"] == "posterior"
     assert set(card["coverage"]["by_slot"]) == set(COORDINATES)

@@ -3,7 +3,7 @@
     python -m validation.challenge.run_scipy RECORDINGS ANSWERS.csv
 
 It is what a laboratory writes in an afternoon, and the control of `cavirheo fit`
-(tests/inference/test_fit_control.py), of which
+(tests/inference/test_fit.py), of which
 it uses the simulation alone. It takes all frames, and trusts the textbook's covariance.
 """
 
