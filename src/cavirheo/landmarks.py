@@ -32,7 +32,8 @@ _SERIES = 0.004  # of R_max: what the series leaves of a fall in a viscous mater
 _SKEW = 0.5  # of the time of the fall to _STEEP: some agarose, recorded from R_max, falls as if it began at 0.36
 _PARAMETERS = 3  # of the series of a maximum
 _SPAN = 9.0  # squared standard deviations of its time that are possible,
-_RESOLVED = 0.005  # of the samples' time to so much
+_CENTRES = 13  # of which so many are tried first
+_RESOLVED = 0.005  # of the samples' time, to which the first and the last one are known
 _EVIDENCE = 12.0  # chi-square of a maximum a frame before the first sample over that of the best one
 _SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
@@ -108,17 +109,19 @@ def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noi
     unit = time[last - 1] - time[first]
     x, y, deviation = (time[first:last] - start) / unit, radius[first:last] / top, noise / top
     knee = max(_KNEE, 3.0 * deviation)
-    best, _, least = _fit_series(x, y, knee=knee)
-    first_centre, last_centre = float(x[0]) - frame / unit, float(x[-1])
-    best, limit = min(max(best, first_centre), last_centre), max(least / (len(x) - _PARAMETERS), deviation**2) * _SPAN
 
-    def beyond(centre: float) -> float:
-        return _fit_series(x, y, centre=centre, knee=knee)[2] - least - limit
+    def cost(centre: float) -> float:
+        return _fit_series(x, y, centre=centre, knee=knee)[2]
 
+    centres = np.linspace(x[0] - frame / unit, x[-1], _CENTRES)
+    costs = [cost(centre) for centre in centres]
+    best = int(np.argmin(costs))
+    limit = costs[best] + _SPAN * max(costs[best] / (len(x) - _PARAMETERS), deviation**2)
     from scipy.optimize import brentq  # a third of a second to import
 
     ends = [
-        end if beyond(end) < 0.0 else brentq(beyond, best, end, xtol=_RESOLVED) for end in (first_centre, last_centre)
+        end if value < limit else brentq(lambda centre: cost(centre) - limit, centres[best], end, xtol=_RESOLVED)
+        for end, value in ((centres[0], costs[0]), (centres[-1], costs[-1]))
     ]
     return float(start + ends[0] * unit), float(start + ends[1] * unit)
 

@@ -180,7 +180,7 @@ def two_solutions(seed: int, frames: int, stretch: float) -> RadiusCurve:
     law = NeoHookeanKelvinVoigt(*((4e3, 0.03) if stretch == 9.0 else (3e3, 0.02)))
     time = frame * np.arange(frames)
     run = simulate(law, max_radius=R_max, stretch=stretch, time=np.maximum(time + rng.uniform(-0.5, 0.5) * frame, 0.0))
-    return RadiusCurve(time, run.radius + rng.normal(0.0, 0.025 * R_max, frames))
+    return RadiusCurve(time, run.radius + rng.normal(0.0, 0.025 * R_max, frames), stated_time_of_max=0.0)
 
 
 @pytest.mark.parametrize(("seed", "frames", "true"), [(6, 24, 9.0), pytest.param(10, 30, 8.0, marks=pytest.mark.slow)])
