@@ -1,7 +1,7 @@
 """`infer` without an option on the open sets, where a folder of them is given (docs/validation.md names them).
 
-The first shots of each set that have a rebound. `rheometer`: shots of a liquid whose viscosity is within 20 % of that
-of a rheometer.
+The first shots of each set that have a rebound. A viscosity of a power law is that at 1e5 1/s. `rheometer`: shots of a
+liquid whose viscosity is within 20 % of that of a rheometer.
 """
 
 from __future__ import annotations
@@ -32,6 +32,12 @@ def one(job: tuple[str, int], folder: Path) -> dict:
     return default_answer.answered(usable(folder, name)[number], workers=1)
 
 
+def value(row: dict, *names: str) -> float:
+    """The median of the first of these parameters that the answer has; NaN where it is only bounded, or none."""
+    known = [row["medians"][name] for name in names if name in row["medians"] and row["bounds"].get(name) is None]
+    return known[0] if known else np.nan
+
+
 def measure(run: Run) -> Iterator[Number]:
     if run.data is None:
         return
@@ -46,12 +52,10 @@ def measure(run: Run) -> Iterator[Number]:
         mine = [row for job, row in zip(jobs, rows, strict=True) if job[0] == name]
         key = name.removesuffix(" %").replace(" ", "_").replace(".", "_")
         yield statistic(f"rmse.{key}", [row["rmse"] or np.nan for row in mine], "R_max")
-        for symbol, parameter in (("G", "shear_modulus"), ("mu", "viscosity")):
-            bounded = [row for row in mine if row["bounds"].get(parameter, "failed") is None]
-            values = [(1e-3 if symbol == "G" else 1.0) * row["medians"][parameter] for row in bounded]
-            yield statistic(f"{symbol}.{key}", values, "kPa" if symbol == "G" else "Pa s")
+        yield statistic(f"G.{key}", 1e-3 * np.array([value(row, "shear_modulus") for row in mine]), "kPa")
+        viscosity = np.array([value(row, "viscosity", "reference_viscosity") for row in mine])
+        yield statistic(f"mu.{key}", viscosity, "Pa s")
         if name == LIQUID:
-            values = np.array([row["medians"].get("viscosity", np.nan) for row in mine])
-            yield share("rheometer.within", np.abs(values / RHEOMETER - 1.0) < WITHIN)
-            yield statistic("rheometer.ratio", values / RHEOMETER, "1")
+            yield share("rheometer.within", np.abs(viscosity / RHEOMETER - 1.0) < WITHIN)
+            yield statistic("rheometer.ratio", viscosity / RHEOMETER, "1")
     yield statistic("seconds", [row["seconds"] for row in rows], "s")
