@@ -118,7 +118,7 @@ class Training(ABC, Generic[Network]):
 
     def _stretch(self, advance: Any) -> None:
         """The steps to the next validation, and this."""
-        began, summed, weights = time.perf_counter(), torch.zeros(1), 0
+        began, summed, weights = time.perf_counter(), torch.zeros(1, device=self.device), 0
         while True:
             for group in self.optimiser.param_groups:
                 group["lr"] = self.rate(self.step)
