@@ -286,7 +286,8 @@ class Search:
 
 def _missed(shot: Experiment, minimum: Minimum) -> Floats:
     """What a minimum missed, over R_max, of the frames that count in the window of a shot."""
-    return np.asarray((minimum.residual[: len(shot.sigma)] * shot.sigma * shot.noise_factor)[shot.counted])
+    counted = shot.counted
+    return np.asarray(minimum.residual[: len(counted)][counted] * shot.sigma[counted] * shot.noise_factor)
 
 
 def _rms(missed: Floats) -> float:
