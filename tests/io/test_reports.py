@@ -328,6 +328,17 @@ def test_no_cell_of_a_table_is_a_formula(tmp_path):
     assert list(read_column(tmp_path / "a.csv")[1]) == names
 
 
+def test_the_viscosity_of_a_power_law_is_bounded_as_its_reference_viscosity_is():
+    """At 1e5 1/s they are the same; draws that reach the end of the prior tell no lower end."""
+    theta = np.column_stack([np.linspace(-4.0, -1.5, 400), np.linspace(-0.4, 0.0, 400)])
+    law = {"names": ("log10_reference_viscosity", "log10_exponent"), "units": ("Pa s", "1"), "material": "power-law"}
+    best = {"reference_viscosity": 1e-3, "exponent": 0.6, "stretch": 9.1}
+    thinning = replace(answer(bubble(), draws=400), theta=theta, best=best, **law)
+    stated = curve_record(bubble(), thinning).viscosity
+    assert stated.bound == thinning.bound("reference_viscosity") == "upper"
+    assert (stated.q05, stated.q95) == pytest.approx(thinning.interval("reference_viscosity"))
+
+
 def test_messages_have_codes_and_sentences_and_an_input_warning_decides_the_verdict(tmp_path):
     misfit = Message("misfit.rms", {"rms": 0.04, "limit": 0.03})
     late = Message("check_input.late_start", {"frames": 3.2})

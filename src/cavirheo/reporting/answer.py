@@ -15,7 +15,7 @@ from pydantic_core import to_jsonable_python
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
-from cavirheo.parameters import AT_RATE, BUBBLE, RATE, of_the_law, parameter_of, searched_bound
+from cavirheo.parameters import AT_RATE, BUBBLE, LOG10, RATE, of_the_law, parameter_of, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import (
@@ -309,16 +309,18 @@ def _word(name: str, value: float) -> str:
 
 
 def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
-    """The viscosity at 1e5 1/s of a law that has not one."""
+    """The viscosity at 1e5 1/s of a law that has not one; of a power law it is the reference viscosity."""
     from cavirheo.physics.materials import viscosity_at
 
     names = list(posterior.parameters)
+    if posterior.material == "power-law" and "reference_viscosity" in names:
+        return {AT_RATE: posterior.quantity("reference_viscosity")}
     draws = (dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True))
     first = next(draws, None)
     if first is None or viscosity_at(posterior.material, RATE, first) is None:
         return {}
     viscosities = np.array([viscosity_at(posterior.material, RATE, draw) for draw in (first, *draws)])
-    ends = intervals((AT_RATE,), viscosities[:, None], posterior.log_weight)
+    ends = intervals((LOG10 + AT_RATE,), np.log10(viscosities)[:, None], posterior.log_weight)
     low, median, high = ends.get(AT_RATE, (None, viscosities[0], None))
     return {AT_RATE: Quantity.of(low, float(median), high)}
 
