@@ -46,6 +46,12 @@ def _median_of_three(values: Floats) -> Floats:
     return np.asarray(np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0))
 
 
+def _near_maximum(smooth: Floats, peak: int, top: float) -> tuple[int, int]:
+    """First index, and the one after the last, of the smoothed samples (n,) about the peak that are near the top."""
+    below = np.flatnonzero(smooth <= _NEAR_MAXIMUM * top)
+    return int(below[below < peak].max(initial=-1)) + 1, int(below[below > peak].min(initial=len(smooth)))
+
+
 def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[float, float]:
     """(t_max, R_max) of measured samples (n,). `stated` is the time of the maximum as the file gives it."""
     smooth = _median_of_three(radius)
@@ -55,15 +61,13 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     fallen = (smooth < 0.6 * highest) & (highest > 0.5 * smooth.max())
     end = int(np.argmax(fallen)) if fallen.any() else len(smooth)
     peak = int(np.argmax(smooth[:end]))
-    below = np.flatnonzero(smooth <= _NEAR_MAXIMUM * smooth[peak])
-    if not np.any(below > peak):
+    first, last_index = _near_maximum(smooth, peak, smooth[peak])
+    if last_index == len(smooth):
         grows = peak >= len(smooth) - 2
         what = "the bubble still grows at the end" if grows else "the bubble never collapses"
         last = f"(last radius {smooth[-1] / smooth[peak]:.2f} of the largest)"
         why = f"{what} {last}; a recording must show R_max and the fall after it"
         raise InputError(why, "curve.grows" if grows else "curve.never_falls")
-    first = int(below[below < peak].max(initial=-1)) + 1
-    last_index = int(below[below > peak].min())
     inside = slice(first, last_index)
     if last_index - first < 3:
         inside = slice(max(peak - 1, 0), min(peak + 3, len(time)))
@@ -101,8 +105,7 @@ def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noi
     standard deviation of the radius, m."""
     start, top = maximum
     peak = int(np.argmin(np.abs(time - start)))
-    below = np.flatnonzero(_median_of_three(radius) <= _NEAR_MAXIMUM * top)
-    first, last = int(below[below < peak].max(initial=-1)) + 1, int(below[below > peak].min(initial=len(time)))
+    first, last = _near_maximum(_median_of_three(radius), peak, top)
     frame = float(np.median(np.diff(time)))
     if last - first <= _PARAMETERS:  # between the samples that are not near it
         return float(time[first]) - frame, float(time[min(last, len(time) - 1)])
