@@ -50,8 +50,9 @@ MOST = 4000  # of them
 STEPS = 20  # Gauss-Newton steps, at most,
 ROUGH_GAIN, SHAPE_GAIN, GAIN = 0.1, 0.02, 1e-5  # until one gains less in log density: all, the best of a shape or not
 # where these steps begin, in standard deviations of the clock; it may be far off where R_max is read off noisy frames
-CLOCKS = (0.0, -2.4, -1.8, -1.2, -0.6, 0.6, 1.2, 1.8, 2.4)
-CLIMBED = 2  # clocks that the steps go on from, the most likely
+CLOCKS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8, 2.4)
+CLIMBED = 4  # clocks at most that the steps go on from: each that is likelier than those beside it, and the
+LIKELIEST = 2  # likeliest
 SIZE_STEP = 0.02  # by which the bubble of the second simulation is larger
 SIZE_EFFECT = 0.15  # RMS change of R* over a relative change of size, about,
 SIZE_SHARE = 0.25  # of the noise, from which such a change counts
@@ -279,10 +280,14 @@ def _integrated(
         height, share = summed(squares[:, k, k], constants, power)
         heights[k] = height - 0.5 * np.sum(starts[k] ** 2)
         largest = np.maximum(largest, share)
+    beside = np.concatenate((np.array([-np.inf]), heights, np.array([-np.inf])))
     order = np.argsort(-heights)
+    hill = (heights > beside[:-2]) & (heights >= beside[2:])
+    hill[order[:LIKELIEST]] = True
+    order = order[hill[order]]
     top, best = -np.inf, starts[order[0]]
-    tries = min(CLIMBED, len(starts))
-    for k in range(tries + 1):  # a few steps from each of the likeliest, then all the way from the better end
+    tries = min(CLIMBED, len(order))
+    for k in range(tries + 1):  # a few steps from each, then all the way from the best end
         z, least = (starts[order[k]], ROUGH_GAIN) if k < tries else (best, finest)
         if m and (k == 0 or k == tries):
             counted = np.flatnonzero(largest > (ROUGH_SHARE if k < tries else SHARE) * np.max(largest))

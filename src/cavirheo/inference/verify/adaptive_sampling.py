@@ -171,7 +171,10 @@ class AdaptiveSampling:
             maxima = [replace(mode, residual=row) for mode, row in zip(maxima, residuals, strict=True)]
             simulated = Simulated.at(two_fidelity, simulated.u) if simulated else None
         two_fidelity.correct(_likely_simulations(two_fidelity, maxima[0], simulated if found else None, seed))
-        self.explorer = AdaptiveProposal(two_fidelity, two_fidelity.corrected_modes(maxima), around=not found)
+        if simulated:
+            simulated = two_fidelity.integrated(two_fidelity.corrected(simulated.u, simulated.residual))
+        about = simulated if found else None
+        self.explorer = AdaptiveProposal(two_fidelity, two_fidelity.corrected_modes(maxima), about)
         self.own: Sample | None = None
         self.sample: Sample | None = None
         self.shapes = np.empty((0, 0))  # (k, numbers) of the draws
@@ -179,8 +182,8 @@ class AdaptiveSampling:
         self.error, self.turns = 0.0, 0  # turns: rounds of surrogates so far
         self.ended = False
         if network and simulated:
-            simulated = two_fidelity.integrated(two_fidelity.corrected(simulated.u, simulated.residual))
-            self.explorer.learn(*simulated)
+            if not found:
+                self.explorer.learn(*simulated)
             self.own = Sample(u, simulated.value[: len(u)], network.log_density(u))
 
     @property

@@ -104,17 +104,20 @@ def shelves(target: Target, draws: Sample, size: int) -> Mixture | None:
 
 
 class AdaptiveProposal:
-    """Draws of the posterior of a shot that learn from every simulation, from its modes on. around: simulate a standard
-    deviation from each mode, on either side of it."""
+    """Draws of the posterior of a shot that learn from every simulation, from its modes on. simulated: what is known
+    about the first of these; about each other one, a standard deviation on either side is simulated."""
 
-    def __init__(self, target: Target, modes: Sequence[Mode], *, around: bool = True) -> None:
-        self.target, self.around = target, around
+    def __init__(self, target: Target, modes: Sequence[Mode], simulated: Simulated | None = None) -> None:
+        self.target = target
         self.u = np.empty((0, len(target.prior.names)))
         self.residual = np.empty((0, target.noise.size))
         self.value = np.empty(0)
         self.modes, self.climbed = list[Mode](), 0
         self.taught: tuple[Surrogate, int] | None = None  # by the first so many simulations
         self.joint: Mixture | None = None  # of u and camera, through the draws of the last surrogate
+        if simulated:
+            self.learn(*simulated)
+            self.modes.append(modes[0])
         self.also(modes)
         self.mixture = self.start
 
@@ -123,9 +126,8 @@ class AdaptiveProposal:
         for mode in modes:
             if not any(same(mode, earlier) for earlier in self.modes):
                 self.modes.append(mode)
-                if self.around:
-                    axes = np.linalg.cholesky(mode.covariance).T
-                    self(mode.u + np.concatenate([axes, -axes]))
+                axes = np.linalg.cholesky(mode.covariance).T
+                self(mode.u + np.concatenate([axes, -axes]))
 
     @property
     def start(self) -> Mixture:
