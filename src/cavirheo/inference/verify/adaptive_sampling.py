@@ -265,10 +265,15 @@ class AdaptiveSampling:
             self.error = 0.0
         return taken
 
+    @property
+    def misfit(self) -> float:
+        """What the best mode leaves beyond the noise, over R_max, RMS."""
+        best = max(self.modes, key=lambda mode: mode.log_posterior)
+        return self.target.experiment.misfit(self.target.noise.split(best.residual)[0])
+
     def search_windows(self) -> None:
         """Look for further modes by windows that grow, where the best one leaves more than noise."""
-        frames = self.target.noise.split(max(self.modes, key=lambda mode: mode.log_posterior).residual)[0]
-        if not self.windows_grown and self.target.experiment.misfit(frames) > TUNING.searched_above:
+        if not self.windows_grown and self.misfit > TUNING.searched_above:
             self._also(self.windowed())
         self.windows_grown = True
 

@@ -14,6 +14,7 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
 from cavirheo.inference.alternatives import LAPLACE, LEAST_PROBABILITY, LIMIT
+from cavirheo.inference.reconstruct import MISFIT
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
@@ -105,6 +106,8 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
     problems = [error for error in looked_at if isinstance(error, SolverError)]
     if not laws:
         raise problems[0]
+    if len(laws) > 1 and max(laws, key=lambda part: part.log).sampling.misfit > MISFIT:
+        each(lambda part: part.sampling.search_windows(), laws, workers)  # before it is said that none of them fits
     limits: dict[int, Part] = {}
     by_share = sorted(enumerate(shares(laws) if len(laws) > 1 else [1.0]), key=lambda pair: -pair[1])
     for i, share in by_share:
