@@ -89,6 +89,13 @@ def test_a_wrong_model_is_refused():
     assert infer(drift).checks.verdict == "model_does_not_fit"
 
 
+def test_a_wrong_law_is_answered_and_refused():
+    """A stiff gel as a liquid: what the network's draws do not know is simulated, too."""
+    gel = cavirheo.read_curves(EXAMPLES / "stiff_gel.mat")[0]
+    curve = RadiusCurve(gel.time - gel.time[0], gel.radius)
+    assert cavirheo.infer(curve, material="newtonian", bubble="field").checks.verdict == "model_does_not_fit"
+
+
 def test_rounded_radii_and_a_second_bubble_are_no_wrong_answer():
     """Radii to 10 um; and a bubble of another pulse, late in the recording."""
     curve = shot(G=8e3, mu=0.03)

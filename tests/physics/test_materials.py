@@ -82,6 +82,13 @@ def test_closed_forms(law):
     assert law.closed(L)[2] == pytest.approx(slope_rise, rel=1e-6, abs=1e-6)
 
 
+@pytest.mark.parametrize(("stiffening", "ratio"), [(0.0, 5.0), (1e-3, 8.0), (0.05, 7.0), (0.4, 3.0)])
+def test_the_closed_form_of_fungs_stress(stiffening, ratio):
+    values = (np.array([value]) for value in (3e3, stiffening, ratio))
+    exact = -elastic.Fung(3e3, stiffening).stress(np.array([ratio]))
+    assert elastic.fung_stress(*values) == pytest.approx(exact, rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("law", "parent"),
     [

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import dawsn
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
@@ -136,6 +137,18 @@ class Fung(Elastic):
 
     def first(self, I1: Floats) -> Floats:
         return self.shear_modulus / 2 * np.exp(self.stiffening * (I1 - 3))
+
+
+def fung_stress(modulus: Floats, stiffening: Floats, ratio: Floats) -> Floats:
+    """(k,) -S_el of Fung's law, Pa, at ratios L > 1, of its parameters (k,): in closed form by Dawson's integral, but
+    that I_1 - 3 is taken as 2 L^2 - 3 and what goes with q^5 as neo-Hookean: within 10 % from L = 3 on."""
+    root = np.sqrt(2.0 * stiffening)
+
+    def part(ratio: Floats | float) -> Floats:
+        energy = np.exp(np.minimum(stiffening * (2.0 * ratio**2 - 3.0), 50.0))
+        return np.asarray(energy * (2.0 * root * dawsn(root * ratio) - 1.0 / ratio))
+
+    return np.asarray(2.0 * modulus * (part(ratio) - part(1.0) + 0.25 * (1.0 - ratio**-4)))
 
 
 @dataclass(frozen=True)

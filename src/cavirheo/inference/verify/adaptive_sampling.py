@@ -23,25 +23,27 @@ import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
+from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant
 from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Proposal, Sample, effective_size, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
-from cavirheo.posterior import OtherAnswer
+from cavirheo.posterior import Evidence, OtherAnswer
 
 
 class WeightedDraws(NamedTuple):
     """sample: the weighted draws. residual: (k, size) their extended residuals, of simulations or of a surrogate. best:
-    the maximum beside the highest simulation; None if the default one fails there. modes: all maxima. evidence_gap: how
-    many standard errors the network's own evidence is above that of the others; None if its draws are worth too little.
-    error: standard deviation of the error of the log weights by a surrogate."""
+    the maximum beside the highest simulation; None if the default one fails there. modes: all maxima. evidence: with
+    standard error. evidence_gap: how many standard errors the network's own evidence is above that of the others; None
+    if its draws are worth too little. error: standard deviation of the error of the log weights by a surrogate."""
 
     sample: Sample
     residual: Floats
     best: Mode | None
     modes: list[Mode]
+    evidence: Evidence
     evidence_gap: float | None
     error: float
 
@@ -180,6 +182,7 @@ class AdaptiveSampling:
         self.shapes = np.empty((0, 0))  # (k, numbers) of the draws
         self.surrogate: Surrogate | None = None  # whose draws they are, if they are not weighed
         self.error, self.turns = 0.0, 0  # turns: rounds of surrogates so far
+        self.surrogate_evidence = -np.inf  # log evidence of surrogate's draws that too few simulated ones replaced
         self.ended = False
         if network and simulated:
             if not found:
@@ -258,7 +261,10 @@ class AdaptiveSampling:
             left -= count
             worth = draws.ess >= needed and draws.reliable
             if worth or not (taken or self.error <= TUNING.emulated_worst):
+                if self.sample and not worth:
+                    self.surrogate_evidence = max(self.surrogate_evidence, self.sample.log_evidence[0])
                 self.sample, self.shapes, self.surrogate, taken = draws, np.concatenate(shapes), None, worth
+                self.surrogate_evidence = -np.inf if worth else self.surrogate_evidence
             if done or left <= 0:
                 break
         if self.surrogate is None:
@@ -323,6 +329,15 @@ class AdaptiveSampling:
         self.ended = not self.weigh_draws(enough * share, share)
 
     @property
+    def evidence(self) -> Evidence:
+        """Of the draws, or Laplace's without any. Too few simulated draws miss a part of it: then it is not less than
+        that of the surrogate's draws that they replaced."""
+        if self.sample is None:
+            return Evidence(self.log_laplace, LAPLACE)
+        log, error = self.sample.log_evidence
+        return Evidence(max(log, self.surrogate_evidence), max(error, self.surrogate_evidence - log))
+
+    @property
     def evidence_gap(self) -> float | None:
         """How many standard errors the network's own evidence is above that of the draws; None where it says little."""
         if self.own is None or self.sample is None or self.own.ess < TUNING.own_worth:
@@ -342,7 +357,7 @@ class AdaptiveSampling:
         assert self.sample.camera is not None
         residual = self.target.extended(self.shapes, self.sample.camera)
         best = self.two_fidelity.highest(self.explorer.highest, self.surrogate)
-        return WeightedDraws(self.sample, residual, best, self.modes, self.evidence_gap, self.error)
+        return WeightedDraws(self.sample, residual, best, self.modes, self.evidence, self.evidence_gap, self.error)
 
 
 def _start_by_network(

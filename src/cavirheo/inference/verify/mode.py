@@ -16,11 +16,13 @@ from cavirheo.inference.verify.sampler import integral_about
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
+from cavirheo.physics.elastic import fung_stress
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 from cavirheo.prior import Prior, log_normal
 
 INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds: it must have somewhere to go
 _RESISTING = 0.3  # accommodation below which condensation resists more than what else does
+_STIFF, _STIFFENED = 0.03, 0.3  # pressures of the medium: modulus and stress at R_max that count as large
 
 
 class Target:
@@ -156,12 +158,19 @@ class Target:
 
     def linear(self, u: Floats) -> Floats:
         """(k, d) coordinates that frames are nearly linear in, of u (k, d): parameters, not their logarithms. Of the
-        accommodation its inverse, a resistance, where that is small beside the others, and else the logarithm."""
+        accommodation its inverse, a resistance, where that is small beside the others, and else the logarithm. Of a law
+        that stiffens the stress at R_max, and of this and its modulus the logarithm where they are large."""
         x, law = self.prior.to_x(u), self.experiment.law
         v = np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
         if "accommodation" in self.prior.names:
             column = self.prior.names.index("accommodation")
             v[:, column] = np.log1p(_RESISTING * 10.0 ** -x[:, column])
+        if "fung" in self.experiment.family.name:
+            modulus, stiffening = (self.prior.names.index(name) for name in ("shear_modulus", "stiffening"))
+            stretch, pressure = 10.0 ** x[:, self.prior.names.index("stretch")], self.experiment.medium.pressure
+            stress = fung_stress(v[:, modulus], v[:, stiffening], stretch)
+            v[:, stiffening] = np.log1p(stress / (_STIFFENED * pressure))
+            v[:, modulus] = np.log1p(v[:, modulus] / (_STIFF * pressure))
         return v
 
     def jacobian(self, u: Floats, residual: Floats, accuracy: Accuracy) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
-from cavirheo.inference.alternatives import LAPLACE, LEAST_PROBABILITY, LIMIT
+from cavirheo.inference.alternatives import LEAST_PROBABILITY, LIMIT
 from cavirheo.inference.reconstruct import MISFIT
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview
 from cavirheo.inference.verify.tuning import TUNING
@@ -42,8 +42,7 @@ class Part:
     @property
     def evidence(self) -> Evidence:
         """As far as it is known."""
-        sample = self.sampling.sample
-        return Evidence(*sample.log_evidence) if sample else Evidence(self.sampling.log_laplace, LAPLACE)
+        return self.sampling.evidence
 
     @property
     def log(self) -> float:

@@ -164,14 +164,14 @@ class Estimation:
         best, sample = draws.best or self._best(draws.modes), draws.sample
         summary = {"evidences_apart_in_standard_errors": draws.evidence_gap, "log_weight_error": draws.error}
         trusted = self._trusted_draws(sample, draws.residual, best, needed)
-        return self._answer(trusted, sample, best, Evidence(*sample.log_evidence), draws.modes, summary, limit)
+        return self._answer(trusted, sample, best, draws.evidence, draws.modes, summary, limit)
 
     def as_part(self, draws: WeightedDraws) -> Preview:
         """Weighted draws in the form of a preview."""
         sample, best = draws.sample, draws.best or draws.modes[0]
         x, _ = self.target.drawn(sample.u, self.target.camera.z(draws.residual))
-        quantiles, evidence = intervals(*self.shot.answer(x), sample.log_weight), Evidence(*sample.log_evidence)
-        answer = replace(answer_at(self.target, best), intervals=quantiles, evidence=evidence)
+        quantiles = intervals(*self.shot.answer(x), sample.log_weight)
+        answer = replace(answer_at(self.target, best), intervals=quantiles, evidence=draws.evidence)
         return Preview(answer, x, sample.log_weight)
 
     def at_maximum(self) -> Preview:
@@ -179,7 +179,7 @@ class Estimation:
         target, sampling = self.target, self.sampling
         mode = max(sampling.explorer.modes, key=lambda mode: mode.log_posterior)
         u, z = mode.draws(TUNING.draws, self.settings.seed), target.camera.z(mode.residual)
-        answer = replace(answer_at(target, mode), evidence=Evidence(sampling.log_laplace, LAPLACE))
+        answer = replace(answer_at(target, mode), evidence=sampling.evidence)
         x = target.with_camera(u, np.tile(z, (len(u), 1)))
         return Preview(answer, x, np.full(len(u), sampling.log_laplace))
 
