@@ -167,7 +167,8 @@ class Target:
             v[:, column] = np.log1p(_RESISTING * 10.0 ** -x[:, column])
         if "fung" in self.experiment.family.name:
             modulus, stiffening = (self.prior.names.index(name) for name in ("shear_modulus", "stiffening"))
-            stretch, pressure = 10.0 ** x[:, self.prior.names.index("stretch")], self.experiment.medium.pressure
+            natural, pressure = self.experiment.natural(self.with_camera(u).T), self.experiment.medium.pressure
+            stretch = np.full(len(x), natural["stretch"])
             stress = fung_stress(v[:, modulus], v[:, stiffening], stretch)
             v[:, stiffening] = np.log1p(stress / (_STIFFENED * pressure))
             v[:, modulus] = np.log1p(v[:, modulus] / (_STIFF * pressure))
