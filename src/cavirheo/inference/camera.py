@@ -51,8 +51,8 @@ STEPS = 20  # Gauss-Newton steps, at most,
 ROUGH_GAIN, SHAPE_GAIN, GAIN = 0.1, 0.02, 1e-5  # until one gains less in log density: all, the best of a shape or not
 # where these steps begin, in standard deviations of the clock; it may be far off where R_max is read off noisy frames
 CLOCKS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8, 2.4)
-CLIMBED = 4  # clocks at most that the steps go on from: each that is likelier than those beside it, and the
-LIKELIEST = 2  # likeliest
+CLIMBED = 4  # clocks at most that the steps go on from: those that are likelier than the ones beside them,
+LIKELIEST = 2  # and so many of the likeliest
 SIZE_STEP = 0.02  # by which the bubble of the second simulation is larger
 SIZE_EFFECT = 0.15  # RMS change of R* over a relative change of size, about,
 SIZE_SHARE = 0.25  # of the noise, from which such a change counts

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import dawsn
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
@@ -142,6 +141,8 @@ class Fung(Elastic):
 def fung_stress(modulus: Floats, stiffening: Floats, ratio: Floats) -> Floats:
     """(k,) -S_el of Fung's law, Pa, at ratios L > 1, of its parameters (k,): in closed form by Dawson's integral, but
     that I_1 - 3 is taken as 2 L^2 - 3 and what goes with q^5 as neo-Hookean: within 10 % from L = 3 on."""
+    from scipy.special import dawsn  # simulations need not wait for it
+
     root = np.sqrt(2.0 * stiffening)
 
     def part(ratio: Floats | float) -> Floats:
