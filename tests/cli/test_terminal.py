@@ -75,6 +75,13 @@ def test_no_table_loses_a_column_or_a_name(verb, monkeypatch, capsys):
     assert narrow == wide or verb in ("infer", "fit")  # narrow ones leave out an interval of λ
 
 
+def test_shots_of_one_file_stand_by_their_numbers(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    table.print_table(result(answers([f"{LONG.format(1)}[{k}]" for k in range(1, 13)], "bdt"), ""))
+    rows = [line.split(" ")[0] for line in capsys.readouterr().out.splitlines()]
+    assert [row for row in rows if re.fullmatch(r"\[\d+\]", row)] == [f"[{k}]" for k in range(1, 13)]
+
+
 def clean(text: str) -> bool:
     return not re.search("[\0-\x08\x0b-\x1f\x7f-\x9f\u202e\ud800-\udfff]", text)
 

@@ -182,8 +182,11 @@ def elide(text: str, width: int) -> str:
 
 
 def shortened(names: Sequence[str], width: int = 80) -> list[str]:
-    """Each elided; but all whole where two different ones would look alike."""
-    short = [elide(name, width) for name in names]
+    """Each elided, shots of one file by their numbers alone ("[7]"); but all whole where two would look alike."""
+    numbered = [name for name in names if name.endswith("]")]
+    files = {name.rpartition("[")[0] for name in numbered}
+    file = files.pop() if len(files) == 1 < len(numbered) else ""
+    short = [elide(name.removeprefix(file) if name in numbered else name, width) for name in names]
     return short if len(set(short)) == len(set(names)) else list(names)
 
 
