@@ -54,7 +54,7 @@ run("cavirheo infer measured/measured.csv -o one-shot", shell=True, check=True)
 # `stiff_gel.mat` holds five shots of another gel, of 30 kPa and 0.08 Pa s.
 
 # %%
-run("cavirheo infer stiff_gel.mat --figures paper -o gel", shell=True, check=True)
+run("cavirheo infer stiff_gel.mat --figures png,pdf -o gel", shell=True, check=True)
 
 # %% [markdown]
 # The first line is the one for a paper: the material, with the scatter of its shots.
@@ -78,10 +78,10 @@ for group in result.groups:
 
 # %% [markdown]
 # ## The figures
-# `--figures paper` made them, 84 mm wide for one column and 174 mm for two, as PDF, SVG and PNG of 300 dots per inch.
+# `--figures png,pdf` made them, 84 mm wide for one column and 174 mm for two, as PDF and as PNG of 300 dots per inch.
 
 # %%
-image = plt.imread("gel/paper-group-stiff_gel.png")
+image = plt.imread("gel/group-stiff_gel.png")
 figure, axes = plt.subplots(figsize=(8, 8 * image.shape[0] / image.shape[1]), layout="constrained")
 axes.imshow(image)
 axes.axis("off")
