@@ -125,12 +125,6 @@ def tolerance(share: float) -> float:
     return min(TUNING.emulated_enough / share, TUNING.emulated_worst)
 
 
-def sizes(share: float) -> dict[str, int]:
-    """Of the rounds of draws that are the answer of a model with this share."""
-    each = max(round(TUNING.emulated_each * share), TUNING.emulated_taught)
-    return {"each": each, "fewest": TUNING.emulated_fewest, "most": TUNING.emulated_most}
-
-
 class Preview(NamedTuple):
     """What a model answers. answer: to be set beside another's; the error of its evidence is LAPLACE where it is not to
     be relied on. x: (k, all) draws. log_weight: (k,) of them, whose mean is the evidence."""
@@ -221,7 +215,7 @@ class AdaptiveSampling:
             patience = 1.0 + (self.turns - 1) / TUNING.emulated_patience
             if self.error > tolerance(share) * patience and self.turns < last:
                 continue
-            emulation = explorer.emulated(self._rng(self.turns), TUNING.emulated_worth * enough, **sizes(share))
+            emulation = explorer.emulated(self._rng(self.turns), TUNING.emulated_worth * enough)
             if emulation is None:
                 return False
             expected = draws.log_evidence[0] + float(log_sum(wrong)) - np.log(len(some))
@@ -229,6 +223,7 @@ class AdaptiveSampling:
             settled = moved < TUNING.emulated_moved / share
             self.error = self.error if settled else max(self.error, moved)
             unsure = TUNING.emulated_unsure + 0.5 * self.error**2  # what no draw met is missing, too
+            unsure = float(np.hypot(unsure, emulation.sample.common))
             self.surrogate, self.sample = emulation.surrogate, replace(emulation.sample, common=unsure)
             self.shapes = emulation.surrogate.shapes(emulation.sample.u)
             if settled:
@@ -242,7 +237,7 @@ class AdaptiveSampling:
         left, needed = round(TUNING.draws * share), min(enough, TUNING.effective_fewest)
         rng, taken = self._rng(TUNING.emulated_rounds + 2), False
         for _ in range(TUNING.weighed_rounds):
-            emulation = self.explorer.emulated(rng, left / TUNING.emulated_draws, **sizes(share))
+            emulation = self.explorer.emulated(rng, left / TUNING.emulated_draws)
             if emulation is None:
                 break
             every, shapes = emulation.sample, list[Floats]()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, same
 from cavirheo.inference.verify.sampler import (
+    Density,
     Mixture,
-    Proposal,
     Sample,
-    adapted,
     effective_size,
-    few_draws,
-    importance_sample,
+    markov_sample,
     tempered,
 )
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import ROUGH
+from cavirheo.posterior import weighted_quantile
 from cavirheo.prior import log_normal
 
 
@@ -39,24 +38,6 @@ class SurrogateDraws(NamedTuple):
         weight = np.exp(log_weight - log_sum(log_weight))
         count = min(count, int(np.count_nonzero(weight)))
         return np.asarray(rng.choice(len(weight), count, replace=False, p=weight / np.sum(weight)))
-
-
-class GuardedProposal:
-    """Draws from a mixture, and a share of them from a proposal that knows the whole posterior roughly: no weight can
-    be larger than that share allows."""
-
-    def __init__(self, mixture: Mixture, guard: Proposal, share: float) -> None:
-        self.mixture, self.guard, self.share = mixture, guard, share
-
-    def draw(self, count: int, rng: np.random.Generator) -> Floats:
-        """(count, d)"""
-        guards = int(np.ceil(self.share * count))
-        return np.concatenate([self.mixture.draw(count - guards, rng), self.guard.draw(guards, rng)])
-
-    def log_density(self, u: Floats) -> Floats:
-        """(k,) at u (k, d)."""
-        parts = np.log(1.0 - self.share) + self.mixture.log_density(u), np.log(self.share) + self.guard.log_density(u)
-        return np.logaddexp(*parts)
 
 
 class CameraProposal:
@@ -114,20 +95,28 @@ class AdaptiveProposal:
         self.value = np.empty(0)
         self.modes, self.climbed = list[Mode](), 0
         self.taught: tuple[Surrogate, int] | None = None  # by the first so many simulations
-        self.joint: Mixture | None = None  # of u and camera, through the draws of the last surrogate
+        self.drawn: Sample | None = None  # the last draws of a surrogate
+        self.walkers = np.empty((0, 0))  # (k, d + m) u and camera, where the last draws of a surrogate ended
         if simulated:
             self.learn(*simulated)
             self.modes.append(modes[0])
-        self.also(modes)
+        self._know(modes)
         self.mixture = self.start
 
     def also(self, modes: Sequence[Mode]) -> None:
-        """Take up further modes that are not known yet."""
+        """Take up further modes that are not known yet; the next draws begin about all of them."""
+        if self._know(modes):
+            self.mixture = self._wide()
+
+    def _know(self, modes: Sequence[Mode]) -> bool:
+        """Take up modes and simulate about them. Whether one of them is new."""
+        before = len(self.modes)
         for mode in modes:
             if not any(same(mode, earlier) for earlier in self.modes):
                 self.modes.append(mode)
                 axes = np.linalg.cholesky(mode.covariance).T
                 self(mode.u + np.concatenate([axes, -axes]))
+        return len(self.modes) > before
 
     @property
     def start(self) -> Mixture:
@@ -168,10 +157,9 @@ class AdaptiveProposal:
         mode = climb(self.target, self.u[np.argmax(self.value)], ROUGH)
         self.also([mode] if mode else [])
 
-    def emulated(self, rng: np.random.Generator, enough: float = TUNING.pool, **sizes: Any) -> SurrogateDraws | None:
+    def emulated(self, rng: np.random.Generator, enough: float = TUNING.pool) -> SurrogateDraws | None:
         """Draws, worth `enough` independent ones, of a surrogate of all simulations so far, and of rough ones about the
-        modes where these are too few; None where they still are, or nothing that is drawn is likely. sizes: of
-        `importance_sample`."""
+        modes where these are too few; None where they still are, or nothing that is drawn is likely."""
         fewest = 2 * (self.u.shape[1] + 1)
         if len(self.u) <= fewest:
             self(self._wide().draw(TUNING.own_draws, rng))
@@ -180,25 +168,51 @@ class AdaptiveProposal:
         if self.taught is None or self.taught[1] != len(self.u):
             self.taught = Surrogate(self.target, self.u, self.residual, self.value), len(self.u)
         surrogate, _ = self.taught
-        size = self.target.noise.pulls
-        proposal: Proposal = CameraProposal(self.mixture, size)
-        if self.joint:
-            proposal = GuardedProposal(self.joint, proposal, TUNING.joint_guard)
-        sizes = {"each": TUNING.emulated_taught} | sizes
-        draws = importance_sample(surrogate, proposal, self._adapted, rng, enough=enough, **sizes)
-        if not np.any(np.isfinite(draws.log_weight)):
+        draws = int(TUNING.emulated_draws * enough)
+        walkers = self._begun(surrogate, int(np.clip(draws / 6, *TUNING.walkers)), rng)
+        if walkers is None:
             return None
-        self.joint = self._adapted(draws, rng)
-        draws = draws.resampled(int(TUNING.emulated_draws * enough), rng)
-        u, camera = np.split(draws.u, [draws.u.shape[1] - size], axis=1)
-        draws = replace(draws, u=u, camera=camera)
-        self.mixture = self._through(draws, rng).widened(TUNING.flat_share, TUNING.flat_factor)
-        return SurrogateDraws(surrogate, draws)
+        lift = self._lift()
 
-    def _adapted(self, draws: Sample, rng: np.random.Generator) -> Mixture:
-        """A mixture through weighted draws of u and camera, wide enough to find what they miss."""
-        shelf = shelves(self.target, few_draws(draws, rng), self.u.shape[1])
-        mixture = adapted(draws, rng)
+        def lifted(w: Floats) -> Floats:
+            return surrogate(w) + lift(w)
+
+        sample, self.walkers = markov_sample(lifted, walkers, lambda w: self._jumps(w, rng), rng, draws)
+        u, camera = np.split(sample.u, [self.u.shape[1]], axis=1)
+        sample = replace(sample, u=u, camera=camera, log_target=sample.log_target - lift(sample.u))
+        self.drawn = sample
+        self.mixture = self._through(sample, rng).widened(TUNING.flat_share, TUNING.flat_factor)
+        return SurrogateDraws(surrogate, sample)
+
+    def _lift(self) -> Density:
+        """By how much the log density of draws is raised at larger values of the law's parameters, of u and camera (k,
+        d + m): where the recording bounds one alone, its bound lies where a prior that is uniform in the logarithm has
+        few draws. One whose value is known is hardly moved."""
+        if self.drawn is None:
+            return lambda w: np.zeros(len(w))
+        law = self.target.experiment.law
+        prior = self.target.prior.of(self.target.prior.names[:law])
+        usual = weighted_quantile(prior.to_x(self.drawn.u[:, :law]), np.array([TUNING.lifted]), self.drawn.log_weight)
+        return lambda w: np.sum(np.log1p(10.0 ** (prior.to_x(w[:, :law]) - usual)), axis=1)
+
+    def _begun(self, surrogate: Surrogate, count: int, rng: np.random.Generator) -> Floats | None:
+        """(count, d + m) where walkers begin: where the last ones ended, and likely places about the modes; None
+        without such places."""
+        proposal = CameraProposal(self._wide(), self.target.noise.pulls)
+        w = proposal.draw(TUNING.begun * count, rng)
+        log_weight = tempered(surrogate(w) - proposal.log_density(w), count / 4)
+        if not np.any(np.isfinite(log_weight)):
+            return None
+        new = count - min(int(TUNING.walked_on * count), len(self.walkers))
+        chosen = rng.choice(len(w), new, p=unscaled(log_weight) / np.sum(unscaled(log_weight)))
+        return np.concatenate([w[chosen], rng.permutation(self.walkers)[: count - new].reshape(-1, w.shape[1])])
+
+    def _jumps(self, walkers: Floats, rng: np.random.Generator) -> Mixture:
+        """A mixture through walkers (k, d + m)."""
+        even = np.zeros(len(walkers))
+        components = int(np.clip(len(walkers) / (TUNING.joint_each * walkers.shape[1]), 1, TUNING.joint_components))
+        mixture = Mixture.through(walkers, even, components, rng).widened(TUNING.joint_wide, TUNING.joint_factor)
+        shelf = shelves(self.target, Sample(walkers, even, even), self.u.shape[1])
         return mixture.mixed_with(shelf, TUNING.shelf_share) if shelf else mixture
 
     def _through(self, draws: Sample, rng: np.random.Generator) -> Mixture:

@@ -1,13 +1,14 @@
-"""Adaptive importance sampling of a density that is quick to know: draws with weights, evidence, how far to trust them.
+"""Sampling of a density that is quick to know: draws with weights, evidence, how far to trust them.
 
-Mixtures of Student's t (heavy tails bound the weights) are fitted to the weighted draws of the rounds before, by some
-steps of expectation maximisation (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x).
+Mixtures of Student's t (heavy tails bound the weights) are fitted to draws by some steps of expectation maximisation
+(Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). Importance sampling draws from them; Markov chains, which they move
+from hill to hill, find the ends of bent ridges, too, where no mixture leads.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Protocol
 
@@ -229,23 +230,100 @@ def importance_sample(
     return best or rounds[-1]
 
 
-def few_draws(draws: Sample, rng: np.random.Generator) -> Sample:
-    """So many of weighted draws as a mixture is fitted to, chosen by their weights, or by a power of these where they
-    are worth little."""
-    log_weight = tempered(draws.log_weight, min(TUNING.joint_worth * draws.u.shape[1], 0.25 * len(draws.u)))
-    return Sample(draws.u, log_weight, np.zeros(len(log_weight))).resampled(TUNING.joint_fitted, rng)
+class Walkers:
+    """Markov chains of a density: u (k, d) and its log there (k,), finite. before: (k, d) where they were when the
+    mixture was fitted to which they jump."""
+
+    def __init__(self, target: Density, u: Floats, fit: Callable[[Floats], Mixture]) -> None:
+        self.target, self.fit = target, fit
+        self.u, self.value = u.copy(), np.maximum(target(u), -1e9)
+        self.settle()
+
+    def settle(self) -> None:
+        """Fit the mixture to where they are."""
+        self.before, self.mixture = self.u.copy(), self.fit(self.u)
+
+    def _go(self, u: Floats, value: Floats, log_odds: Floats, rng: np.random.Generator) -> float:
+        taken = np.log(rng.random(len(u))) < log_odds
+        self.u[taken], self.value[taken] = u[taken], value[taken]
+        return float(np.mean(taken))
+
+    def step(self, rng: np.random.Generator) -> None:
+        """Along differences of places where two others were (ter Braak and Vrugt 2008,
+        doi:10.1007/s11222-008-9104-9)."""
+        count, d = self.u.shape
+        start = rng.integers(count, size=count)
+        end = (start + rng.integers(1, count, size=count)) % count
+        size = TUNING.walked / np.sqrt(d) * rng.uniform(0.25, 0.75, count)
+        size[rng.random(count) < TUNING.walked_whole] = 1.0
+        u = self.u + size[:, None] * (self.before[end] - self.before[start]) + 1e-4 * rng.standard_normal((count, d))
+        value = self.target(u)
+        self._go(u, value, value - self.value, rng)
+
+    def jump(self, rng: np.random.Generator) -> tuple[Floats, Floats, float]:
+        """To draws of the mixture (Hastings 1970): log of the density over the mixture's where they are and where it
+        has drawn (k,), and the share that is taken."""
+        u = self.mixture.draw(len(self.u), rng)
+        value = self.target(u)
+        here, there = self.value - self.mixture.log_density(self.u), value - self.mixture.log_density(u)
+        return here, there, self._go(u, value, there - here, rng)
 
 
-def adapted(draws: Sample, rng: np.random.Generator) -> Mixture:
-    """A mixture through weighted draws, and one through a flatter density, which finds what they miss."""
-    log_target = np.where(np.isfinite(draws.log_target), TUNING.joint_power * draws.log_target, -np.inf)
-    mixtures = []
-    for one in (draws, replace(draws, log_target=log_target)):
-        few = few_draws(one, rng)
-        count = int(np.clip(few.ess / (TUNING.joint_each * few.u.shape[1]), 1, TUNING.joint_components))
-        mixtures.append(Mixture.through(few.u, few.log_weight, count, rng))
-    near, flat = mixtures
-    return near.widened(TUNING.joint_wide, TUNING.joint_factor).mixed_with(flat, TUNING.joint_flat)
+def markov_sample(
+    target: Density, walkers: Floats, fit: Callable[[Floats], Mixture], rng: np.random.Generator, draws: int
+) -> tuple[Sample, Floats]:
+    """So many draws of a density that is quick to know, nearly independent, with its integral; and where the walkers
+    (k, d) end.
+
+    Steps along their differences alternate with jumps to a mixture, fitted to the walkers until they have settled.
+    Then they walk until as many jumps are taken as there are draws. The integral is that of bridge sampling between
+    them and what the mixture has drawn.
+    """
+    chains, heights = Walkers(target, walkers, fit), [-np.inf, -np.inf]
+    for _ in range(TUNING.settling_most):
+        height = []
+        for _ in range(TUNING.walked_between):
+            chains.step(rng)
+            chains.jump(rng)
+            height.append(np.mean(np.maximum(chains.value, np.max(chains.value) - TUNING.lowest_walker)))
+        chains.settle()
+        heights.append(float(np.mean(height)))
+        if heights[-1] < max(heights[-3:-1]) + TUNING.settled:
+            break
+    states, here, there, jumps = list[tuple[Floats, Floats]](), list[Floats](), list[Floats](), 0.0
+    while len(states) < TUNING.walked_most and (jumps * len(walkers) < draws or len(states) * len(walkers) < draws):
+        for _ in range(2):
+            chains.step(rng)
+            before, of_mixture, taken = chains.jump(rng)
+            here, there, jumps = [*here, before], [*there, of_mixture], jumps + taken
+        states.append((chains.u.copy(), chains.value.copy()))
+    log_integral, error = bridge(np.concatenate(here), np.concatenate(there), len(walkers) * max(jumps, 1.0))
+    u, value = (np.concatenate(parts) for parts in zip(*states, strict=True))
+    some = rng.permutation(len(u))[:draws]
+    _, first, often = np.unique(value[some], return_index=True, return_counts=True)  # a walker that stays is one draw
+    u, value = u[some[first]], value[some[first]]
+    log_q = value - np.log(often * len(often) / len(some)) - log_integral
+    return Sample(u, value, log_q, common=error, chosen=True), chains.u
+
+
+def bridge(at: Floats, drawn: Floats, worth: float) -> tuple[float, float]:
+    """Log of the integral of a density, and its standard error, from the log of its ratio to a normalised one at draws
+    of the first, worth so many independent ones, and at draws of the second (Meng and Wong 1996, Statistica Sinica 6,
+    831; Fruehwirth-Schnatter 2004, doi:10.1111/j.1368-423X.2004.00125.x)."""
+    at = at[np.isfinite(at)]
+    top = float(np.median(at))
+    above, others = np.exp(np.clip(at - top, -700.0, 700.0)), np.exp(np.clip(drawn - top, -700.0, 700.0))
+    share = worth / (worth + len(drawn))
+    integral = 1.0
+    for _ in range(TUNING.bridged):
+        of_others = others / (share * others + (1.0 - share) * integral)
+        of_draws = 1.0 / (share * above + (1.0 - share) * integral)
+        integral = float(np.mean(of_others) / np.mean(of_draws))
+    squares = (
+        np.var(of_others) / np.mean(of_others) ** 2 / len(drawn),
+        np.var(of_draws) / np.mean(of_draws) ** 2 / worth,
+    )
+    return top + float(np.log(integral)), float(np.sqrt(sum(squares)))
 
 
 def joined(samples: Sequence[Sample]) -> Sample:

@@ -37,10 +37,6 @@ class Tuning:
     emulated_checked: int = 20  # of its draws in each, by default simulations,
     emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
     pool: float = 40.0  # effective draws of one while it is taught,
-    emulated_taught: int = 1000  # in rounds of so many,
-    emulated_each: int = 5000  # of so many where they are the whole answer,
-    emulated_fewest: int = 2  # which takes so many adapted proposals at least,
-    emulated_most: int = 48  # and so many rounds at most,
     emulated_worth: float = 2.5  # effective draws over those that are asked for,
     emulated_draws: float = 3.0  # and draws over these
     emulated_unsure: float = 0.1  # standard error of its log evidence, at least
@@ -51,6 +47,20 @@ class Tuning:
     emulated_moved: float = 0.6  # change of its log evidence by the last check, over the share: then one more round
     emulated_wrong: float = 1.2  # standard deviation of what is found wrong, from which
     emulated_more: int = 3  # times as many draws check the next one
+
+    # Markov chains of a surrogate
+    walkers: tuple[int, int] = (200, 400)  # how many, by the draws that are needed
+    begun: int = 4  # places from which each begins,
+    walked_on: float = 0.7  # of them that begin where the last ones ended
+    walked: float = 3.4  # largest step along a difference, times the root of the number of coordinates,
+    walked_whole: float = 0.1  # of the steps that go the whole difference
+    walked_between: int = 4  # steps and jumps between two fits of the mixture
+    settling_most: int = 12  # fits, at most, until the mean height of the walkers
+    settled: float = 0.15  # rises by less
+    lowest_walker: float = 100.0  # height below the best, from which it does not matter how low one is
+    walked_most: int = 24  # states of each walker that are kept, at most
+    lifted: float = 0.65  # of the draws lie below the value of a parameter from which on there are more of them
+    bridged: int = 30  # iterations of the integral
 
     # draws of a density that is quick to know
     adapted_most: int = 24  # rounds of them, at most
@@ -106,15 +116,10 @@ class Tuning:
     # mixtures that are drawn from
     flat_share: float = 0.5  # of a mixture through its draws that is
     flat_factor: float = 4.0  # so much wider, where the next ones begin
-    joint_guard: float = 0.2  # of the draws that begin where u is wide, and the camera as wide as its prior
-    joint_power: float = 0.3  # power of the surrogate that tells where a mixture of u and camera begins anew,
-    joint_flat: float = 0.5  # in so much of it; in the rest the surrogate itself,
-    joint_wide: float = 0.2  # with so much
+    joint_wide: float = 0.2  # of the mixture of u and camera to which walkers jump that is
     joint_factor: float = 1.5  # so much wider
-    joint_worth: float = 12.0  # effective draws for each coordinate that it is fitted to,
-    joint_each: float = 3.0  # for each coordinate of a component,
-    joint_components: int = 12  # at most so many,
-    joint_fitted: int = 1500  # by so many draws
+    joint_each: float = 3.0  # walkers for each coordinate of a component,
+    joint_components: int = 8  # at most so many
     shelf_share: float = 0.2  # of it where one coordinate is as wide as its prior,
     shelf_end: float = 2.0  # at such an end of the prior
     shelf_reach: float = 4.0  # standard deviations at most from where the frames are,
