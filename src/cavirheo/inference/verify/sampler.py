@@ -279,7 +279,7 @@ def markov_sample(
     Then they walk until as many jumps are taken as there are draws. The integral is that of bridge sampling between
     them and what the mixture has drawn.
     """
-    chains, heights = Walkers(target, walkers, fit), [-np.inf, -np.inf]
+    chains, heights = Walkers(target, walkers, fit), [np.inf, np.inf]
     for _ in range(TUNING.settling_most):
         height = []
         for _ in range(TUNING.walked_between):
@@ -288,7 +288,7 @@ def markov_sample(
             height.append(np.mean(np.maximum(chains.value, np.max(chains.value) - TUNING.lowest_walker)))
         chains.settle()
         heights.append(float(np.mean(height)))
-        if heights[-1] < max(heights[-3:-1]) + TUNING.settled:
+        if np.ptp(heights[-3:]) < TUNING.settled:
             break
     states, here, there, jumps = list[tuple[Floats, Floats]](), list[Floats](), list[Floats](), 0.0
     while len(states) < TUNING.walked_most and (jumps * len(walkers) < draws or len(states) * len(walkers) < draws):

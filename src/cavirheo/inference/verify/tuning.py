@@ -56,7 +56,7 @@ class Tuning:
     walked_whole: float = 0.1  # of the steps that go the whole difference
     walked_between: int = 4  # steps and jumps between two fits of the mixture
     settling_most: int = 12  # fits, at most, until the mean height of the walkers
-    settled: float = 0.15  # rises by less
+    settled: float = 0.2  # changes by less in three of them
     lowest_walker: float = 100.0  # height below the best, from which it does not matter how low one is
     walked_most: int = 24  # states of each walker that are kept, at most
     lifted: float = 0.65  # of the draws lie below the value of a parameter from which on there are more of them
