@@ -40,44 +40,28 @@ class SurrogateDraws(NamedTuple):
         return np.asarray(rng.choice(len(weight), count, replace=False, p=weight / np.sum(weight)))
 
 
-class CameraProposal:
-    """u from a mixture and, beside it, (k, m) z of the camera from its prior."""
-
-    def __init__(self, mixture: Mixture, size: int) -> None:
-        self.mixture, self.size = mixture, size
-
-    def draw(self, count: int, rng: np.random.Generator) -> Floats:
-        """(count, d + m)"""
-        return np.hstack([self.mixture.draw(count, rng), rng.standard_normal((count, self.size))])
-
-    def log_density(self, w: Floats) -> Floats:
-        """(k,) at w (k, d + m)."""
-        u, z = np.split(w, [w.shape[1] - self.size], axis=1)
-        return self.mixture.log_density(u) + log_normal(z)
-
-
-def shelves(target: Target, draws: Sample, size: int) -> Mixture | None:
-    """Of weighted draws whose first `size` coordinates are u: where frames bound one of these from one side only.
+def shelves(target: Target, w: Floats, size: int) -> Mixture | None:
+    """Of draws w (k, d) whose first `size` coordinates are u: where frames bound one of these from one side only.
 
     Towards an end of its range a coordinate changes the frames less and less (Target.linear): its posterior is as wide
     as its prior there. The others are where their regression on what the frames see of it tells. A component for each
     end that this regression does not exclude; None without one.
     """
-    d, weight = draws.u.shape[1], unscaled(draws.log_weight)
-    weight /= np.sum(weight)
-    linear, mean = target.linear(draws.u[:, :size]), weight @ draws.u
-    off, off_seen = draws.u - mean, linear - weight @ linear
-    variance = weight @ off_seen**2 + 1e-30
+    count, d = w.shape
+    linear, mean = target.linear(w[:, :size]), np.mean(w, axis=0)
+    off, off_seen = w - mean, linear - np.mean(linear, axis=0)
+    variance = np.mean(off_seen**2, axis=0) + 1e-30
     means, covariances = [], []
     for j in range(size):
-        slope = (weight * off_seen[:, j]) @ off / variance[j]
-        covariance = ((off - np.outer(off_seen[:, j], slope)).T * weight) @ (off - np.outer(off_seen[:, j], slope))
+        slope = off_seen[:, j] @ off / (count * variance[j])
+        left = off - np.outer(off_seen[:, j], slope)
+        covariance = left.T @ left / count
         covariance[j], covariance[:, j] = 0.0, 0.0
         covariance += np.diag(np.where(np.arange(d) == j, 1.0, 1e-9))
         for end in (-TUNING.shelf_end, TUNING.shelf_end):
             place = mean[None, :size].copy()
             place[0, j] = end
-            away = target.linear(place)[0, j] - weight @ linear[:, j]
+            away = target.linear(place)[0, j] - np.mean(linear[:, j])
             if away**2 < TUNING.shelf_reach**2 * variance[j]:
                 means.append(np.where(np.arange(d) == j, 0.0, mean + slope * away))
                 covariances.append(covariance)
@@ -198,9 +182,11 @@ class AdaptiveProposal:
     def _begun(self, surrogate: Surrogate, count: int, rng: np.random.Generator) -> Floats | None:
         """(count, d + m) where walkers begin: where the last ones ended, and likely places about the modes; None
         without such places."""
-        proposal = CameraProposal(self._wide(), self.target.noise.pulls)
-        w = proposal.draw(TUNING.begun * count, rng)
-        log_weight = tempered(surrogate(w) - proposal.log_density(w), count / 4)
+        mixture = self._wide()
+        u = mixture.draw(TUNING.begun * count, rng)
+        z = rng.standard_normal((len(u), self.target.noise.pulls))
+        w = np.hstack([u, z])
+        log_weight = tempered(surrogate(w) - mixture.log_density(u) - log_normal(z), count / 4)
         if not np.any(np.isfinite(log_weight)):
             return None
         new = count - min(int(TUNING.walked_on * count), len(self.walkers))
@@ -209,10 +195,10 @@ class AdaptiveProposal:
 
     def _jumps(self, walkers: Floats, rng: np.random.Generator) -> Mixture:
         """A mixture through walkers (k, d + m)."""
-        even = np.zeros(len(walkers))
         components = int(np.clip(len(walkers) / (TUNING.joint_each * walkers.shape[1]), 1, TUNING.joint_components))
-        mixture = Mixture.through(walkers, even, components, rng).widened(TUNING.joint_wide, TUNING.joint_factor)
-        shelf = shelves(self.target, Sample(walkers, even, even), self.u.shape[1])
+        mixture = Mixture.through(walkers, np.zeros(len(walkers)), components, rng)
+        mixture = mixture.widened(TUNING.joint_wide, TUNING.joint_factor)
+        shelf = shelves(self.target, walkers, self.u.shape[1])
         return mixture.mixed_with(shelf, TUNING.shelf_share) if shelf else mixture
 
     def _through(self, draws: Sample, rng: np.random.Generator) -> Mixture:
