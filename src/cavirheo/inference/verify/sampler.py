@@ -237,7 +237,6 @@ class Walkers:
     def __init__(self, target: Density, u: Floats, fit: Callable[[Floats], Mixture]) -> None:
         self.target, self.fit = target, fit
         self.u, self.value = u.copy(), np.maximum(target(u), -1e9)
-        self.settle()
 
     def settle(self) -> None:
         """Fit the mixture to where they are."""
@@ -281,12 +280,12 @@ def markov_sample(
     """
     chains, heights = Walkers(target, walkers, fit), [np.inf, np.inf]
     for _ in range(TUNING.settling_most):
+        chains.settle()
         height = []
         for _ in range(TUNING.walked_between):
             chains.step(rng)
             chains.jump(rng)
             height.append(np.mean(np.maximum(chains.value, np.max(chains.value) - TUNING.lowest_walker)))
-        chains.settle()
         heights.append(float(np.mean(height)))
         if np.ptp(heights[-3:]) < TUNING.settled:
             break
