@@ -126,7 +126,7 @@ MORE = Page(
     "Each is imported from the module that its name begins with.",
     (
         Group(
-            "Posterior by importance sampling",
+            "Posterior by simulations",
             {"cavirheo.inference.verify": "verify_many verify Verification"},
             "[How](../docs/how-to/posterior.md).",
         ),

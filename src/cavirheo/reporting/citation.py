@@ -30,9 +30,10 @@ _EQUATIONS = {
 }
 _METHODS = {  # what was done, and whose method it is
     "verified": (
-        "The posterior of the parameters was sampled: draws of a trained proposal were weighed by the likelihood of "
-        "the full simulation (adaptive multiple importance sampling [Cornuet2012]), with noise of unknown size and a "
-        "discrepancy between law and bubble that was inferred along with them [Kennedy2001]."
+        "The posterior of the parameters was sampled by Markov chains [TerBraak2008] of a Gaussian process "
+        "[Rasmussen2006] that learnt some hundred full simulations and was checked by further ones, or by simulations "
+        "of its draws, with noise of unknown size and a discrepancy between law and bubble that was inferred along "
+        "with them [Kennedy2001]."
     ),
     "laplace": "The maximum of the posterior and the Gaussian about it were found by Gauss-Newton steps.",
     "least_squares": (
