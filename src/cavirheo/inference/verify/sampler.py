@@ -232,15 +232,21 @@ def importance_sample(
 
 class Walkers:
     """Markov chains of a density: u (k, d) and its log there (k,), finite. before: (k, d) where they were when the
-    mixture was fitted to which they jump."""
+    mixtures were fitted, to which they jump: each half to that of the other, for one that knows a walker's own place
+    would lead away from it."""
 
     def __init__(self, target: Density, u: Floats, fit: Callable[[Floats], Mixture]) -> None:
         self.target, self.fit = target, fit
         self.u, self.value = u.copy(), np.maximum(target(u), -1e9)
 
     def settle(self) -> None:
-        """Fit the mixture to where they are."""
-        self.before, self.mixture = self.u.copy(), self.fit(self.u)
+        """Fit the mixtures to where they are."""
+        first, second = np.array_split(self.u, 2)
+        self.before, self.mixtures = self.u.copy(), (self.fit(second), self.fit(first))
+
+    def _log_mixture(self, u: Floats) -> Floats:
+        halves = zip(self.mixtures, np.array_split(u, 2), strict=True)
+        return np.concatenate([mixture.log_density(half) for mixture, half in halves])
 
     def _go(self, u: Floats, value: Floats, log_odds: Floats, rng: np.random.Generator) -> float:
         taken = np.log(rng.random(len(u))) < log_odds
@@ -260,11 +266,12 @@ class Walkers:
         self._go(u, value, value - self.value, rng)
 
     def jump(self, rng: np.random.Generator) -> tuple[Floats, Floats, float]:
-        """To draws of the mixture (Hastings 1970): log of the density over the mixture's where they are and where it
+        """To draws of the mixtures (Hastings 1970): log of the density over the mixture's where they are and where it
         has drawn (k,), and the share that is taken."""
-        u = self.mixture.draw(len(self.u), rng)
+        halves = zip(self.mixtures, np.array_split(self.u, 2), strict=True)
+        u = np.concatenate([mixture.draw(len(half), rng) for mixture, half in halves])
         value = self.target(u)
-        here, there = self.value - self.mixture.log_density(self.u), value - self.mixture.log_density(u)
+        here, there = self.value - self._log_mixture(self.u), value - self._log_mixture(u)
         return here, there, self._go(u, value, there - here, rng)
 
 

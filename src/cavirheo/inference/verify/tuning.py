@@ -118,7 +118,7 @@ class Tuning:
     flat_factor: float = 4.0  # so much wider, where the next ones begin
     joint_wide: float = 0.2  # of the mixture of u and camera to which walkers jump that is
     joint_factor: float = 1.5  # so much wider
-    joint_each: float = 8.0  # walkers for each coordinate of a component,
+    joint_each: float = 5.0  # walkers for each coordinate of a component,
     joint_components: int = 8  # at most so many
     shelf_share: float = 0.2  # of it where one coordinate is as wide as its prior,
     shelf_end: float = 2.0  # at such an end of the prior
