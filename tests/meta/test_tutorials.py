@@ -16,7 +16,7 @@ pytestmark = pytest.mark.skipif(not RUNNER.exists(), reason="the docs are not in
 SCRIPTS = {path.stem: path for path in sorted(ROOT.glob("examples/tutorials/*.py"))}
 SHOWN = {  # tutorial: what its outputs say
     "gel": r"(?s)250.*\[9\.\d+, 10\.\d+\].*stiff_gel: G = (29|30|31)\.?\d* kPa.*mean & & 3\d\.\d \$.*@",
-    "liquid": r"(?s)liquid\[1\].* 0\.0[56]\d+ .*3 curves.*undetermined.*upper limit of G",
+    "liquid": r"(?s)\n\[1\] .* 0\.0[56]\d+ .*3 curves.*undetermined.*upper limit of G",
     "own_law": r"logarithmic \+ newtonian: RMSE 0\.3\d% of R_max",
     "cluster": r"(?s)2 .*soft_gel\[1\]: the same(?!.*not the same)",
     "app": r"soft_gel\[1\]: G [56]\d\d\d Pa \[",

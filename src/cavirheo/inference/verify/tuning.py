@@ -38,7 +38,7 @@ class Tuning:
     emulated_flatter: int = 4  # and rough ones of flatter ones, for what it misses
     pool: float = 40.0  # effective draws of one while it is taught,
     emulated_worth: float = 2.5  # effective draws over those that are asked for,
-    emulated_draws: float = 3.0  # and draws over these
+    emulated_draws: float = 2.0  # and draws over these
     emulated_unsure: float = 0.1  # standard error of its log evidence, at least
     emulated_enough: float = 0.3  # standard deviation of what they find wrong in log weights: then it is trusted,
     emulated_worst: float = 1.0  # or, of a model with a small share, this over its share, at most this; that much where
@@ -58,7 +58,7 @@ class Tuning:
     settling_most: int = 12  # fits, at most, until the mean height of the walkers
     settled: float = 0.2  # changes by less in three of them
     lowest_walker: float = 100.0  # height below the best, from which it does not matter how low one is
-    walked_most: int = 24  # states of each walker that are kept, at most
+    walked_most: int = 12  # states of each walker that are kept, at most
     lifted: float = 0.65  # of the draws lie below the value of a parameter from which on there are more of them
     bridged: int = 30  # iterations of the integral
 
