@@ -230,6 +230,9 @@ def importance_sample(
     return best or rounds[-1]
 
 
+_NEVER = -1e9  # log density that stands for nothing, so that two have a difference
+
+
 class Walkers:
     """Markov chains of a density: u (k, d) and its log there (k,), finite. before: (k, d) where they were when the
     mixtures were fitted, to which they jump: each half to that of the other, for one that knows a walker's own place
@@ -237,7 +240,7 @@ class Walkers:
 
     def __init__(self, target: Density, u: Floats, fit: Callable[[Floats], Mixture]) -> None:
         self.target, self.fit = target, fit
-        self.u, self.value = u.copy(), np.maximum(target(u), -1e9)
+        self.u, self.value = u.copy(), np.maximum(target(u), _NEVER)
 
     def settle(self) -> None:
         """Fit the mixtures to where they are."""
@@ -305,7 +308,7 @@ def markov_sample(
         states.append((chains.u.copy(), chains.value.copy()))
     log_integral, error = bridge(np.concatenate(here), np.concatenate(there), len(walkers) * max(jumps, 1.0))
     u, value = (np.concatenate(parts) for parts in zip(*states, strict=True))
-    some = rng.permutation(len(u))[:draws]
+    some = rng.permutation(np.flatnonzero(value > _NEVER))[:draws]
     _, first, often = np.unique(value[some], return_index=True, return_counts=True)  # a walker that stays is one draw
     u, value = u[some[first]], value[some[first]]
     log_q = value - np.log(often * len(often) / len(some)) - log_integral
