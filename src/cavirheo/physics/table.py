@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 
-TOLERANCE = 1e-6  # largest error of the derivative within a piece, relative to its largest value there
+TOLERANCE = 1e-8  # largest error of the derivative within a piece, relative to its largest value there
 NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the place where the law ends
 LARGEST = 1e16  # a slope beyond counts as infinite: in Pa six decades above the pressure of any collapse
 STEEP = 1e14  # a slope of the last piece, from which its end is not sought more closely
