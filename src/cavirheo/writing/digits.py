@@ -186,7 +186,7 @@ def shortened(names: Sequence[str], width: int = 80) -> list[str]:
     numbered = [name for name in names if name.endswith("]")]
     files = {name.rpartition("[")[0] for name in numbered}
     file = files.pop() if len(files) == 1 < len(numbered) else ""
-    short = [elide(name.removeprefix(file) if name in numbered else name, width) for name in names]
+    short = [elide(name.removeprefix(file) if name.endswith("]") else name, width) for name in names]
     return short if len(set(short)) == len(set(names)) else list(names)
 
 
