@@ -21,12 +21,13 @@ NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the
 LARGEST = 1e16  # a slope beyond counts as infinite: in Pa six decades above the pressure of any collapse
 STEEP = 1e14  # a slope of the last piece, from which its end is not sought more closely
 MOST = 20_000  # pieces
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)  # exact far beyond the quintic that must represent the piece
-_POINTS, _WEIGHTS = (_POINTS + 1) / 2, _WEIGHTS / 2
-_PROBES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
-_STEPS = 1e-3 * np.arange(5)  # inwards: beyond the end the law may have its singularity
-_DIFFERENCE = np.array([-25, 48, -36, 16, -3]) / 12e-3
-_WHERE = np.concatenate([_STEPS, 1 - _STEPS, _POINTS, _PROBES])  # in each piece the slope is asked for
+_INSIDE = np.polynomial.legendre.Legendre.basis(6).deriv().roots()
+_WHERE = (np.concatenate([[-1.0], _INSIDE, [1.0]]) + 1.0) / 2.0  # in each piece the slope is asked for: Lobatto's points
+_WEIGHTS = 1.0 / (42.0 * np.polynomial.legendre.Legendre.basis(6)(2.0 * _WHERE - 1.0) ** 2)  # of its integral
+_POWERS = np.arange(7)
+_DIFFERENCE = np.linalg.solve(  # (7, 2) of its derivative at both ends
+    np.vander(_WHERE, increasing=True).T, np.stack([_POWERS == 1, _POWERS], axis=1).astype(float)
+)
 MOST_PARTS = 32  # into which a piece is divided at once
 
 
@@ -53,8 +54,8 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
     """Table of the integral of `slope` (for arrays of any shape) from `origin`, one of the ascending nodes.
 
     Pieces between the nodes are halved until quintics represent the slope to TOLERANCE. Where the slope is not finite
-    the table ends: its range is the domain of the law. Integrals by Gauss-Legendre quadrature with 20 points a piece;
-    the second derivative is a difference of the slope.
+    the table ends: its range is the domain of the law. Integrals by Lobatto's quadrature with 7 points a piece; the
+    second derivative is that of the polynomial through the slopes there.
 
     Raises:
         InputError: the slope is so rough that MOST pieces do not represent it.
@@ -71,16 +72,14 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
         rough = f"the law is too rough: {MOST} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
         require(a.size + sum(map(len, rows_done)) <= MOST, rough, "physics.rough")
         h = b - a
-        x = a[:, None] + h[:, None] * _WHERE
-        x[:, 5] = b
-        low, high, within, exact = np.split(f(x), [5, 10, 10 + len(_POINTS)], axis=1)
-        curvature = np.stack([low @ _DIFFERENCE, -high @ _DIFFERENCE], axis=1) / h[:, None]
-        rise = h * (within @ _WEIGHTS)
-        slopes = np.stack([low[:, 0], high[:, 0]], axis=1)
-        pieces = _pieces(h, np.zeros_like(a), rise, slopes, curvature)
-        t = h[:, None] * _PROBES
-        c = [k * pieces[:, k, None] for k in range(6)]
-        error = np.abs(c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * c[5]))) - exact).max(axis=1)
+        t = h[:, None] * _WHERE
+        x = a[:, None] + t
+        x[:, -1] = b
+        exact = f(x)
+        rise, slopes = h * (exact @ _WEIGHTS), exact[:, [0, -1]]
+        pieces = _pieces(h, np.zeros_like(a), rise, slopes, exact @ _DIFFERENCE / h[:, None])
+        c1, c2, c3, c4, c5 = (k * pieces[:, k, None] for k in range(1, 6))
+        error = np.abs(c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))) - exact).max(axis=1)
         error /= TOLERANCE * np.abs(exact).max(axis=1) + 1e-300
         narrow = h <= NARROWEST * np.abs(b)
         good = (error <= 1) | (narrow & np.isfinite(error))
