@@ -1,7 +1,6 @@
 """The verified posterior: likelihood, sampling, what catches a wrong width or a wrong law."""
 
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,10 +19,10 @@ from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, predictive, verification, verify_many
 from cavirheo.inference.verify import mode as mode_module
 from cavirheo.inference.verify.evidence import rank_laws, ranked
-from cavirheo.inference.verify.mode import Mode, Target, climb, modes
+from cavirheo.inference.verify.mode import Target, climb, modes
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
-from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, markov_sample
+from cavirheo.inference.verify.sampler import Sample, effective_size, markov_sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
@@ -182,7 +181,7 @@ def test_frames_of_a_shape_follow_the_size_of_the_bubble():
         frames = target.noise.split(target.extended(target.noise.shapes(residual), z))[0][0]
         errors.append(np.sqrt(np.mean((frames - exact) ** 2)))
         near = u + 0.1
-        target.follow(Mode(near[0], 0.0, np.eye(len(near.T)), target.residuals(near, DEFAULT)[0], np.empty(0)))
+        target.follow(near[0], target.residuals(near, DEFAULT)[0])
     by_shape = target.camera.missed_by_shape(real.sampled(x, target.camera), z[0])
     assert errors[1] < 0.3 * errors[0] + np.sqrt(np.mean(by_shape**2))
     assert np.sqrt(np.mean(by_shape**2)) < 0.3 * errors[0]
@@ -206,13 +205,10 @@ def test_markov_chains_draw_a_density_wherever_they_begin(width):
         bent = np.column_stack([u[:, 0] / 2.0, u[:, 1] + 0.3 * u[:, 0] ** 2 - 1.2, u[:, 2] / 0.3, u[:, 3]])
         return log_normal(bent) - np.log(2.0 * 0.3) + 5.0
 
-    def mixture_of(rng, u):
-        return Mixture.through(u, np.zeros(len(u)), 6, rng).widened()
-
     found = []
     for rng in map(np.random.default_rng, range(12)):
         start = width * rng.standard_normal((200, 4))
-        found.append(markov_sample(density, start, partial(mixture_of, rng), rng, 1000)[0])
+        found.append(markov_sample(density, start, lambda u: None, rng, 1000)[0])
     assert min(one.ess for one in found) >= 300.0
     assert np.mean([one.log_evidence[0] for one in found]) == pytest.approx(5.0, abs=0.05)
     assert np.std([one.log_evidence[0] for one in found]) < 0.2

@@ -24,10 +24,10 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
 from cavirheo.inference.alternatives import LAPLACE
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes
 from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Proposal, Sample, effective_size, tempered
-from cavirheo.inference.verify.surrogate import Surrogate
+from cavirheo.inference.verify.surrogate import Emulated, Surrogate, climb_emulated
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import Evidence, OtherAnswer
@@ -107,19 +107,6 @@ class TwoFidelityTarget(Target):
         return replace(mode, residual=residual[0], log_posterior=float(value)) if np.isfinite(value) else None
 
 
-class Emulated(Target):
-    """A target that a surrogate simulates."""
-
-    def __init__(self, target: Target, surrogate: Surrogate) -> None:
-        super().__init__(target.experiment, target.whole, target.noise.frames, target.workers)
-        self.camera, self.noise, self.surrogate = target.camera, target.noise, surrogate
-
-    def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
-        """(k, size) at u (k, d)."""
-        shapes = self.surrogate.shapes(u)
-        return np.hstack([self.camera.of_shapes(shapes, self.noise.frames), shapes])
-
-
 def tolerance(share: float) -> float:
     """Standard deviation of what may be wrong in the log weights of a model with this share in the answer."""
     return min(TUNING.emulated_enough / share, TUNING.emulated_worst)
@@ -149,23 +136,23 @@ class AdaptiveSampling:
         own_draws: int = TUNING.own_draws, exact: bool = False,
     ) -> None:  # fmt: skip
         self.target, self.scanned, self.windowed, self.seed, self.exact = target, scanned, windowed, seed, exact
-        two_fidelity = TwoFidelityTarget(target)
+        self.two_fidelity = TwoFidelityTarget(target)
         simulated, maxima = None, list[Mode]()
         if network:
-            u, simulated, mode = _start_by_network(two_fidelity, network, own_draws, seed)
-            if mode:
-                maxima = [mode, *modes(two_fidelity, _unexpected(mode, simulated))]
+            u = network.draw(own_draws, self._rng(1))
+            simulated = Simulated.at(self.two_fidelity, u)
+            if len(simulated.finite.u) > 2 * (u.shape[1] + 1):
+                maxima, simulated = self._climb_by_draws(simulated)
         self.ranged, self.windows_grown, found = not maxima, False, bool(maxima)
         if not found:
-            maxima = modes(two_fidelity, starts(), scanned())
+            maxima = modes(self.two_fidelity, starts(), scanned())
         if not maxima:
             raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-        reshaped = target.follow(maxima[0])
-        self.two_fidelity = two_fidelity = TwoFidelityTarget(target)
-        if reshaped:
-            residuals = two_fidelity.residuals(np.array([mode.u for mode in maxima]))
+        if self._follow(maxima[0].u, maxima[0].residual):
+            residuals = self.two_fidelity.residuals(np.array([mode.u for mode in maxima]))
             maxima = [replace(mode, residual=row) for mode, row in zip(maxima, residuals, strict=True)]
-            simulated = Simulated.at(two_fidelity, simulated.u) if simulated else None
+            simulated = Simulated.at(self.two_fidelity, simulated.u) if simulated else None
+        two_fidelity = self.two_fidelity
         two_fidelity.correct(_likely_simulations(two_fidelity, maxima[0], simulated if found else None, seed))
         if simulated:
             simulated = two_fidelity.integrated(two_fidelity.corrected(simulated.u, simulated.residual))
@@ -182,6 +169,25 @@ class AdaptiveSampling:
             if not found:
                 self.explorer.learn(*simulated)
             self.own = Sample(u, simulated.value[: len(u)], network.log_density(u))
+
+    def _follow(self, u: Floats, residual: Floats) -> bool:
+        """As that of the target, for rough simulations, too."""
+        reshaped = self.target.follow(u, residual)
+        self.two_fidelity = TwoFidelityTarget(self.target)
+        return reshaped
+
+    def _climb_by_draws(self, simulated: Simulated) -> tuple[list[Mode], Simulated]:
+        """The maximum, from the likeliest of a network's draws, and another one where one of them is likelier than the
+        first lets expect; best first, with all that was simulated."""
+        top = int(np.argmax(simulated.value))
+        if self._follow(simulated.u[top], simulated.residual[top]):
+            simulated = Simulated.at(self.two_fidelity, simulated.u)
+        mode, on_the_way = climb_emulated(self.two_fidelity, simulated, simulated.u[top])
+        maxima, simulated = [mode] if mode else [], simulated.joined(on_the_way)
+        for start in _unexpected(mode, simulated) if mode else []:
+            mode, on_the_way = climb_emulated(self.two_fidelity, simulated, start, maxima)
+            maxima, simulated = [*maxima, *([mode] if mode else [])], simulated.joined(on_the_way)
+        return sorted(maxima, key=lambda mode: -mode.log_posterior), simulated
 
     @property
     def log_laplace(self) -> float:
@@ -353,19 +359,6 @@ class AdaptiveSampling:
         residual = self.target.extended(self.shapes, self.sample.camera)
         best = self.two_fidelity.highest(self.explorer.highest, self.surrogate)
         return WeightedDraws(self.sample, residual, best, self.modes, self.evidence, self.evidence_gap, self.error)
-
-
-def _start_by_network(
-    target: TwoFidelityTarget, network: Proposal, count: int, seed: int
-) -> tuple[Floats, Simulated, Mode | None]:
-    """(u of so many of the network's own draws, their simulations and those on the way to the maximum, that maximum);
-    None for it where hardly any could be simulated."""
-    u = network.draw(count, np.random.Generator(np.random.Philox(seed).jumped()))
-    simulated = Simulated.at(target, u)
-    if np.count_nonzero(np.isfinite(simulated.value)) <= 2 * (simulated.u.shape[1] + 1):
-        return u, simulated, None
-    mode, simulated = secant(target, simulated)
-    return u, simulated, mode
 
 
 def _likely_simulations(target: TwoFidelityTarget, mode: Mode, simulated: Simulated | None, seed: int) -> Simulated:

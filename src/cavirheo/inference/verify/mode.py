@@ -42,14 +42,14 @@ class Target:
         self.noise: MarginalNoise = MarginalNoise(noise, len(self.camera.free), self.camera.size)
         self.workers: int = workers
 
-    def follow(self, mode: Mode) -> bool:
-        """Let shapes have the collapses, and frames the effect of size, of the bubble at a mode, where each simulation
-        does not tell the latter. Whether shapes changed."""
+    def follow(self, u: Floats, residual: Floats) -> bool:
+        """Let shapes have the collapses, and frames the effect of size, of the bubble at u (d,) with an extended
+        residual (size,), where each simulation does not tell the latter. Whether shapes changed."""
         frames, before = self.noise.frames, self.camera
-        curve = self.experiment.sampled(self.with_camera(mode.u[None])[0], replace(before, sized=True))
+        curve = self.experiment.sampled(self.with_camera(u[None])[0], replace(before, sized=True))
         if curve is None or not self.noise.pulls:
             return False
-        camera = before.with_collapses(curve, before.z(mode.residual), frames)
+        camera = before.with_collapses(curve, before.z(residual), frames)
         if not camera.sized:
             shape = replace(camera, sized=True).extended(curve, frames)[0]
             camera = replace(camera, by_size=shape[-camera.numbers :])
@@ -285,34 +285,19 @@ class Simulated(NamedTuple):
         residual = target.residuals(u, accuracy)
         return cls(u, residual, target.log_posterior(u, residual))
 
+    def joined(self, others: Simulated) -> Simulated:
+        """These and others."""
+        return Simulated(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
 
-def secant(target: Target, simulated: Simulated) -> tuple[Mode, Simulated]:
-    """The maximum among simulations, more of them than parameters, and near them; with those of the steps.
+    def after(self, count: int) -> Simulated:
+        """Without the first so many."""
+        return Simulated(self.u[count:], self.residual[count:], self.value[count:])
 
-    Gauss-Newton steps whose jacobian is the slope of a plane through the residuals of the likeliest: a step costs two
-    simulations, where one with finite differences costs one a parameter. (Ralston and Jennrich 1978,
-    doi:10.1080/00401706.1978.10489610)
-    """
-    gain = np.inf
-    for steps_left in reversed(range(TUNING.secant_steps + 1)):
-        top = int(np.argmax(simulated.value))
-        u, residual, value = (values[np.isfinite(simulated.value)] for values in simulated)
-        trust = 1.0 / (1.0 + (simulated.value[top] - value) / TUNING.nugget_height)
-        off = trust[:, None] * np.column_stack([np.ones(len(u)), u - simulated.u[top]])
-        size = np.append(0.0, np.sqrt(np.sum(off[:, 1:] ** 2, axis=0)))
-        missed = trust[:, None] * (residual - simulated.residual[top])
-        plane = np.linalg.solve(off.T @ off + np.diag((TUNING.secant_firm * size) ** 2), off.T @ missed)
-        jacobian = -plane[1:].T
-        gradient, curvature = target.noise.newton(simulated.residual[top], jacobian)
-        gradient, curvature = gradient + simulated.u[top], curvature + np.eye(len(gradient))
-        step = -np.linalg.solve(curvature, gradient)
-        if not steps_left or min(-0.5 * float(gradient @ step), gain) < TUNING.climb_gain:
-            break
-        steps = Simulated.at(target, np.clip(simulated.u[top] + np.outer((1.0, 0.4), step), -5.0, 5.0))
-        simulated = Simulated(*(np.concatenate(pair) for pair in zip(simulated, steps, strict=True)))
-        gain = float(np.max(simulated.value) - simulated.value[top])
-    covariance = np.asarray(np.linalg.inv(curvature), dtype=float)
-    return Mode(simulated.u[top], float(simulated.value[top]), covariance, simulated.residual[top], jacobian), simulated
+    @property
+    def finite(self) -> Simulated:
+        """Those that did not fail."""
+        good = np.isfinite(self.value)
+        return Simulated(self.u[good], self.residual[good], self.value[good])
 
 
 def same(first: Mode, second: Mode) -> bool:

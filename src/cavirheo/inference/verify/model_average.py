@@ -52,13 +52,15 @@ class Part:
     def look_where(self, other: Part) -> None:
         """Climb from where another model is best, if that is above all that is known of this one: laws contain each
         other, and a search may have missed there what the other's has found."""
-        highest = other.sampling.explorer.highest
-        if other.sampling.explorer.height - self.sampling.explorer.height < TUNING.other_law or highest is self._looked:
+        explorer, highest = self.sampling.explorer, other.sampling.explorer.highest
+        looked_at = self._looked is not None and np.array_equal(highest, self._looked)
+        if other.sampling.explorer.height - explorer.height < TUNING.other_law or looked_at:
             return
         self._looked = highest
         best = other.estimation.shot.best(other.estimation.target.with_camera(highest[None])[0])
-        self.sampling.explorer(self.estimation.start_at(best)[None])
-        self.sampling.explorer.climb_higher()
+        start = self.estimation.start_at(best)
+        explorer(start[None])
+        explorer.climb_from(start)
 
 
 def _part(estimation: Estimation, prior: float) -> Part | SolverError:

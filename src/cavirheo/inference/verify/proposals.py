@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats, log_sum, unscaled
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, same
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, same
 from cavirheo.inference.verify.sampler import (
     Density,
     Mixture,
@@ -19,9 +19,8 @@ from cavirheo.inference.verify.sampler import (
     markov_sample,
     tempered,
 )
-from cavirheo.inference.verify.surrogate import Surrogate
+from cavirheo.inference.verify.surrogate import Surrogate, climb_emulated
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.physics.accuracy import ROUGH
 from cavirheo.posterior import weighted_quantile
 from cavirheo.prior import log_normal
 
@@ -69,8 +68,8 @@ def shelves(target: Target, w: Floats, size: int) -> Mixture | None:
 
 
 class AdaptiveProposal:
-    """Draws of the posterior of a shot that learn from every simulation, from its modes on. simulated: what is known
-    about the first of these; about each other one, a standard deviation on either side is simulated."""
+    """Draws of the posterior of a shot that learn from every simulation, from its modes on. simulated: what is known;
+    about a mode near which little is, a standard deviation on either side is simulated."""
 
     def __init__(self, target: Target, modes: Sequence[Mode], simulated: Simulated | None = None) -> None:
         self.target = target
@@ -83,7 +82,6 @@ class AdaptiveProposal:
         self.walkers = np.empty((0, 0))  # (k, d + m) u and camera, where the last draws of a surrogate ended
         if simulated:
             self.learn(*simulated)
-            self.modes.append(modes[0])
         self._know(modes)
         self.mixture = self.start
 
@@ -93,13 +91,15 @@ class AdaptiveProposal:
             self.mixture = self._wide()
 
     def _know(self, modes: Sequence[Mode]) -> bool:
-        """Take up modes and simulate about them. Whether one of them is new."""
+        """Take up modes, and simulate about them where little is known. Whether one of them is new."""
         before = len(self.modes)
         for mode in modes:
             if not any(same(mode, earlier) for earlier in self.modes):
                 self.modes.append(mode)
-                axes = np.linalg.cholesky(mode.covariance).T
-                self(mode.u + np.concatenate([axes, -axes]))
+                d = len(mode.u)
+                if np.count_nonzero(mode.squares(self.u) < TUNING.near_mode**2 * d) <= 2 * d:
+                    axes = np.linalg.cholesky(mode.covariance).T
+                    self(mode.u + np.concatenate([axes, -axes]))
         return len(self.modes) > before
 
     @property
@@ -138,7 +138,12 @@ class AdaptiveProposal:
         if self.climbed == TUNING.modes_climbed or np.max(self.value, initial=-np.inf) < highest + TUNING.other_mode:
             return
         self.climbed += 1
-        mode = climb(self.target, self.u[np.argmax(self.value)], ROUGH)
+        self.climb_from(self.u[np.argmax(self.value)])
+
+    def climb_from(self, start: Floats) -> None:
+        """Climb from a simulated u (d,) and take up the mode that it leads to, if this is a new one."""
+        mode, on_the_way = climb_emulated(self.target, Simulated(self.u, self.residual, self.value), start, self.modes)
+        self.learn(*on_the_way)
         self.also([mode] if mode else [])
 
     def emulated(self, rng: np.random.Generator, enough: float = TUNING.pool) -> SurrogateDraws | None:
@@ -161,7 +166,7 @@ class AdaptiveProposal:
         def lifted(w: Floats) -> Floats:
             return surrogate(w) + lift(w)
 
-        sample, self.walkers = markov_sample(lifted, walkers, lambda w: self._jumps(w, rng), rng, draws)
+        sample, self.walkers = markov_sample(lifted, walkers, self._shelves, rng, draws)
         u, camera = np.split(sample.u, [self.u.shape[1]], axis=1)
         sample = replace(sample, u=u, camera=camera, log_target=sample.log_target - lift(sample.u))
         self.drawn = sample
@@ -184,22 +189,33 @@ class AdaptiveProposal:
         without such places."""
         mixture = self._wide()
         u = mixture.draw(TUNING.begun * count, rng)
-        z = rng.standard_normal((len(u), self.target.noise.pulls))
-        w = np.hstack([u, z])
-        log_weight = tempered(surrogate(w) - mixture.log_density(u) - log_normal(z), count / 4)
+        middle, spread = self._expected_camera(u)
+        off = rng.standard_normal(middle.shape)
+        w = np.hstack([u, middle + spread * off])
+        log_q = mixture.log_density(u) + log_normal(off) - float(np.sum(np.log(spread)))
+        log_weight = tempered(surrogate(w) - log_q, count / 4)
         if not np.any(np.isfinite(log_weight)):
             return None
         new = count - min(int(TUNING.walked_on * count), len(self.walkers))
         chosen = rng.choice(len(w), new, p=unscaled(log_weight) / np.sum(unscaled(log_weight)))
         return np.concatenate([w[chosen], rng.permutation(self.walkers)[: count - new].reshape(-1, w.shape[1])])
 
-    def _jumps(self, walkers: Floats, rng: np.random.Generator) -> Mixture:
-        """A mixture through walkers (k, d + m)."""
-        components = int(np.clip(len(walkers) / (TUNING.joint_each * walkers.shape[1]), 1, TUNING.joint_components))
-        mixture = Mixture.through(walkers, np.zeros(len(walkers)), components, rng)
-        mixture = mixture.widened(TUNING.joint_wide, TUNING.joint_factor)
-        shelf = shelves(self.target, walkers, self.u.shape[1])
-        return mixture.mixed_with(shelf, TUNING.shelf_share) if shelf else mixture
+    def _expected_camera(self, u: Floats) -> tuple[Floats, Floats]:
+        """(k, m) camera z of bubbles at u (k, d) by a line through those of the likely simulations, and the standard
+        deviations (m,) of draws about it."""
+        z = self.target.camera.z(self.residual)
+        trust = (1.0 + (np.max(self.value) - self.value) / TUNING.nugget_height) ** -2.0
+        middle = trust @ self.u / np.sum(trust)
+        root = np.sqrt(trust)[:, None]
+        line = root * np.column_stack([np.ones(len(z)), self.u - middle])
+        firm = np.diag(np.append(0.0, np.full(u.shape[1], 0.1 * np.sum(trust))))
+        slopes = np.linalg.solve(line.T @ line + firm, line.T @ (root * z))
+        missed = z - slopes[0] - (self.u - middle) @ slopes[1:]
+        spread = np.sqrt(trust @ missed**2 / np.sum(trust)) + TUNING.begun_camera
+        return slopes[0] + (u - middle) @ slopes[1:], spread
+
+    def _shelves(self, w: Floats) -> Mixture | None:
+        return shelves(self.target, w, self.u.shape[1])
 
     def _through(self, draws: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture that follows weighted draws, with as many components as they are worth, and the modes."""

@@ -236,16 +236,35 @@ _NEVER = -1e9  # log density that stands for nothing, so that two have a differe
 class Walkers:
     """Markov chains of a density: u (k, d) and its log there (k,), finite. before: (k, d) where they were when the
     mixtures were fitted, to which they jump: each half to that of the other, for one that knows a walker's own place
-    would lead away from it."""
+    would lead away from it. further: of such places, what a mixture through them has beside it."""
 
-    def __init__(self, target: Density, u: Floats, fit: Callable[[Floats], Mixture]) -> None:
-        self.target, self.fit = target, fit
+    def __init__(
+        self, target: Density, u: Floats, further: Callable[[Floats], Mixture | None], rng: np.random.Generator
+    ) -> None:
+        self.target, self.further = target, further
         self.u, self.value = u.copy(), np.maximum(target(u), _NEVER)
+        halves = self._halves
+        count = int(np.clip(len(halves[0]) / (TUNING.joint_each * u.shape[1]), 1, TUNING.joint_components))
+        self.fitted = [Mixture.through(half, np.zeros(len(half)), count, rng) for half in halves]
+        self._widen(halves)
+
+    @property
+    def _halves(self) -> tuple[Floats, Floats]:
+        """Where the walkers are that each half's mixture is fitted to."""
+        first, second = np.array_split(self.u, 2)
+        return second, first
 
     def settle(self) -> None:
         """Fit the mixtures to where they are."""
-        first, second = np.array_split(self.u, 2)
-        self.before, self.mixtures = self.u.copy(), (self.fit(second), self.fit(first))
+        halves = self._halves
+        self.fitted = [fit.fitted(half, np.zeros(len(half))) for fit, half in zip(self.fitted, halves, strict=True)]
+        self._widen(halves)
+
+    def _widen(self, halves: tuple[Floats, Floats]) -> None:
+        self.before, self.mixtures = self.u.copy(), list[Mixture]()
+        for fit, half in zip(self.fitted, halves, strict=True):
+            mixture, further = fit.widened(TUNING.joint_wide, TUNING.joint_factor), self.further(half)
+            self.mixtures.append(mixture.mixed_with(further, TUNING.shelf_share) if further else mixture)
 
     def _log_mixture(self, u: Floats) -> Floats:
         halves = zip(self.mixtures, np.array_split(u, 2), strict=True)
@@ -279,18 +298,19 @@ class Walkers:
 
 
 def markov_sample(
-    target: Density, walkers: Floats, fit: Callable[[Floats], Mixture], rng: np.random.Generator, draws: int
+    target: Density, walkers: Floats, further: Callable[[Floats], Mixture | None], rng: np.random.Generator, draws: int
 ) -> tuple[Sample, Floats]:
     """So many draws of a density that is quick to know, nearly independent, with its integral; and where the walkers
-    (k, d) end.
+    (k, d) end. further: as of `Walkers`.
 
     Steps along their differences alternate with jumps to a mixture, fitted to the walkers until they have settled.
     Then they walk until as many jumps are taken as there are draws. The integral is that of bridge sampling between
     them and what the mixture has drawn.
     """
-    chains, heights = Walkers(target, walkers, fit), [np.inf, np.inf]
-    for _ in range(TUNING.settling_most):
-        chains.settle()
+    chains, heights = Walkers(target, walkers, further, rng), [np.inf, np.inf]
+    for fits in range(TUNING.settling_most):
+        if fits:
+            chains.settle()
         height = []
         for _ in range(TUNING.walked_between):
             chains.step(rng)

@@ -11,16 +11,18 @@ Its draws are the answer if default simulations of some agree; else they are sim
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.noise import MarginalNoise
-from cavirheo.inference.verify.mode import Target
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb
 from cavirheo.inference.verify.sampler import tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
+from cavirheo.physics.accuracy import BRISK, ROUGH, Accuracy
 from cavirheo.prior import log_normal
 
 
@@ -142,6 +144,44 @@ class Surrogate:
 
     def _whitened(self, u: Floats) -> Floats:
         return np.asarray(np.linalg.solve(self.root, ((self.target.linear(u) - self.centre) / self.unit).T).T)
+
+
+class Emulated(Target):
+    """A target that a surrogate simulates."""
+
+    def __init__(self, target: Target, surrogate: Surrogate) -> None:
+        super().__init__(target.experiment, target.whole, target.noise.frames, target.workers)
+        self.camera, self.noise, self.surrogate = target.camera, target.noise, surrogate
+
+    def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
+        """(k, size) at u (k, d)."""
+        shapes = self.surrogate.shapes(u)
+        return np.hstack([self.camera.of_shapes(shapes, self.noise.frames), shapes])
+
+
+def climb_emulated(
+    target: Target, simulated: Simulated, start: Floats, maxima: Sequence[Mode] = ()
+) -> tuple[Mode | None, Simulated]:
+    """The maximum reached from u (d,) as by `climb`, and what was simulated for it.
+
+    A surrogate of what is simulated shows the way; one simulation where it ends teaches the next one, until this finds
+    what was expected. Finite differences, which cost one simulation a parameter, only go on from there.
+    """
+    known = len(simulated.u)
+    enough = len(simulated.finite.u) > 2 * (len(start) + 1)
+    for _ in range(TUNING.climb_surrogates if enough else 0):
+        mode = climb(Emulated(target, Surrogate(target, *simulated.finite)), start, ROUGH, maxima)
+        if mode is None:
+            return None, simulated.after(known)
+        end = Simulated.at(target, mode.u[None])
+        simulated = simulated.joined(end)
+        start = simulated.u[np.argmax(simulated.value)]
+        if not abs(end.value[0] - mode.log_posterior) > TUNING.climb_expected or not np.isfinite(end.value[0]):
+            break
+    mode = climb(target, start, ROUGH, maxima)
+    if mode:
+        simulated = simulated.joined(Simulated(mode.u[None], mode.residual[None], np.array([mode.log_posterior])))
+    return mode, simulated.after(known)
 
 
 def _directions(off: Floats, metric: Floats, weight: Floats) -> tuple[Floats, Floats]:

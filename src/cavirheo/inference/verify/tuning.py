@@ -23,8 +23,6 @@ class Tuning:
     own_unexpected: float = 6.0  # height of one over the Gaussian about the maximum, from which it is on another hill
     own_worth: float = 5.0  # effective size of them, from which their evidence says something,
     own_error: float = 0.6  # whose log has this standard error at least
-    secant_steps: int = 4  # to the maximum, at most
-    secant_firm: float = 0.03  # how firmly a direction that the draws do not tell stays
     auto_enough: float = 300.0  # effective draws of the whole answer of level "auto"
     corrected: int = 6  # likely places where default simulations tell what rough ones miss
     corrected_spread: float = 12.0  # effective size of the network's draws that they are chosen among
@@ -51,13 +49,14 @@ class Tuning:
     # Markov chains of a surrogate
     walkers: tuple[int, int] = (200, 400)  # how many, by the draws that are needed
     begun: int = 4  # places from which each begins,
+    begun_camera: float = 0.3  # standard deviation of their cameras, beyond what a line misses,
     walked_on: float = 0.7  # of them that begin where the last ones ended
     walked: float = 3.4  # largest step along a difference, times the root of the number of coordinates,
     walked_whole: float = 0.1  # of the steps that go the whole difference
     walked_between: int = 4  # steps and jumps between two fits of the mixture
     settling_most: int = 12  # fits, at most, until the mean height of the walkers
     settled: float = 0.2  # changes by less in three of them
-    lowest_walker: float = 100.0  # height below the best, from which it does not matter how low one is
+    lowest_walker: float = 15.0  # height below the best, from which it does not matter how low one is
     walked_most: int = 12  # states of each walker that are kept, at most
     lifted: float = 0.65  # of the draws lie below the value of a parameter from which on there are more of them
     bridged: int = 30  # iterations of the integral
@@ -99,6 +98,9 @@ class Tuning:
     climb_steps: int = 12  # at most
     climb_gain: float = 0.03  # expected gain of height at which it ends
     climb_hopeless: float = 3.0  # times the depth of the lowest mode: expected height below the best at which it ends
+    climb_surrogates: int = 4  # that show the way, at most, until one finds its end
+    climb_expected: float = 0.5  # as high as the simulation there, within this
+    near_mode: float = 2.0  # Mahalanobis distance over the root of the number of coordinates, within which one is known
     same_mode: float = 1.0  # Mahalanobis distance below which modes are one
     lowest_mode: float = 10.0  # height below the best at which one is dropped
 
