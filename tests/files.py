@@ -158,9 +158,8 @@ def bdt_variables(radii=(R_STAR, R_STAR, R_STAR), times=(T_STAR, T_STAR, T_STAR)
     }
 
 
-def text_table(path, header, *columns, separator=","):
-    rows = [separator.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)]
-    path.write_text("\n".join([*([header] if header else []), *rows]) + "\n")
+def text_table(path, header, *columns):
+    path.write_text((f"{header}\n" if header else "") + lines(",", *columns))
     return path
 
 
