@@ -264,6 +264,8 @@ BAD = {  # content, or what writes it; code; what is named
         "collapse-time",
     ),
     "other.xlsx": (lambda path: archive(path, "[Content_Types].xml", "word/document.xml"), "tabular.workbook", ""),
+    "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "tabular.workbook", ""),
+    "broken.xlsx": (b"PK\x03\x04" + bytes(600), "tabular.workbook", ""),
     "shots.zip": (lambda path: archive(path, "gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
     "missing.mat": (lambda path: None, "reading.missing", ""),
     "folder": (Path.mkdir, "reading.folder", ""),
