@@ -59,11 +59,6 @@ def test_a_shock_wave_does_not_stay_in_the_background():
     assert np.mean(np.abs(found.radius - made.radius)[ok] < 2 * found.sigma[ok]) > 0.95
 
 
-def test_spoilt_frames_are_told_apart():
-    found = track(film(empty=2, flash=1, dark_frames=1))
-    assert found.flags[:4].tolist() == ["before", "before", "flash", "dark"]
-
-
 def test_small_bubbles_are_measured_by_their_light():
     made = film(top=9.0, width=64, height=64)
     found = track(made, 0.3)
@@ -73,34 +68,23 @@ def test_small_bubbles_are_measured_by_their_light():
     assert made.radius[small].max() < 4.5
 
 
-def test_exposure_shows_in_the_blur():
+def test_exposure_shows_in_the_blur_and_shape_and_centre_in_the_outline():
     assert track(film(exposure=0.8)).exposure_hint == pytest.approx(0.8, abs=0.2)
-
-
-def test_centre_and_shape():
     made = film(modes=((2, 0.06, 0.0),), drift=(0.2, 0.0))
     found = track(made, 0.3)
-    ok = found.flags == "ok"
-    assert np.abs(found.x - made.centre[:, 0])[ok].max() < 0.1
+    assert np.abs(found.x - made.centre[:, 0])[found.flags == "ok"].max() < 0.1
     assert np.nanmedian(found.asphericity) == pytest.approx(0.06, abs=0.005)
 
 
-def test_nothing_is_invented_without_a_bubble():
+def test_nothing_is_invented_where_no_outline_is_seen():
+    """Without a bubble, or while one covers the frame; a mirror image is named."""
     without = render([0, 1], [0.01, 0.01], frames=FRAMES, scene=Scene(width=96, height=80, flicker=0.02))
     for made in (without, film(centre=(-80.0, -80.0))):
         with refused("video.no_bubble"):
             track(made)
-
-
-def test_a_bubble_that_covers_the_frame_has_no_radius_then():
     made = film(width=42, height=36, top=30.0)
-    found = track(made)
-    assert not np.any(np.isfinite(found.radius) & (made.radius > 28))
-
-
-def test_a_mirror_image_is_named():
-    found = track(film(centre=(43.0, 23.0), top=16.0, wall=41.0, mirror=True))
-    assert found.twins > 5
+    assert not np.any(np.isfinite(track(made).radius) & (made.radius > 28))
+    assert track(film(centre=(43.0, 23.0), top=16.0, wall=41.0, mirror=True)).twins > 5
 
 
 def test_polarity_and_reference_frame_are_obeyed(clean):
@@ -112,29 +96,23 @@ def test_polarity_and_reference_frame_are_obeyed(clean):
     assert np.abs(free.radius - told.radius)[both].max() < 0.2
 
 
-def test_a_frame_that_is_damaged_or_shows_something_else_is_not_measured(clean):
+def test_flags_say_what_is_used_and_spoilt_frames_are_told_apart(clean):
     frames, damaged = clean.frames.copy(), np.arange(FRAMES) == 12
     frames[20] = frames[0]
     frames[20, 5:15, 5:15] = 5
     found = follow(set_stage(Footage(frames, damaged=damaged)))
     assert (found.flags[12], found.flags[20]) == ("lost", "elsewhere")
-    assert np.isnan(found.radius[[12, 20]]).all()
+    used = np.isin(found.flags, USED)
+    assert np.array_equal(np.isfinite(found.radius), used)
+    assert np.all(found.sigma[used] > 0)
+    found = track(film(empty=2, flash=1, dark_frames=1))
+    assert found.flags[:4].tolist() == ["before", "before", "flash", "dark"]
 
 
-def test_rendering_refuses_what_it_cannot():
+def test_the_same_seed_gives_the_same_film_and_what_cannot_be_rendered_is_refused():
+    assert np.array_equal(film(seed=5, frames=8).frames, film(seed=5, frames=8).frames)
+    assert not np.array_equal(film(seed=5, frames=8).frames, film(seed=6, frames=8).frames)
     time, radius = history()
     for times, frames in ((time[::-1], 9), (time, 2)):
         with pytest.raises(InputError):
             render(times, radius, frames=frames)
-
-
-def test_the_same_seed_gives_the_same_film():
-    assert np.array_equal(film(seed=5, frames=8).frames, film(seed=5, frames=8).frames)
-    assert not np.array_equal(film(seed=5, frames=8).frames, film(seed=6, frames=8).frames)
-
-
-def test_flags_say_what_is_used(clean):
-    found = track(clean)
-    used = np.isin(found.flags, USED)
-    assert np.array_equal(np.isfinite(found.radius), used)
-    assert np.all(found.sigma[used] > 0)

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,12 @@ def folder(tmp_path_factory, shot, deep):
     return place
 
 
+@pytest.fixture(scope="module")
+def whole(folder):
+    """Of shot.tif: (what is found, its curve)."""
+    return examine(folder / "shot.tif", **HOW)
+
+
 DEEP = ("deep.mkv", "packed.tif", "images", "pages", "camera.mraw", "camera.cine")
 
 
@@ -69,12 +76,6 @@ def test_mraw_is_read_bit_by_bit(tmp_path, bits):
     assert (found.frame_rate, found.exposure) == (1234.0, pytest.approx(4e-7))
 
 
-def test_compression_hardly_moves_the_radius(folder, shot):
-    curve = measure(folder / "shot.mp4", **HOW)
-    ok = np.array(curve.meta["flags"]) == "ok"
-    assert np.sqrt(np.mean((curve.radius[ok] / SCALE * 1e6 - shot.radius[ok]) ** 2)) < 0.05
-
-
 def test_the_stamps_of_a_cine_count_before_its_header(tmp_path, deep):
     stamps = 0.9999995 + np.arange(FRAMES) / RATE  # over the turn of a second
     found = read(write_cine(tmp_path / "a.cine", deep.frames, stamps, 50_000))
@@ -87,24 +88,20 @@ def test_the_stamps_of_a_cine_count_before_its_header(tmp_path, deep):
 
 @pytest.mark.parametrize("name", ["shot.mp4", "shot.mkv", "shot.tif", "images"])
 def test_a_container_never_says_the_rate(folder, name):
-    assert code_of(lambda: measure(folder / name, um_per_px=SCALE)) == "video.frame_rate"
+    assert code_of(measure, folder / name, um_per_px=SCALE) == "video.frame_rate"
 
 
-def test_the_users_rate_counts_before_the_cameras_and_a_difference_is_doubtful(folder):
+def test_rate_and_scale_are_the_users_before_the_cameras(folder, tmp_path, shot):
+    """A difference is doubtful; without a scale radii are pixels, which inference refuses; the scale of ImageJ is one,
+    that of printing is not. Compression hardly moves the radius."""
     curve = measure(folder / "camera.mraw", frame_rate=4e5, um_per_px=SCALE)
-    assert curve.frame_rate == 4e5
-    assert len(curve.warnings) == 1
+    assert (curve.frame_rate, len(curve.warnings)) == (4e5, 1)
     assert measure(folder / "camera.mraw", um_per_px=SCALE).warnings == ()
-
-
-def test_without_a_scale_radii_are_pixels_that_inference_refuses(folder, shot):
-    curve = measure(folder / "shot.tif", frame_rate=RATE)
-    assert np.nanmax(curve.radius) == pytest.approx(np.nanmax(shot.radius) * 1e-6, rel=1e-3)
+    curve = measure(folder / "shot.mp4", frame_rate=RATE)
+    ok = np.array(curve.meta["flags"]) == "ok"
+    assert np.sqrt(np.mean((curve.radius[ok] * 1e6 - shot.radius[ok]) ** 2)) < 0.05
     assert code_of(lambda: curve.max_radius) == "curve.unscaled"
     assert curve.with_max_radius(128e-6).max_radius == 128e-6
-
-
-def test_the_scale_of_imagej_is_read_and_that_of_printing_is_not(tmp_path, shot):
     told = {"imagej": True, "metadata": {"unit": "um", "axes": "TYX"}, "resolution": (0.25, 0.25)}
     tifffile.imwrite(tmp_path / "a.tif", shot.frames, **told)
     assert read(tmp_path / "a.tif").um_per_px == pytest.approx(4.0)
@@ -112,24 +109,21 @@ def test_the_scale_of_imagej_is_read_and_that_of_printing_is_not(tmp_path, shot)
     assert read(tmp_path / "b.tif").um_per_px is None
 
 
-def test_parts_of_a_recording(folder, shot):
-    whole, _ = examine(folder / "shot.tif", **HOW)
+def test_parts_of_a_recording(folder, whole):
     found, curve = examine(folder / "shot.tif", **HOW, span=(3, 25), roi=(8, 6, 72, 60))
-    assert len(curve.time) == 23
-    assert curve.time[0] == pytest.approx(2 / RATE)
-    both = np.isfinite(found.track.radius) & np.isfinite(whole.track.radius[2:25])
-    assert np.abs(found.track.radius - whole.track.radius[2:25])[both].max() < 0.2
-    assert np.abs(found.track.x + 8 - whole.track.x[2:25])[both].max() < 0.2
+    assert (len(curve.time), curve.time[0]) == (23, pytest.approx(2 / RATE))
+    both = np.isfinite(found.track.radius) & np.isfinite(whole[0].track.radius[2:25])
+    assert np.abs(found.track.radius - whole[0].track.radius[2:25])[both].max() < 0.2
+    assert np.abs(found.track.x + 8 - whole[0].track.x[2:25])[both].max() < 0.2
 
 
 @pytest.mark.parametrize("listed", ["6, 12-14", [13, 6, 12, 14]])
-def test_frames_can_be_excluded_by_hand(folder, listed):
-    whole, _ = examine(folder / "shot.tif", **HOW)
+def test_frames_can_be_excluded_by_hand(folder, whole, listed):
     found, curve = examine(folder / "shot.tif", **HOW, exclude=listed)
     left = np.isin(np.arange(1, FRAMES + 1), [6, 12, 13, 14])
     assert np.isnan(curve.radius[left]).all()
     assert [flag for flag, out in zip(curve.meta["flags"], left, strict=True) if out] == ["excluded"] * 4
-    assert np.array_equal(found.track.radius[~left], whole.track.radius[~left], equal_nan=True)
+    assert np.array_equal(found.track.radius[~left], whole[0].track.radius[~left], equal_nan=True)
     assert "excluded by hand: frames 6, 12-14" in curve.notes
     assert found.options["exclude"] == "6, 12-14"
     assert found.without([13, 20]).options["exclude"] == "6, 12-14, 20"
@@ -146,50 +140,47 @@ def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):
     assert "check_input.file_cut_short" in [one.code for one in cut.warnings]
 
 
-def several(place, shot):
-    """Images of several sizes."""
-    return [Image.fromarray(shot.frames[k][: 40 + k]).save(place / f"{k}.png") for k in range(4)]
+NO_RECORDINGS: dict[str, tuple[str, Callable]] = {
+    "one frame": ("video.one_frame", lambda place, shot: tifffile.imwrite(place, shot.frames[0])),
+    "a few pixels": ("video.small", lambda place, shot: tifffile.imwrite(place, shot.frames[:, :8, :8])),
+    "no picture": ("video.undecodable", lambda place, shot: place.write_bytes(b"no picture")),
+    "darkness": ("video.no_bubble", lambda place, shot: tifffile.imwrite(place, shot.frames[:9] * 0)),
+    "a still": ("video.no_bubble", lambda place, shot: tifffile.imwrite(place, np.repeat(shot.frames[:1], 9, 0))),
+    "nothing": ("reading.missing", lambda place, shot: None),
+}
 
 
-@pytest.mark.parametrize(
-    ("make", "code"),
-    [
-        (lambda place, shot: tifffile.imwrite(place, shot.frames[0]), "video.one_frame"),
-        (lambda place, shot: tifffile.imwrite(place, shot.frames[:, :8, :8]), "video.small"),
-        (lambda place, shot: place.write_bytes(b"no picture"), "video.undecodable"),
-        (lambda place, shot: tifffile.imwrite(place, shot.frames[:3] * 0, photometric="minisblack"), "video.no_bubble"),
-        (lambda place, shot: tifffile.imwrite(place, np.repeat(shot.frames[:1], 9, 0)), "video.no_bubble"),
-        (lambda place, shot: [place.mkdir(), *several(place, shot)], "video.sizes"),
-        (lambda place, shot: None, "reading.missing"),
-    ],
-)
-def test_what_is_no_recording_is_refused(tmp_path, shot, make, code):
+@pytest.mark.parametrize("name", NO_RECORDINGS)
+def test_what_is_no_recording_is_refused(tmp_path, shot, name):
+    code, make = NO_RECORDINGS[name]
     make(tmp_path / "a.tif", shot)
     with refused(code, "a.tif"):
         measure(tmp_path / "a.tif", **HOW)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "code"),
-    [
-        ({"frame_rate": -1.0}, "video.frame_rate"),
-        ({"um_per_px": float("nan")}, "video.um_per_px"),
-        ({"exposure": 1.0}, "video.exposure"),
-        ({"roi": (0, 0, 500, 20)}, "video.roi"),
-        ({"span": (5, 500)}, "video.frames"),
-        ({"reference_frame": 99}, "video.reference_frame"),
-        ({"polarity": "grey"}, "video.polarity"),
-        ({"exclude": "4-"}, "video.exclude"),
-        ({"exclude": [99]}, "video.exclude"),
-        ({"exclude": "1-34"}, "video.exclude"),
-        ({"frame_rate": None}, "video.frame_rate"),
-        ({"um_per_px": 1e6}, "curve.radius_unit"),
-        ({"frame_rate": 1.0}, "video.frame_rate"),
-        ({"frame_rate": 1e13}, "video.frame_rate"),
-    ],
-)
+def test_images_of_several_sizes_are_no_recording(tmp_path, shot):
+    for k in range(4):
+        Image.fromarray(shot.frames[k][: 40 + k]).save(tmp_path / f"{k}.png")
+    with refused("video.sizes", tmp_path.name):
+        measure(tmp_path, **HOW)
+
+
+WRONG = {
+    "video.frame_rate": [{"frame_rate": -1.0}, {"frame_rate": None}, {"frame_rate": 1.0}, {"frame_rate": 1e13}],
+    "video.um_per_px": [{"um_per_px": float("nan")}],
+    "curve.radius_unit": [{"um_per_px": 1e6}],
+    "video.exposure": [{"exposure": 1.0}],
+    "video.roi": [{"roi": (0, 0, 500, 20)}],
+    "video.frames": [{"span": (5, 500)}],
+    "video.reference_frame": [{"reference_frame": 99}],
+    "video.polarity": [{"polarity": "grey"}],
+    "video.exclude": [{"exclude": "4-"}, {"exclude": [99]}, {"exclude": "1-34"}],
+}
+
+
+@pytest.mark.parametrize(("code", "wrong"), [(code, wrong) for code, many in WRONG.items() for wrong in many])
 def test_options_out_of_their_range_are_refused(folder, wrong, code):
-    assert code_of(lambda: measure(folder / "shot.tif", **{**HOW, **wrong})) == code
+    assert code_of(measure, folder / "shot.tif", **{**HOW, **wrong}) == code
 
 
 @pytest.mark.parametrize("count", [6, pytest.param(60, marks=pytest.mark.slow)])
@@ -210,15 +201,11 @@ def test_damaged_files_are_answered_or_refused_in_words(tmp_path, folder, count)
             assert len(measure(path, **HOW).time) > 1
 
 
-def test_folders_of_images_are_recordings_and_folders_of_recordings_are_not(folder):
-    assert is_video(folder / "images")
-    assert is_video(folder / "pages")
-    assert not is_video(folder)
+def test_folders_of_images_and_films_of_two_files_are_one_recording_each(folder, tmp_path):
+    """A folder of recordings is none."""
+    assert [is_video(folder / name) for name in ("images", "pages", ".")] == [True, True, False]
     assert expand([folder / "pages"]) == [folder / "pages"]
     assert len(expand([folder])) == 7  # the header of the .mraw is no recording of its own
-
-
-def test_a_film_of_two_files_is_read_once(folder, tmp_path):
     for name in ("camera.mraw", "camera.cihx", "shot.tif"):
         shutil.copy(folder / name, tmp_path)
     shutil.copy(folder / "camera.cihx", tmp_path / "alone.cihx")
@@ -228,10 +215,9 @@ def test_a_film_of_two_files_is_read_once(folder, tmp_path):
     assert expand([tmp_path / "camera.cihx"]) == [tmp_path / "camera.cihx"]
 
 
-def test_the_command_writes_what_can_be_read_again(run, folder):
+def test_the_command_writes_what_can_be_read_again(run, folder, whole):
     done(run("measure", folder / "shot.tif", "--fps", RATE, "--um-per-px", SCALE, "-o", "out", "--overlay"))
-    rows = rows_of("out/measured.csv")
-    curve = measure(folder / "shot.tif", **HOW)
+    rows, (_, curve) = rows_of("out/measured.csv"), whole
     (again,) = cavirheo.read_curves("out/measured.csv")
     assert again.radius == pytest.approx(curve.radius, rel=1e-4, nan_ok=True)
     assert again.radius_std == pytest.approx(curve.radius_std, rel=1e-4, nan_ok=True)
