@@ -2,6 +2,8 @@
 
 import os
 import socket
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -17,6 +19,10 @@ from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.errors import InputError
 from cavirheo.io import limits, read_curves, workbook
 from cavirheo.io.option_tables import read_trace
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "nightly"))
+from fuzz import READERS, mutated
+from valid import content
 
 
 @pytest.mark.parametrize("make", FILES, ids=lambda make: make.__name__)
@@ -48,6 +54,19 @@ def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, monkeypatch, r
     for name, code in codes.items():
         error = error_of(read, Path(name))
         assert (error.code, str(error).isprintable()) == (f"reading.{code}", True), name
+
+
+@pytest.mark.parametrize(
+    "name", ["curve.csv", "separated.txt", "bdt-packed.mat", "bdt-73.mat", "groups.h5", "curve.xlsx"]
+)
+def test_damaged_files_never_raise_anything_but_input_errors(tmp_path, name):
+    """The first of those that `make fuzz` makes."""
+    valid, path = content(name, tmp_path), tmp_path / f"damaged{Path(name).suffix}"
+    for number in range(12):
+        path.write_bytes(mutated(name, valid, 1, number))
+        for read in READERS[path.suffix[1:]]:
+            with suppress(InputError):
+                read(path)
 
 
 def test_a_large_recording_is_read_and_numbers_beyond_all_bounds_print_nothing(tmp_path, recwarn):

@@ -3,7 +3,6 @@
 import io
 import pickle
 import zipfile
-from contextlib import suppress
 from pathlib import Path
 
 import files
@@ -97,24 +96,119 @@ def test_constants_that_a_file_states_or_shows(tmp_path):
     assert read_curves(tmp_path / "round.mat", density=1025.0)[0].warnings == ()
 
 
-@pytest.mark.parametrize(
-    ("variables", "note"),
-    [
-        ({"Rnew": RADIUS, "t": TIME}, ""),
-        ({"Rnew": RADIUS * 1e6, "t": TIME}, "taken as um"),
-        ({"Rnew": RADIUS / 2.76e-6, "deltax": 2.76e-6, "deltat": TIME[1] - TIME[0]}, "deltax"),
-        ({"R": RADIUS * 1e6, "t": TIME}, "taken as um"),
-        ({"shift_normRnew": np.stack([R_STAR, R_STAR]), "Rmax": [[200.0], [300.0]], "t": TIME - TIME[0]}, ""),
-    ],
-    ids=["metres", "micrometres", "pixels", "plain", "normalised"],
-)
-def test_imr_files(tmp_path, variables, note):
-    savemat(tmp_path / "a.mat", variables)
-    curve, *others = read_curves(tmp_path / "a.mat")
-    assert curve.max_radius == pytest.approx(R_MAX, rel=0.01)
-    assert np.diff(curve.time) == pytest.approx(np.diff(TIME))
-    assert any(note in text for text in curve.notes)
-    assert [other.max_radius for other in others] == pytest.approx([300e-6] * len(others), rel=0.01)
+def mat(**variables):
+    return lambda path: savemat(path, variables)
+
+
+def book(hidden=(), **tabs):
+    return lambda path: files.write_xlsx(path, tabs, hidden=hidden)
+
+
+def latin(group, name):
+    def write(path):
+        with h5py.File(path, "w") as file:
+            file[group + name], file[group + b"radius_um"], file[b"notes \xb5"] = US, UM, np.zeros(3)
+
+    return write
+
+
+def put(path: Path, content) -> Path:
+    """A text, bytes, or what writes the file."""
+    if callable(content):
+        content(path)
+    else:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+HEAD, META = "time_us,radius_um\n", "Camera: Phantom v2512\nOperator: A, B\n\n"
+SHEET, OTHER = ([["time_us", "radius_um"], *zip(US, radius, strict=True)] for radius in (UM, 2 * UM))
+GAP = [["time_us", None, "radius_um"], *zip(US, [None] * len(US), UM, strict=True)]
+COMMAS = [["Zeit", "Radius"], ["µs", "µm"], *(line.split(";") for line in GERMAN.splitlines())]
+ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
+    "metres": ("t (s);R (mm)\n" + "".join(map("{:.9g};{:.9g}\n".format, TIME, 1e3 * RADIUS)), ""),
+    "neither titles nor units": (lines("\t", US, UM), "no header"),
+    "no units": ("t,R\n" + PLAIN, "taken as um"),
+    "minus signs": (HEAD + PLAIN.replace("-", "−"), ""),
+    "capitals": (" TIME_US , Radius_µm \n" + PLAIN, ""),
+    "German": ("Zeit (µs);Blasenradius (µm)\n" + GERMAN, "360 decimal commas"),
+    "French": ("temps (µs);rayon de la bulle (µm)\n" + GERMAN, "decimal commas"),
+    "points above commas": ("Software;1.2.3\nUhrzeit;14.30\nZeit_us;R_um\n" + GERMAN, "360 decimal commas"),
+    "Japanese": ("時間 (マイクロ秒),気泡半径 (µm)\n" + PLAIN, ""),
+    "lines above": (META + HEAD + PLAIN, "2 lines above the titles"),
+    "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
+    "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
+    "unit row": ("Time,Radius\nus,um\n" + PLAIN, "units from the row below the titles: us, um"),
+    "capital unit row": ("Time_us,Radius\nUS,UM\n" + PLAIN, "below the titles: US, UM"),
+    "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
+    "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
+    "an empty first frame": ("time_us,R_um,shot\n,,A\n" + PLAIN.replace("\n", ",A\n"), "1 of 181 frames without"),
+    "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), ""),
+    "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
+    "Durchmesser": ("Zeit_us;Durchmesser (µm)\n" + lines(";", US, 2 * UM, comma=True), "diameters halved"),
+    "radius in pixels too": ("time_us,R_px,R_um\n" + lines(",", US, UM / 2.8, UM), "in pixels is not used"),
+    "control characters": (HEAD + PLAIN.replace(",", "\x07,") + "\x1a", "181 control characters"),
+    **{f"{name} text": (f"time_µs,radius_µm\n{PLAIN}".encode(name), "") for name in ("utf-8-sig", "utf-16", "latin-1")},
+    "first visible tab": (book(no=OTHER, a=GAP, b=OTHER, hidden=["no"]), "first sheet"),
+    "heading and commas": (book(a=[["Bubble data"], [None], *COMMAS]), "first sheet"),
+    "tab without a name": (book(**{"": SHEET}), ""),
+    "open document": (lambda path: files.write_ods(path, "".join(map(files.ods_row, SHEET))), "first sheet"),
+    "HDF5 title in Latin 1": (latin(b"", b"t_\xb5s"), ""),
+    "HDF5 group in Latin 1": (latin(b"gel \xb5/", b"time_us"), ""),
+    "MATLAB metres": (mat(Rnew=RADIUS, t=TIME), ""),
+    "MATLAB micrometres": (mat(Rnew=UM, t=TIME), "taken as um"),
+    "MATLAB pixels": (mat(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
+    "MATLAB plain": (mat(R=UM, t=TIME), "taken as um"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ONE_SHOT)
+def test_one_shot_as_laboratories_write_it(tmp_path, name):
+    """Whatever the ending of the file."""
+    content, said = ONE_SHOT[name]
+    (curve,) = read_curves(put(tmp_path / "a.csv", content))
+    assert np.allclose(np.diff(curve.time), np.diff(TIME), atol=1e-12)
+    assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
+    assert said in "\n".join(curve.notes)
+    assert said or len(curve.notes) == 1
+    assert curve.warnings == ()
+
+
+def labelled(label, radius):
+    return "".join(f'"{label}",{row},"a ""b"", c"\n' for row in lines(",", US, radius).splitlines())
+
+
+def two_groups(path):
+    with h5py.File(path, "w") as file:
+        file["first/time"], file["first/radius"], file["unrelated"] = TIME, RADIUS, np.zeros(3)
+        file["series/second/time_us"], file["series/second/radius_um"] = US, 1.5 * UM
+        file["first"].attrs["stretch"] = 7.0
+
+
+RADII, QUOTED = lines(",", US, UM, 1.5 * UM), labelled("gel, 1", UM) + labelled("gel, 2", 1.5 * UM)
+BLOCKS = lines(",", [0.0, -1000.0, *US, -1000.0, *US], [7e-310, -1000.0, *UM, -1000.0, *1.5 * UM])
+ROWS = mat(shift_normRnew=np.stack([R_STAR, R_STAR]), Rmax=[[200.0], [300.0]], t=TIME)
+SEVERAL = {  # two curves, their names, and what each says
+    "plain": (f"t_us,R1_um,R2_um\n{RADII}", "R1_um", "R2_um", "2 columns of radii"),
+    "words": (f"Time (us),Radius 1 (um),Radius 2 (um)\n{RADII}", "Radius 1", "Radius 2", "2 columns of radii"),
+    "German": (f"Zeit_us,Schuss 1 [µm],Schuss 2 [µm]\n{RADII}", "Schuss 1", "Schuss 2", "2 columns of radii"),
+    "unit row": (f"Time,shot 1,shot 2\nus,um,um\n{RADII}", "shot 1", "shot 2", "2 columns of radii"),
+    "blocks": (BLOCKS, "1", "2", "1 blocks of the file hold no radius"),
+    "separators in quotes": (f'shot,time_us,radius_um,"note, if any"\n{QUOTED}', "gel, 1", "gel, 2", ""),
+    "HDF5 groups": (two_groups, "first", "series/second", ""),
+    "MATLAB rows": (ROWS, "1", "2", "R/R_max times Rmax"),
+}
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_several_curves_of_one_file(tmp_path, name):
+    content, one, other, said = SEVERAL[name]
+    curves = read_curves(put(tmp_path / "a.csv", content))
+    assert [curve.name for curve in curves] == [f"a[{one}]", f"a[{other}]"]
+    assert np.allclose([curve.time for curve in curves], TIME, atol=1e-12)
+    assert np.allclose([curve.radius for curve in curves], [RADIUS, 1.5 * RADIUS], rtol=1e-6)
+    assert all(any(said in note for note in curve.notes) for curve in curves)
+    assert curves[0].stretch == (7.0 if name == "HDF5 groups" else None)
 
 
 def test_what_is_cleaned_is_counted(tmp_path):
@@ -157,29 +251,6 @@ def test_wrong_units_are_recognised(tmp_path, header, factor, says, usable):
         assert code_of(lambda: curve.max_radius) == "curve.unscaled"
         curve = curve.with_max_radius(R_MAX)
         assert np.allclose(curve.radius, RADIUS, rtol=0.01)
-
-
-def test_hdf5_layout(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["first/time"], file["first/radius"] = TIME, RADIUS
-        file["series/second/time_us"], file["series/second/radius_um"] = TIME * 1e6, RADIUS * 1e6
-        file["first"].attrs["stretch"] = 7.0
-        file["unrelated"] = np.zeros(3)
-    curves = read_curves(tmp_path / "a.h5")
-    assert [c.name for c in curves] == ["a[first]", "a[series/second]"]
-    assert all(np.allclose(c.radius, RADIUS) and np.allclose(c.time, TIME) for c in curves)
-    assert curves[0].stretch == 7.0
-
-
-@pytest.mark.parametrize(("group", "name"), [(b"", b"t_\xb5s"), (b"gel \xb5/", b"time_us")])
-def test_hdf5_names_in_latin_1(tmp_path, group, name):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file[group + name] = TIME * 1e6
-        file[group + b"radius_um"] = RADIUS * 1e6
-        file[b"notes \xb5"] = np.zeros(3)
-    (curve,) = read_curves(tmp_path / "a.h5")
-    assert np.allclose(curve.time, TIME)
-    assert curve.meta.get("label", "") == group.decode("latin-1").strip("/")
 
 
 @pytest.mark.parametrize(
@@ -225,10 +296,13 @@ def test_csv_round_trip(tmp_path):
     assert first == "# simulation of a,'=1+1;'@b\\x0a, +c"
 
 
-def archive(path, *names):
-    with zipfile.ZipFile(path, "w") as made:
-        for name in names:
-            made.writestr(name, "time_us,radius_um\n1,2\n")
+def archive(*names):
+    def write(path):
+        with zipfile.ZipFile(path, "w") as made:
+            for name in names:
+                made.writestr(name, "time_us,radius_um\n1,2\n")
+
+    return write
 
 
 BAD = {  # content, or what writes it; code; what is named
@@ -257,16 +331,12 @@ BAD = {  # content, or what writes it; code; what is named
     "odd scale 2.csv": (lines(",", US, 2.1 * UM).encode(), "table.header", ""),
     "hollow.txt": (b"-1000,-1000\n1,0\n-1000,-1000\n", "table.empty", "-1000"),
     "noise.bin": (bytes(range(256)) * 20, "reading.binary", ""),
-    "other.mat": (lambda path: savemat(path, {"G": 1.0, "speed": np.arange(3.0)}), "matlab.variables", "G, speed"),
-    "times.mat": (
-        lambda path: savemat(path, {"pIMR_array": np.ones((4, 3))}),
-        "matlab.collapse_times",
-        "collapse-time",
-    ),
-    "other.xlsx": (lambda path: archive(path, "[Content_Types].xml", "word/document.xml"), "tabular.workbook", ""),
+    "other.mat": (mat(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),
+    "times.mat": (mat(pIMR_array=np.ones((4, 3))), "matlab.collapse_times", "collapse-time"),
+    "other.xlsx": (archive("[Content_Types].xml", "word/document.xml"), "tabular.workbook", ""),
     "old.xls": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "tabular.workbook", ""),
     "broken.xlsx": (b"PK\x03\x04" + bytes(600), "tabular.workbook", ""),
-    "shots.zip": (lambda path: archive(path, "gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
+    "shots.zip": (archive("gel_1.csv", "gel_2.csv"), "tabular.archive", "gel_1.csv, gel_2.csv"),
     "missing.mat": (lambda path: None, "reading.missing", ""),
     "folder": (Path.mkdir, "reading.folder", ""),
 }
@@ -274,30 +344,10 @@ BAD = {  # content, or what writes it; code; what is named
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_files_are_refused_in_words(tmp_path, name):
-    path, (content, code, named) = tmp_path / name, BAD[name]
-    _ = path.write_bytes(content) if isinstance(content, bytes) else content(path)
+    content, code, named = BAD[name]
+    path = put(tmp_path / name, content)
     with refused(code, str(path), named):
         read_curves(path)
-
-
-def test_damaged_files_never_raise_anything_but_input_errors(tmp_path):
-    savemat(tmp_path / "v5.mat", bdt_variables(), do_compression=True)
-    save_v73(tmp_path / "v73.mat", bdt_variables())
-    text_table(tmp_path / "table.csv", "time_us,radius_um", TIME * 1e6, RADIUS * 1e6)
-    random = np.random.default_rng(1)
-    for trial in range(60):
-        name = ("v5.mat", "v73.mat", "table.csv")[trial % 3]
-        content = bytearray((tmp_path / name).read_bytes())
-        if trial % 2:
-            content = content[: random.integers(1, len(content))]
-        for place in random.integers(0, len(content), 8):
-            content[place] = random.integers(256)
-        damaged = tmp_path / ("damaged" + name[-4:])
-        damaged.write_bytes(content)
-        with suppress(InputError):
-            for curve in read_curves(damaged):
-                curve.resampled(1e-6, allow_short=True)
-                curve.stretch_from_tail()
 
 
 PUBLISHED = {  # curves in the file, smallest and largest R_max in um, unusable ones
@@ -333,103 +383,6 @@ def test_published_file(real_data, name):
         if published:
             assert curve.max_radius == pytest.approx(published, rel=0.02)
             assert abs(curve.time_of_max) < 0.2e-6  # t* = 0 is the publishers' own fit
-
-
-META = "Camera: Phantom v2512\nOperator: A, B\n\n"
-ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
-    "metres": ("t (s);R (mm)\n" + "".join(map("{:.9g};{:.9g}\n".format, TIME, 1e3 * RADIUS)), ""),
-    "neither titles nor units": (lines("\t", US, UM), "no header"),
-    "no units": ("t,R\n" + PLAIN, "taken as um"),
-    "minus signs": ("time_us,radius_um\n" + PLAIN.replace("-", "−"), ""),
-    "capitals": (" TIME_US , Radius_µm \n" + PLAIN, ""),
-    "German": ("Zeit (µs);Blasenradius (µm)\n" + GERMAN, "360 decimal commas"),
-    "French": ("temps (µs);rayon de la bulle (µm)\n" + GERMAN, "decimal commas"),
-    "points above commas": ("Software;1.2.3\nUhrzeit;14.30\nZeit_us;R_um\n" + GERMAN, "360 decimal commas"),
-    "Japanese": ("時間 (マイクロ秒),気泡半径 (µm)\n" + PLAIN, ""),
-    "lines above": (META + "time_us,radius_um\n" + PLAIN, "2 lines above the titles"),
-    "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
-    "comments of MATLAB": ("% " + META.replace("\n", "\n% ") + "\n% time_us,radius_um\n" + PLAIN, "left out"),
-    "unit row": ("Time,Radius\nus,um\n" + PLAIN, "units from the row below the titles: us, um"),
-    "capital unit row": ("Time_us,Radius\nUS,UM\n" + PLAIN, "below the titles: US, UM"),
-    "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
-    "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
-    "an empty first frame": ("time_us,R_um,shot\n,,A\n" + PLAIN.replace("\n", ",A\n"), "1 of 181 frames without"),
-    "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), ""),
-    "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
-    "Durchmesser": ("Zeit_us;Durchmesser (µm)\n" + lines(";", US, 2 * UM, comma=True), "diameters halved"),
-    "radius in pixels too": ("time_us,R_px,R_um\n" + lines(",", US, UM / 2.8, UM), "in pixels is not used"),
-    "control characters": ("time_us,radius_um\n" + PLAIN.replace(",", "\x07,") + "\x1a", "181 control characters"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", ONE_SHOT)
-def test_a_table_as_laboratories_write_it(tmp_path, name):
-    text, said = ONE_SHOT[name]
-    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
-    (curve,) = read_curves(tmp_path / "a.csv")
-    assert np.allclose(curve.time, TIME, atol=1e-12)
-    assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
-    assert said in "\n".join(curve.notes)
-    assert said or len(curve.notes) == 1
-    assert curve.warnings == ()
-
-
-def labelled(label, radius):
-    return "".join(f'"{label}",{row},"a ""b"", c"\n' for row in lines(",", US, radius).splitlines())
-
-
-RADII = lines(",", US, UM, 1.5 * UM)
-BLOCKS = lines(",", [0.0, -1000.0, *US, -1000.0, *US], [7e-310, -1000.0, *UM, -1000.0, *1.5 * UM])
-SEVERAL = {  # titles, rows, names of the two curves, what each says
-    "plain": ("t_us,R1_um,R2_um", RADII, "R1_um", "R2_um", "2 columns of radii"),
-    "words": ("Time (us),Radius 1 (um),Radius 2 (um)", RADII, "Radius 1", "Radius 2", "2 columns of radii"),
-    "German": ("Zeit_us,Schuss 1 [µm],Schuss 2 [µm]", RADII, "Schuss 1", "Schuss 2", "2 columns of radii"),
-    "unit row": ("Time,shot 1,shot 2\nus,um,um", RADII, "shot 1", "shot 2", "2 columns of radii"),
-    "blocks": ("", BLOCKS, "1", "2", "1 blocks of the file hold no radius"),
-    "separators in quotes": (
-        'shot,time_us,radius_um,"note, if any"', labelled("gel, 1", UM) + labelled("gel, 2", 1.5 * UM),
-        "gel, 1", "gel, 2", "",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", SEVERAL)
-def test_several_curves_of_one_table(tmp_path, name):
-    titles, rows, one, other, said = SEVERAL[name]
-    (tmp_path / "a.csv").write_text(f"{titles}\n{rows}", encoding="utf-8")
-    curves = read_curves(tmp_path / "a.csv")
-    assert [curve.name for curve in curves] == [f"a[{one}]", f"a[{other}]"]
-    assert np.allclose([curve.time for curve in curves], TIME, atol=1e-12)
-    assert np.allclose([curve.radius for curve in curves], [RADIUS, 1.5 * RADIUS], rtol=1e-6)
-    assert all(any(said in note for note in curve.notes) for curve in curves)
-
-
-def sheet(*columns):
-    return [["time_us", *["radius_um"] * (len(columns) - 1)], *zip(*columns, strict=True)]
-
-
-OTHER, GAP = sheet(US, 2 * UM), [["time_us", None, "radius_um"], *zip(US, [None] * len(US), UM, strict=True)]
-COMMAS = [[f"{t:.6f}".replace(".", ","), f"{r:.6f}".replace(".", ",")] for t, r in zip(US, UM, strict=True)]
-BOOKS = {
-    "first visible tab": lambda path: files.write_xlsx(path, {"no": OTHER, "a": GAP, "b": OTHER}, hidden=["no"]),
-    "heading and commas": lambda path: files.write_xlsx(
-        path, {"a": [["Bubble data"], [None], ["Zeit", "Radius"], ["µs", "µm"], *COMMAS]}
-    ),
-    "tab without a name": lambda path: files.write_xlsx(path, {"": sheet(US, UM)}),
-    "open document": lambda path: files.write_ods(path, "".join(map(files.ods_row, sheet(US, UM)))),
-    **{
-        f"{name} text": lambda path, name=name: path.write_bytes(("time_µs,radius_µm\n" + PLAIN).encode(name))
-        for name in ("utf-8-sig", "utf-16", "latin-1")
-    },
-}
-
-
-@pytest.mark.parametrize("name", BOOKS)
-def test_a_workbook_and_a_text_in_any_encoding(tmp_path, name):
-    """Whatever the ending of the file."""
-    BOOKS[name](tmp_path / "a.csv")
-    (curve,) = read_curves(tmp_path / "a.csv")
-    assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
 
 
 def test_a_message_of_a_reader_is_arrays_and_json(tmp_path):
