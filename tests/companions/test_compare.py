@@ -38,16 +38,16 @@ ANSWERS = {"shot0": (5e3, 0.01, "ok"), "shot1": (7e3, 0.03, "ok"), "shot2": (9e3
 @pytest.fixture
 def folder(tmp_path) -> Path:
     """gel_a: three shots, one that cannot be answered, a file that cannot be read and one that is no measurement."""
-    curves = read_curves(EXAMPLE)
-    (tmp_path / "data" / "gel_a").mkdir(parents=True)
-    for k in range(3):
-        write_csv(tmp_path / "data" / "gel_a" / f"shot{k}.csv", curves[k])
-    (tmp_path / "data" / "gel_a" / "three.csv").write_text("time_us,radius_um\n0,100\n1,90\n2,80\n")
-    (tmp_path / "data" / "gel_a" / "torn.mat").write_bytes(b"")
-    (tmp_path / "data" / "gel_a" / "protocol.docx").write_bytes(b"PK")
-    write_csv(tmp_path / "data" / "bare.csv", curves[3])
-    (tmp_path / "data" / "published.csv").write_text(REFERENCES)
-    return tmp_path / "data"
+    data, gel = tmp_path / "data", tmp_path / "data" / "gel_a"
+    gel.mkdir(parents=True)
+    places = (gel / "shot0.csv", gel / "shot1.csv", gel / "shot2.csv", data / "bare.csv")
+    for path, curve in zip(places, read_curves(EXAMPLE), strict=False):
+        write_csv(path, curve)
+    (gel / "three.csv").write_text("time_us,radius_um\n0,100\n1,90\n2,80\n")
+    (gel / "torn.mat").write_bytes(b"")
+    (gel / "protocol.docx").write_bytes(b"PK")
+    (data / "published.csv").write_text(REFERENCES)
+    return data
 
 
 @pytest.fixture
@@ -249,16 +249,18 @@ def test_mistakes_in_the_file_are_named(tmp_path, text):
     assert not (tmp_path / "c").exists()
 
 
-def test_other_mistakes(fake, folder, tmp_path):
-    values = folder / "published.csv"
-    for arguments, options, code in [
-        ((folder, tmp_path / "none.csv", tmp_path / "c"), {}, "reading.missing"),
-        ((folder / "bare.csv", values, tmp_path / "c"), {}, "compare.folder"),
-        ((folder, values, tmp_path / "c"), {"reference_methods": ["imr"]}, "compare.method"),
-        ((folder, values, folder / "bare.csv"), {}, "document.folder"),
-    ]:
-        with refused(code):
-            compare(*arguments, **options)
+@pytest.mark.parametrize(
+    ("source", "values", "out", "methods", "code"),
+    [
+        (".", "none.csv", "../c", (), "reading.missing"),
+        ("bare.csv", "published.csv", "../c", (), "compare.folder"),
+        (".", "published.csv", "../c", ("imr",), "compare.method"),
+        (".", "published.csv", "bare.csv", (), "document.folder"),
+    ],
+)
+def test_other_mistakes(fake, folder, source, values, out, methods, code):
+    with refused(code):
+        compare(folder / source, folder / values, folder / out, reference_methods=methods)
 
 
 def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, tmp_path):

@@ -70,12 +70,12 @@ def test_maximum_and_first_collapse_at_half_a_percent_noise(step, start, materia
 
 @pytest.mark.parametrize("factor", [0.5, 0.95, 1.05, 1.6])
 @pytest.mark.parametrize("frame", [0, 3])
-def test_one_bad_frame_near_the_maximum_does_not_decide(factor, frame):
-    for start in (-0.7, 0.0):
-        curve = measured(start, noise=0.002)
-        radius = curve.radius.copy()
-        radius[np.argmin(np.abs(curve.time)) + frame] *= factor
-        assert RadiusCurve(curve.time, radius).max_radius == pytest.approx(R_MAX, rel=0.005)
+@pytest.mark.parametrize("start", [-0.7, 0.0])
+def test_one_bad_frame_near_the_maximum_does_not_decide(start, factor, frame):
+    curve = measured(start, noise=0.002)
+    radius = curve.radius.copy()
+    radius[np.argmin(np.abs(curve.time)) + frame] *= factor
+    assert RadiusCurve(curve.time, radius).max_radius == pytest.approx(R_MAX, rel=0.005)
 
 
 def test_a_late_drift_and_a_stated_time_of_the_maximum():
@@ -90,17 +90,17 @@ def test_a_late_drift_and_a_stated_time_of_the_maximum():
     assert (late.time_of_max, late.max_radius) == (0.0, pytest.approx(R_MAX, rel=3e-4))
 
 
-@pytest.mark.parametrize(
-    ("radius", "code"),
-    [
-        ([1.0, 0.9, 0.5], "few_frames"),
-        ([np.nan] * 20, "few_frames"),
-        (np.linspace(0.2, 1.0, 30), "grows"),
-        (1.0 - 0.05 * np.linspace(-1.0, 1.0, 30) ** 2, "never_falls"),
-        (np.ones(30), "never_falls"),
-        ([], "few_frames"),
-    ],
-)
+NO_MAXIMUM = [
+    ("few_frames", [1.0, 0.9, 0.5]),
+    ("few_frames", [np.nan] * 20),
+    ("few_frames", []),
+    ("grows", np.linspace(0.2, 1.0, 30)),
+    ("never_falls", 1.0 - 0.05 * np.linspace(-1.0, 1.0, 30) ** 2),
+    ("never_falls", np.ones(30)),
+]
+
+
+@pytest.mark.parametrize(("code", "radius"), NO_MAXIMUM)
 def test_a_maximum_that_cannot_be_determined_is_refused_with_the_reason(radius, code):
     curve = RadiusCurve(np.arange(len(radius)) * 1e-6, np.array(radius) * R_MAX, meta={"name": "shot 7"})
     for use in (lambda: curve.max_radius, lambda: curve.resampled(1e-6), curve.collapse_times, curve.strain_rate):
@@ -237,15 +237,15 @@ def test_rayleigh_ratio_is_the_time_of_the_first_collapse_over_that_of_an_empty_
     assert replace(curve, unscaled="in pixels").rayleigh_ratio() is None
 
 
-@pytest.mark.parametrize(
-    ("time", "radius", "code"),
-    [
-        ([0.0, 1.0, 1.0], [1.0, 1.0, 1.0], "time"),
-        ([0.0, np.nan, 1.0], [1.0, 1.0, 1.0], "time"),
-        ([0.0, 1.0], [1.0, 1.0, 1.0], "shape"),
-        ([0.0, 1.0], [1.0, -1.0], "radius"),
-        ([0.0, 1.0], [1.0, np.inf], "radius"),
-    ],
-)
+BAD = [
+    ("time", [0.0, 1.0, 1.0], [1.0] * 3),
+    ("time", [0.0, np.nan, 1.0], [1.0] * 3),
+    ("shape", [0.0, 1.0], [1.0] * 3),
+    ("radius", [0.0, 1.0], [1.0, -1.0]),
+    ("radius", [0.0, 1.0], [1.0, np.inf]),
+]
+
+
+@pytest.mark.parametrize(("code", "time", "radius"), BAD)
 def test_arrays_that_make_no_curve_are_refused(time, radius, code):
-    assert code_of(RadiusCurve, np.array(time), np.array(radius)) == f"curve.{code}"
+    assert code_of(RadiusCurve, time, radius) == f"curve.{code}"
