@@ -4,15 +4,13 @@ import json
 import runpy
 from pathlib import Path
 
+import files
 import numpy as np
 import pytest
 from answers import answer, bubble
 from conftest import ROOT, done, refused, rows_of
-from files import write_xlsx
 
-from cavirheo.companions.rheometer import VOCABULARY, Sweep, frequency_sweep, read_sweeps, strain_sweep
-from cavirheo.errors import InputError
-from cavirheo.io.tables import Table
+from cavirheo.companions.rheometer import Sweep, frequency_sweep, read_sweeps, strain_sweep
 from cavirheo.reporting import write_report
 
 EXAMPLES = ROOT / "examples"
@@ -100,43 +98,6 @@ def test_strain_sweeps(name):
         assert name != "scatter" or found.plateau_from == STRAIN[6]
 
 
-TITLES = {  # by kind and factor to SI; None where the unit is missing or unknown
-    ("storage", 1): [
-        "G' (Pa)",
-        "Gp",
-        "Shear modulus (elastic component)(Pa)",
-        "Speichermodul [Pa]",
-        "Module de Stockage [Pa]",
-    ],
-    ("storage", 1e3): ["G′ [kPa]"],
-    ("storage", 1e6): ["storage_modulus_MPa"],
-    ("storage", None): ["Storage modulus (psi)"],
-    ("loss", 1): ['G" (Pa)'],
-    ("loss", 1e-3): ["G'' [mPa]"],
-    ("loss", 0.1): ["Loss modulus (dyn/cm2)"],
-    ("omega", 1): ["Angular Frequency", "Ang. Frequency [rad·s⁻¹]", "ω [1/s]"],
-    ("omega", 2 * np.pi): ["Frequency(Hz)", "Fréquence [Hz]"],
-    ("omega", None): ["Frequency [1/s]"],
-    ("strain", 0.01): ["Oscillation strain (%)", "strain_percent"],
-    ("strain", 1): ["Shear Strain [1]"],
-    ("strain", None): ["Strain"],
-    ("interval", 1): ["Action Name"],
-    ("", 1): ["Strain rate (1/s)", "Complex viscosity (Pa s)"],
-}
-
-
-@pytest.mark.parametrize(("title", "kind", "factor"), [(title, *key) for key, many in TITLES.items() for title in many])
-def test_titles(title, kind, factor):
-    columns = Table(VOCABULARY, [title], [], [], []).columns
-    alike = {"frequency": "omega", "shear strain": "strain"}
-    assert [alike.get(column.name.kind, column.name.kind) for column in columns] == [kind] * bool(kind)
-    if kind and factor is None:
-        with pytest.raises(InputError):
-            _ = columns[0].factor
-    elif kind:
-        assert columns[0].factor == pytest.approx(factor)
-
-
 FREQUENCY_ROWS = list(zip(OMEGA, 1e3 + OMEGA, 5 * OMEGA, strict=True))
 RHEOCOMPASS = (
     "Project:\tgel\nTest:\tA\n\nResult:\tFrequency sweep 1\n\nInterval and data points:\t1\t16\n"
@@ -159,9 +120,8 @@ RSPACE = (
 
 
 def table(head, separator=",", units=(1.0, 1.0, 1.0), rows=FREQUENCY_ROWS):
-    """The text of a table of rows in these units."""
-    lines = (separator.join(f"{x / unit:.7g}" for x, unit in zip(row, units, strict=True)) for row in rows)
-    return "\n".join([head, *lines]) + "\n"
+    """The text of a table of rows in these units; NaN where there is none."""
+    return f"{head}\n" + files.lines(separator, *np.divide(rows, units).T)
 
 
 def write(path: Path, content: str | bytes) -> Path:
@@ -174,12 +134,18 @@ LAYOUTS = {
     "quotes.csv": table('omega (rad/s),"G\' (Pa)","G"" (Pa)"'),
     "savetxt.txt": table("# omega Gp Gpp", " "),
     "german.csv": table("Kreisfrequenz [rad/s];Speichermodul [Pa];Verlustmodul [Pa]", ";").replace(".", ","),
+    "french.csv": table("Fréquence [Hz];Module de Stockage [Pa];G'' [mPa]", ";", (2 * np.pi, 1, 1e-3)),
+    "signs.csv": table("ω [1/s],G′ [kPa],Loss modulus (dyn/cm2)", units=(1, 1e3, 0.1)),
+    "words.csv": table(
+        'Strain rate (1/s),Viscosity (Pa s),Ang. Frequency [rad·s⁻¹],storage_modulus_MPa,G" (Pa),strain_percent',
+        units=(1, 1, 1, 1e6, 1, 1), rows=[(7, 8, *row, 1) for row in FREQUENCY_ROWS],
+    ),
     "hertz.tsv": table("Frequency (Hz)\tG' (MPa)\tG'' (kPa)", "\t", (2 * np.pi, 1e6, 1e3)),
     "rheocompass.csv": RHEOCOMPASS.encode("utf-16"),
     "trios.txt": TRIOS,
     "trios.csv": TRIOS.replace("\t", ","),
     "rspace.csv": RSPACE,
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -189,7 +155,7 @@ def test_layouts(tmp_path, name):
     for values, expected in zip((found.x, found.storage, found.loss), zip(*FREQUENCY_ROWS, strict=True), strict=True):
         assert values == pytest.approx(expected, rel=1e-5)
     assert found.held in (None, pytest.approx(0.01))
-    assert any("2 pi" in note for note in found.notes) == (name in ("hertz.tsv", "rspace.csv"))
+    assert any("2 pi" in note for note in found.notes) == (name in ("hertz.tsv", "french.csv", "rspace.csv"))
     assert any("no unit" in note for note in found.notes) == (name in ("comma.csv", "savetxt.txt"))
     assert any("in the 0 rows with moduli of 'Pre shear'" in note for note in found.notes) == (name == "rspace.csv")
 
@@ -198,7 +164,7 @@ def test_every_sheet_of_a_workbook(tmp_path):
     frequency = [["Angular frequency", "Storage modulus", "Loss modulus"], ["rad/s", "Pa", "Pa"], *FREQUENCY_ROWS]
     strain = [["Strain (%)", "G' (Pa)", "G'' (Pa)"], *([100 * g, softening(g), 50] for g in STRAIN)]
     sheets = {"about": [["Sample", "gel"]], "frequency": frequency, "strain": strain}
-    found = read_sweeps(write_xlsx(tmp_path / "gel.xlsx", sheets))
+    found = read_sweeps(files.write_xlsx(tmp_path / "gel.xlsx", sheets))
     assert [(one.name, one.kind) for one in found] == [("gel[1]", "frequency"), ("gel[2]", "strain")]
     assert found[1].x == pytest.approx(STRAIN)
 
