@@ -3,6 +3,7 @@
 import io
 import pickle
 import zipfile
+from contextlib import nullcontext
 from pathlib import Path
 
 import files
@@ -78,18 +79,14 @@ def test_bdt_without_maxima_waits_for_the_users(tmp_path):
 def test_constants_that_a_file_states_or_shows(tmp_path):
     """Its pressure and density are used and, where the medium has others, a hint of its shots; so is a density that a
     round frame rate tells."""
-    savemat(tmp_path / "gel.mat", bdt_variables() | {"rho": 1060.0, "P_inf": 101325.0})
+    savemat(tmp_path / "gel.mat", bdt_variables() | {"rho": 1060.0, "P_inf": 9e4})
     curve = read_curves(tmp_path / "gel.mat")[1]
-    assert np.allclose(curve.time, T_STAR * 2e-4 * np.sqrt(1060.0 / 101325.0))
-    (hint,) = curve.hints
-    assert hint in curve.notes
-    assert "--density 1060" in hint
-    assert read_curves(tmp_path / "gel.mat", density=1060.0)[0].hints == ()
-    savemat(tmp_path / "same.mat", bdt_variables() | {"rho": 998.0, "P_inf": 9e4})
-    curve = read_curves(tmp_path / "same.mat", pressure=9e4)[1]
-    assert np.allclose(curve.time, T_STAR * 2e-4 * np.sqrt(998.0 / 9e4))
-    assert curve.hints == ()
-    assert any("P_inf = 90000 Pa" in note for note in curve.notes)
+    assert np.allclose(curve.time, T_STAR * 2e-4 * np.sqrt(1060.0 / 9e4))
+    of_pressure, of_density = curve.hints
+    assert ("--pressure 90000" in of_pressure, "--density 1060" in of_density) == (True, True)
+    assert {*curve.hints} < {*curve.notes}
+    assert "P_inf = 90000 Pa taken from the file" in curve.notes
+    assert read_curves(tmp_path / "gel.mat", density=1060.0, pressure=9e4)[0].hints == ()
     t = np.arange(-10, 80) * 1e-6 / (R_MAX * np.sqrt(1025.0 / 101325.0))
     savemat(tmp_path / "round.mat", bdt_variables([np.interp(t, T_STAR, R_STAR)], [t], [R_MAX]))
     assert "--density 1025" in read_curves(tmp_path / "round.mat", density=998.0)[0].warnings[0].text
@@ -253,22 +250,10 @@ def test_wrong_units_are_recognised(tmp_path, header, factor, says, usable):
         assert np.allclose(curve.radius, RADIUS, rtol=0.01)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "time_us, pressure_kPa\n0,0\n1,-250.5\n\n2,0\n",
-        "p [Pa];t (ms)\n0;0\n-250500;0,001\n0;0,002\n",
-        "Ultrasound\nZeit;Druck\nµs;kPa\n0,0;0,0\n1,0;-250,5\n2,0;0,0\n",
-    ],
-)
-def test_a_pressure_trace(tmp_path, text):
-    (tmp_path / "p.csv").write_text(text)
-    trace = Trace(*read_trace(tmp_path / "p.csv")[:2])
-    assert trace.time == pytest.approx([0, 1e-6, 2e-6])
-    assert trace.pressure == pytest.approx([0, -250500, 0])
-
-
-BAD_TRACES = {
+TRACES = {  # of 0, -250.5 and 0 kPa in steps of 1 us, or why not
+    b"time_us, pressure_kPa\n0,0\n1,-250.5\n\n2,0\n": "",
+    b"p [Pa];t (ms)\n0;0\n-250500;0,001\n0;0,002\n": "",
+    "Ultrasound\nZeit;Druck\nµs;kPa\n0,0;0,0\n1,0;-250,5\n2,0;0,0\n".encode(): "",
     b"t,p\n0,1\n": "trace.header",
     b"": "trace.header",
     b"time_us,pressure_kPa\n0,1,2\n1,1,2\n": "tabular.width",
@@ -279,10 +264,13 @@ BAD_TRACES = {
 }
 
 
-@pytest.mark.parametrize("text", BAD_TRACES)
-def test_bad_traces(tmp_path, text):
-    (tmp_path / "p.csv").write_bytes(text)
-    assert code_of(lambda: Trace(*read_trace(tmp_path / "p.csv")[:2])) == BAD_TRACES[text]
+@pytest.mark.parametrize("content", TRACES)
+def test_a_pressure_trace(tmp_path, content):
+    (tmp_path / "p.csv").write_bytes(content)
+    with refused(TRACES[content]) if TRACES[content] else nullcontext():
+        trace = Trace(*read_trace(tmp_path / "p.csv")[:2])
+        assert trace.time == pytest.approx([0, 1e-6, 2e-6])
+        assert trace.pressure == pytest.approx([0, -250500, 0])
 
 
 def test_csv_round_trip(tmp_path):
