@@ -184,6 +184,8 @@ def test_the_stamps_of_a_cine_count_before_its_header(tmp_path, deep):
     found = read(write_cine(tmp_path / "a.cine", deep.frames, stamps, 50_000))
     assert found.time == pytest.approx(np.arange(FRAMES) / RATE, abs=2e-9)
     assert found.exposure == pytest.approx(1e-6, rel=1e-3)
+    given = measure(tmp_path / "a.cine", um_per_px=SCALE, frame_rate=4e5)
+    assert given.time == pytest.approx(np.arange(FRAMES) / 4e5)
     curve = measure(tmp_path / "a.cine", um_per_px=SCALE)
     assert curve.frame_rate == pytest.approx(RATE, rel=1e-3)
     assert any("50000" in one.text for one in curve.warnings)
