@@ -8,7 +8,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from files import save_v73, write_ods, write_xlsx
+from files import cells, save_v73, write_ods, write_xlsx
 from scipy.io import savemat
 
 HEAD = "time_us,radius_um\n"
@@ -34,20 +34,8 @@ TEXTS = {
     "csv_of_many_cells": ("csv", "limits.cells", HEAD + ("1," * 999 + "1\n") * 5_100),
     "csv_of_as_many_shots_as_lines": ("csv", "limits.curves", f"shot,{HEAD}" + "".join(MANY)),
 }
-SHEETS = {  # the XML of rows
-    "xlsx_of_one_huge_cell": ("limits.memory", f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>'),
-    "xlsx_of_a_million_rows": ("limits.cells", "<row><c><v>1</v></c><c><v>1</v></c></row>" * 600_000),
-    "xlsx_of_one_text_named_often": ("limits.text", f'<row><c t="str"><v>{"x" * 50_000}</v></c></row>' * 2_400),
-    "xlsx_of_a_huge_grid": (  # two cells; the reader alone would end the whole process for want of memory
-        "limits.memory",
-        '<row r="1"><c r="A1"><v>1</v></c></row><row r="900000"><c r="XFD900000"><v>1</v></c></row>',
-    ),
-}
 for name, (ending, code, content) in TEXTS.items():
     bomb(ending, code, name)(lambda path, content=content: path.write_text(content))
-for name, (code, rows) in SHEETS.items():
-    sheet = {"a": f"<worksheet><sheetData>{rows}</sheetData></worksheet>"}
-    bomb("xlsx", code, name)(lambda path, sheet=sheet: write_xlsx(path, sheet))
 
 
 @bomb("csv", "limits.bytes")
@@ -69,36 +57,36 @@ def array(name, kind, numbers, array_class=6, shape=None, inner=b""):
     return element(14, flags + size + element(1, name.encode()) + (inner or element(kind, numbers)))
 
 
-def mat(path, *elements):
-    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"".join(elements))
-
-
 def deflated(data):
     packed = zlib.compress(data, 1)
     return struct.pack("<II", 15, len(packed)) + packed
 
 
-@bomb("mat", "limits.unpacked")
-def mat_that_unpacks_to_gigabytes(path):
-    huge = array("Rnew", 9, bytes(8_000_000), shape=(1, 1_000_000)), deflated(array("t", 2, bytes(30_000_000)))
-    mat(path, *huge)
-
-
-@bomb("mat", "limits.unpacked")
-def mat_that_unpacks_to_all_that_is_read_and_more(path):
-    exact = array("Rnew", 9, bytes(20_000_000 - 64), shape=(1, 2_499_992))
-    mat(path, deflated(exact), deflated(array("t", 9, bytes(24_000_000))))
-
-
-@bomb("mat", "limits.numbers")
-def mat_of_ten_million_bytes_as_numbers(path):
-    mat(path, deflated(array("Rnew", 2, bytes(10_000_000))), array("t", 9, bytes(80)))
-
-
-@bomb("mat", "limits.cells")
-def mat_of_a_million_cells(path):
-    cells = array("", 9, b"", shape=(0, 0)) * 100_000
-    mat(path, deflated(array("R_nondim_All", 0, b"", 1, (1, 100_000), cells)), array("t_nondim_All", 9, bytes(80)))
+EMPTY_CELLS = array("", 9, b"", shape=(0, 0)) * 100_000
+HUGE = array("Rnew", 9, bytes(8_000_000), shape=(1, 1_000_000))
+ALL_THAT_IS_READ = array("Rnew", 9, bytes(20_000_000 - 64), shape=(1, 2_499_992))
+ELEMENTS = {
+    "mat_that_unpacks_to_gigabytes": ("limits.unpacked", HUGE, deflated(array("t", 2, bytes(30_000_000)))),
+    "mat_that_unpacks_to_all_that_is_read_and_more": (
+        "limits.unpacked", deflated(ALL_THAT_IS_READ), deflated(array("t", 9, bytes(24_000_000))),
+    ),
+    "mat_of_ten_million_bytes_as_numbers": (
+        "limits.numbers", deflated(array("Rnew", 2, bytes(10_000_000))), array("t", 9, bytes(80)),
+    ),
+    "mat_of_a_million_cells": (
+        "limits.cells", deflated(array("R_nondim_All", 0, b"", 1, (1, 100_000), EMPTY_CELLS)),
+        array("t_nondim_All", 9, bytes(80)),
+    ),
+}  # fmt: skip
+for name, (code, *elements) in ELEMENTS.items():
+    content = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"".join(elements)
+    bomb("mat", code, name)(lambda path, content=content: path.write_bytes(content))
+VARIABLES = {
+    "mat_of_cells_where_an_array_belongs": ("matlab.cells", cells(np.arange(5.0), np.arange(5.0))),
+    "mat_of_complex_numbers": ("matlab.variables", 1j * np.arange(5.0)),
+}
+for name, (code, radius) in VARIABLES.items():
+    bomb("mat", code, name)(lambda path, radius=radius: savemat(path, {"Rnew": radius, "t": np.arange(5.0)}))
 
 
 @bomb("mat", "matfile.cut")
@@ -107,36 +95,18 @@ def mat_truncated(path):
     path.write_bytes(path.read_bytes()[:-200])
 
 
-@bomb("mat", "matlab.cells")
-def mat_of_cells_where_an_array_belongs(path):
-    cells = np.empty((1, 2), dtype=object)
-    cells[0, :] = [np.arange(5.0)] * 2
-    savemat(path, {"Rnew": cells, "t": np.arange(5.0)})
-
-
-@bomb("mat", "matlab.variables")
-def mat_of_complex_numbers(path):
-    savemat(path, {"Rnew": 1j * np.arange(5.0), "t": np.arange(5.0)})
-
-
 @bomb("mat", "limits.shape")
 def mat73_of_one_array_named_often(path):
-    with h5py.File(path, "w", userblock_size=512) as file:
-        file["big"] = np.zeros(400_000)
+    save_v73(path, {"big": np.zeros(400_000)})
+    with h5py.File(path, "r+") as file:
         for name in ("R_nondim_All", "t_nondim_All"):
-            cells = file.create_dataset(name, (1, 100), h5py.ref_dtype)
-            for k in range(100):
-                cells[0, k] = file["big"].ref
-    content = bytearray(path.read_bytes())
-    content[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
-    path.write_bytes(content)
+            file.create_dataset(name, data=np.full((1, 100), file["big"].ref), dtype=h5py.ref_dtype)
 
 
 @bomb("mat", "matlab.cells")
 def mat73_of_a_cell_that_is_a_group(path):
-    cells = np.empty((1, 2), object)
-    cells[0, 0] = cells[0, 1] = np.ones((1, 9))
-    save_v73(path, {"R_nondim_All": cells, "t_nondim_All": cells})
+    two = cells(np.ones(9), np.ones(9))
+    save_v73(path, {"R_nondim_All": two, "t_nondim_All": two})
     with h5py.File(path, "r+") as file:
         file["R_nondim_All"][0, 0] = file["#refs#"].ref
 
@@ -172,16 +142,11 @@ def hdf5_of_many_large_arrays(path):
     declared(path, (1_000_000,), 1000, [f"{k}/{name}" for k in range(10) for name in ("time", "radius")])
 
 
-def theirs(path):
-    """A file beside it, whose numbers are nobody's business."""
-    other = path.with_name("secret.h5")
+def borrowed(path, way):
+    """Whose radius is taken, in one of three ways, from a file beside it, which is nobody's business."""
+    other = str(path.with_name("secret.h5"))
     with h5py.File(other, "w") as file:
         file["radius"] = np.arange(1.0, 101.0)
-    return str(other)
-
-
-def borrowed(path, other, way):
-    """A file whose radius is taken from another one, in one of three ways."""
     with h5py.File(path, "w") as file:
         file["time"] = np.arange(100.0)
         if way == "reads":
@@ -195,9 +160,7 @@ def borrowed(path, other, way):
 
 
 for way in ("reads", "links_to", "shows"):
-    bomb("h5", "limits.elsewhere", f"hdf5_that_{way}_another_file")(
-        lambda path, way=way: borrowed(path, theirs(path), way)
-    )
+    bomb("h5", "limits.elsewhere", f"hdf5_that_{way}_another_file")(lambda path, way=way: borrowed(path, way))
 
 
 @bomb("h5", "hdf5.twice")
@@ -214,17 +177,19 @@ def hdf5_without_a_shape(path):
 
 # --- workbooks
 
-
-@bomb("xlsx", "limits.columns")
-def xlsx_of_many_columns(path):
-    write_xlsx(path, {"a": [["time_us", "radius_um"], [1.0] * 1200]})
-
-
-@bomb("xlsx", "tabular.workbook")
-def xlsx_of_entities(path):
-    entities = '<!DOCTYPE w [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;">]>'
-    cell = '<row><c t="inlineStr"><is><t>&b;</t></is></c></row>'
-    write_xlsx(path, {"a": f"{entities}<worksheet><sheetData>{cell}</sheetData></worksheet>"})
+ENTITIES = '<!DOCTYPE w [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;">]>'
+GRID = '<row r="1"><c r="A1"><v>1</v></c></row><row r="900000"><c r="XFD900000"><v>1</v></c></row>'
+SHEETS = {  # what stands before a sheet, and its rows as XML or as cells
+    "xlsx_of_one_huge_cell": ("limits.memory", "", f'<row><c t="str"><v>{"x" * 100_000_000}</v></c></row>'),
+    "xlsx_of_a_million_rows": ("limits.cells", "", "<row><c><v>1</v></c><c><v>1</v></c></row>" * 600_000),
+    "xlsx_of_one_text_named_often": ("limits.text", "", f'<row><c t="str"><v>{"x" * 50_000}</v></c></row>' * 2_400),
+    "xlsx_of_a_huge_grid": ("limits.memory", "", GRID),  # the reader alone would end the process for want of memory
+    "xlsx_of_entities": ("tabular.workbook", ENTITIES, '<row><c t="inlineStr"><is><t>&b;</t></is></c></row>'),
+    "xlsx_of_many_columns": ("limits.columns", "", f"<row>{'<c><v>1</v></c>' * 1200}</row>"),
+}
+for name, (code, before, rows) in SHEETS.items():
+    sheet = {"a": f"{before}<worksheet><sheetData>{rows}</sheetData></worksheet>"}
+    bomb("xlsx", code, name)(lambda path, sheet=sheet: write_xlsx(path, sheet))
 
 
 @bomb("ods", "limits.memory")

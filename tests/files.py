@@ -12,20 +12,12 @@ import numpy as np
 
 _MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
 _OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-_ODS = ("office", "table", "text", "manifest")
 _PACKAGE = "http://schemas.openxmlformats.org/package/2006/relationships"
-
-
-def sheet_xml(rows: Iterable[Sequence[object]]) -> str:
-    """Numbers as numbers, the rest as text; None is no cell."""
-    return f'<worksheet xmlns="{_MAIN}"><sheetData>{"".join(map(_row, rows))}</sheetData></worksheet>'
-
-
-def _row(cells: Sequence[object]) -> str:
-    return f"<row>{''.join(map(_cell, cells))}</row>"
+_ODS = ("office", "table", "text", "manifest")
 
 
 def _cell(value: object) -> str:
+    """Numbers as numbers, the rest as text; None is no cell."""
     if value is None:
         return "<c/>"
     if isinstance(value, str):
@@ -40,26 +32,25 @@ def write_xlsx(
 
     The last tab lies in sheet1.xml: the order of the files is not that of the tabs.
     """
-    numbers = {name: len(sheets) - k for k, name in enumerate(sheets)}
-    states = {name: ' state="hidden"' if name in hidden else "" for name in sheets}
-    tabs = "".join(
-        f'<sheet name="{escape(name)}" sheetId="{k}"{states[name]} r:id="rId{k}"/>' for name, k in numbers.items()
-    )
-    relations = "".join(
-        f'<Relationship Id="rId{k}" Type="{_OFFICE}/worksheet" Target="worksheets/sheet{k}.xml"/>'
-        for k in numbers.values()
-    )
-    book = f'<Relationship Id="rId1" Type="{_OFFICE}/officeDocument" Target="xl/workbook.xml"/>'
+    tabs = ""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("_rels/.rels", f'<Relationships xmlns="{_PACKAGE}">{book}</Relationships>')
-        archive.writestr(
-            "xl/workbook.xml",
-            f'<workbook xmlns="{_MAIN}" xmlns:r="{_OFFICE}"><sheets>{tabs}</sheets></workbook>',
-        )
-        archive.writestr("xl/_rels/workbook.xml.rels", f'<Relationships xmlns="{_PACKAGE}">{relations}</Relationships>')
-        for name, content in sheets.items():
-            xml = content if isinstance(content, (str, bytes)) else sheet_xml(content)
-            archive.writestr(f"xl/worksheets/sheet{numbers[name]}.xml", xml)
+        for k, (name, content) in zip(range(len(sheets), 0, -1), sheets.items(), strict=True):
+            state = ' state="hidden"' if name in hidden else ""
+            tabs += f'<sheet name="{escape(name)}" sheetId="{k}"{state} r:id="rId{k}"/>'
+            if not isinstance(content, str | bytes):
+                rows = "".join(f"<row>{''.join(map(_cell, row))}</row>" for row in content)
+                content = f'<worksheet xmlns="{_MAIN}"><sheetData>{rows}</sheetData></worksheet>'
+            archive.writestr(f"xl/worksheets/sheet{k}.xml", content)
+        book = f'<workbook xmlns="{_MAIN}" xmlns:r="{_OFFICE}"><sheets>{tabs}</sheets></workbook>'
+        archive.writestr("xl/workbook.xml", book)
+        parts = [f"worksheets/sheet{k}" for k in range(1, len(sheets) + 1)]
+        for place, kind, targets in (("", "officeDocument", ["xl/workbook"]), ("xl/", "worksheet", parts)):
+            relations = "".join(
+                f'<Relationship Id="rId{k}" Type="{_OFFICE}/{kind}" Target="{target}.xml"/>'
+                for k, target in enumerate(targets, 1)
+            )
+            name = f"{place}_rels/{'workbook.xml' if place else ''}.rels"
+            archive.writestr(name, f'<Relationships xmlns="{_PACKAGE}">{relations}</Relationships>')
     return path
 
 
@@ -67,26 +58,21 @@ def write_ods(path: Path, table: str) -> Path:
     """An OpenDocument workbook of one sheet, from the XML of its rows."""
     spaces = " ".join(f'xmlns:{name}="urn:oasis:names:tc:opendocument:xmlns:{name}:1.0"' for name in _ODS)
     body = f'<office:spreadsheet><table:table table:name="a">{table}</table:table></office:spreadsheet>'
+    content = f"<office:document-content {spaces}><office:body>{body}</office:body></office:document-content>"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
         archive.writestr("META-INF/manifest.xml", f"<manifest:manifest {spaces}/>")
-        archive.writestr(
-            "content.xml",
-            f"<office:document-content {spaces}><office:body>{body}</office:body></office:document-content>",
-        )
+        archive.writestr("content.xml", content)
     return path
 
 
 def ods_row(cells: Sequence[object]) -> str:
     """The XML of one row of numbers and texts."""
-    return f"<table:table-row>{''.join(map(_ods_cell, cells))}</table:table-row>"
-
-
-def _ods_cell(value: object) -> str:
-    about = (
-        'office:value-type="string"' if isinstance(value, str) else f'office:value-type="float" office:value="{value}"'
-    )
-    return f"<table:table-cell {about}><text:p>{escape(str(value))}</text:p></table:table-cell>"
+    made = ""
+    for value in cells:
+        about = 'string"' if isinstance(value, str) else f'float" office:value="{value}"'
+        made += f'<table:table-cell office:value-type="{about}><text:p>{escape(str(value))}</text:p></table:table-cell>'
+    return f"<table:table-row>{made}</table:table-row>"
 
 
 def write_xls(path: Path) -> Path:
@@ -126,18 +112,12 @@ def save_v73(path, variables):
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + content[128:])
 
 
+# growth, a collapse at t* = 0.93 and four smaller ones; enough like a bubble for a reader
+T_STAR = np.linspace(-0.6, 4.0, 180)
+_LOBES = np.sqrt(np.clip(1.0 - (((T_STAR + 0.93) % 1.86 - 0.93) / 0.93) ** 2, 0.0, 1.0)) ** 0.9
+R_STAR = 0.12 + 0.88 * _LOBES * np.exp(-0.8 * np.maximum(T_STAR - 0.93, 0.0))
 R_MAX = 200e-6
 T_C = R_MAX * np.sqrt(998.0 / 101325.0)
-
-
-def history(n=180, start=-0.6, end=4.0):
-    """(t*, R*): growth, a collapse at 0.93 and four smaller ones; enough like a bubble for a reader."""
-    t = np.linspace(start, end, n)
-    beat = np.sqrt(np.clip(1.0 - (((t + 0.93) % 1.86 - 0.93) / 0.93) ** 2, 0.0, 1.0)) ** 0.9
-    return t, 0.12 + 0.88 * beat * np.exp(-0.8 * np.maximum(t - 0.93, 0.0))
-
-
-T_STAR, R_STAR = history()
 TIME, RADIUS = T_STAR * T_C, R_STAR * R_MAX
 
 
@@ -149,18 +129,12 @@ def cells(*arrays):
 
 
 def bdt_variables(radii=(R_STAR, R_STAR, R_STAR), times=(T_STAR, T_STAR, T_STAR), maxima=(1e-4, 2e-4, 3e-4)):
-    return {
-        "R_nondim_All": cells(*radii),
-        "t_nondim_All": cells(*times),
-        "RmaxList": np.array([maxima]),
-        "lambda_max_mean": 6.5,
-        "lambda_max_std": 0.4,
-    }
+    about = {"RmaxList": np.array([maxima]), "lambda_max_mean": 6.5, "lambda_max_std": 0.4}
+    return {"R_nondim_All": cells(*radii), "t_nondim_All": cells(*times), **about}
 
 
-def text_table(path, header, *columns, separator=","):
-    rows = [separator.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)]
-    path.write_text("\n".join([*([header] if header else []), *rows]) + "\n")
+def text_table(path, header, *columns):
+    path.write_text((f"{header}\n" if header else "") + lines(",", *columns))
     return path
 
 

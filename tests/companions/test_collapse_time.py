@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import done, refusal, refused
+from files import text_table
 from scipy.io import savemat
 from scipy.stats import t as student
 
@@ -16,7 +17,9 @@ from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, r
 from cavirheo.physics.media import WATER
 
 EMPTY = replace(WATER, surface_tension=0.0, vapour_reference_pressure=1e-6, sound_speed=float("inf"), name="empty")
+BARE = Bubble(motion="rayleigh-plesset", exponent=1.4)
 R = 2e-4
+HEAD = "rmax_um,stretch,t1_us"
 
 
 def table(n: int = 30, G: float = 1e4, mu: float = 0.1, noise: float = 0.0, seed: int = 0, time=analytic_time) -> Shots:
@@ -25,226 +28,204 @@ def table(n: int = 30, G: float = 1e4, mu: float = 0.1, noise: float = 0.0, seed
     return Shots(radius, stretch, time(radius, stretch, G, mu) * np.exp(noise * rng.standard_normal(n)))
 
 
-def write(path, shots: Shots, header: str = "rmax_um,stretch,t1_us"):
-    rows = zip(shots.max_radius * 1e6, shots.stretch, shots.time * 1e6, strict=True)
-    path.write_text(header + "\n" + "".join(",".join(f"{x:.12g}" for x in row) + "\n" for row in rows))
-    return path
+def write(path, shots: Shots):
+    return text_table(path, HEAD, shots.max_radius * 1e6, shots.stretch, shots.time * 1e6)
 
 
-class TestModel:
-    def test_rayleigh(self):
-        """The empty bubble: analytic exactly, simulated to the little gas of lambda = 60."""
-        assert pytest.approx(0.914681, rel=1e-6) == RAYLEIGH
-        assert analytic_time(R, 1e6, 0, 0, EMPTY) == pytest.approx(rayleigh_time(R, EMPTY), rel=1e-12)
-        found = simulated_time(R, 40.0, 0, 0, EMPTY, bubble=Bubble(motion="rayleigh-plesset", exponent=1.4))
-        assert found[0] == pytest.approx(float(rayleigh_time(R, EMPTY)), rel=1e-4)
+def test_the_empty_bubble_is_rayleighs():
+    """The analytic model exactly, the simulated one to the little gas of lambda = 40."""
+    assert pytest.approx(0.914681, rel=1e-6) == RAYLEIGH
+    assert analytic_time(R, 1e6, 0, 0, EMPTY) == pytest.approx(rayleigh_time(R, EMPTY), rel=1e-12)
+    found = simulated_time(R, 40.0, 0, 0, EMPTY, bubble=BARE)
+    assert found[0] == pytest.approx(float(rayleigh_time(R, EMPTY)), rel=1e-4)
 
-    @pytest.mark.parametrize(
-        ("name", "value", "longer"),
-        [("surface_tension", 0.5, False), ("sound_speed", 200.0, True), ("vapour_reference_pressure", 1e12, True)],
-    )
-    def test_signs_are_those_of_the_simulation(self, name, value, longer):
-        base = replace(EMPTY, sound_speed=1e5, unusual=True)
-        for time in (analytic_time, simulated_time):
-            one, other = (
-                np.ravel(time(R, 6.0, 0, 0, m))[0] for m in (base, replace(base, unusual=True, **{name: value}))
-            )
-            assert (other > one) == longer, time
 
-    def test_first_order_in_elasticity(self):
-        """Far from R_0 the solid pulls with 5/2 G; the paper's next term in 1/lambda is 27 % too large."""
-        bare = Bubble(motion="rayleigh-plesset", exponent=1.4)
-        for stretch in (40.0, 10.0):
-            times = [simulated_time(R, stretch, G, 0, EMPTY, bubble=bare)[0] for G in (0, 1e4)]
-            f = [(rayleigh_time(R, EMPTY) / time) ** 2 for time in times]
-            # energy that the 1/R part of the stress takes (docs/method/collapse-time.md)
-            assert (f[1] - f[0]) * EMPTY.pressure / 1e4 == pytest.approx(2.5 - 2 * 1.10327 / stretch, rel=1e-2)
-        published = (inverse_square(R, 10.0, 1e4, 0) - inverse_square(R, 10.0, 0, 0)) * WATER.pressure / 1e4
-        assert published == pytest.approx(2.5 - 2 * 1.40218 / 10, rel=1e-4)
+@pytest.mark.parametrize(
+    ("name", "value", "longer"),
+    [("surface_tension", 0.5, False), ("sound_speed", 200.0, True), ("vapour_reference_pressure", 1e12, True)],
+)
+def test_signs_are_those_of_the_simulation(name, value, longer):
+    base = replace(EMPTY, sound_speed=1e5, unusual=True)
+    for time in (analytic_time, simulated_time):
+        changed = replace(base, unusual=True, **{name: value})
+        one, other = (np.ravel(time(R, 6.0, 0, 0, medium))[0] for medium in (base, changed))
+        assert (other > one) == longer, time
 
-    @pytest.mark.parametrize("shot", [(1e-4, 7, 3e3, 0.03), (2e-4, 6, 1e4, 0.1), (4e-4, 9, 5e4, 0.3)])
-    def test_holds_where_bubbles_are_made(self, shot):
-        assert analytic_time(*shot) == pytest.approx(simulated_time(*shot)[0], rel=0.008)
 
-    def test_no_collapse_is_infinite(self):
-        assert np.isinf(analytic_time(1e-4, 7.0, 0.0, 5.0))
-        assert np.isinf(simulated_time(1e-4, 7.0, 100.0, 5.0)[0])
+def test_first_order_in_elasticity():
+    """Far from R_0 the solid pulls with 5/2 G; the paper's next term in 1/lambda is 27 % too large."""
+    for stretch in (40.0, 10.0):
+        times = [simulated_time(R, stretch, G, 0, EMPTY, bubble=BARE)[0] for G in (0, 1e4)]
+        f = [(rayleigh_time(R, EMPTY) / time) ** 2 for time in times]
+        # energy that the 1/R part of the stress takes (docs/method/collapse-time.md)
+        assert (f[1] - f[0]) * EMPTY.pressure / 1e4 == pytest.approx(2.5 - 2 * 1.10327 / stretch, rel=1e-2)
+    published = (inverse_square(R, 10.0, 1e4, 0) - inverse_square(R, 10.0, 0, 0)) * WATER.pressure / 1e4
+    assert published == pytest.approx(2.5 - 2 * 1.40218 / 10, rel=1e-4)
+
+
+def test_the_model_holds_where_bubbles_are_made_and_is_infinite_where_none_collapses():
+    for one in ((1e-4, 7, 3e3, 0.03), (2e-4, 6, 1e4, 0.1), (4e-4, 9, 5e4, 0.3)):
+        assert analytic_time(*one) == pytest.approx(simulated_time(*one)[0], rel=0.008)
+    assert np.isinf([analytic_time(1e-4, 7.0, 0.0, 5.0), simulated_time(1e-4, 7.0, 100.0, 5.0)[0]]).all()
 
 
 def values(found: CollapseEstimate) -> tuple[float | None, float | None]:
     return found.shear_modulus_Pa.value, found.viscosity_Pa_s.value
 
 
-class TestEstimate:
-    @pytest.mark.parametrize(
-        ("material", "G", "mu", "exact"),
-        [("nhkv", 1e4, 0.1, False), ("nh", 2e4, 0.0, False), ("newtonian", 0.0, 0.1, False), ("nhkv", 8e3, 0.05, True)],
-    )
-    def test_recovers_its_own_table(self, material, G, mu, exact):
-        shots = table(6, G, mu, time=simulated_time) if exact else table(G=G, mu=mu)
-        found = estimate(shots, material, exact=exact)
-        assert values(found) == pytest.approx((G, mu), rel=2e-3 if exact else 1e-4)
-        assert (found.identified, found.message) == (True, "")
-
-    def test_interval_is_that_of_the_noise(self):
-        found = [estimate(table(noise=0.005, seed=seed)) for seed in range(30)]
-        inside = [f.shear_modulus_Pa.low < 1e4 < f.shear_modulus_Pa.high for f in found]
-        assert sum(inside) >= 25  # of 28.5 expected
-        assert np.mean([f.scatter for f in found]) == pytest.approx(0.005, rel=0.15)
-
-    def test_interval_of_one_parameter_is_students(self):
-        """Of equal shots: t(97.5 %) times the standard error of the times, by G's change with them."""
-        times = 1.8e-5 * np.array([0.99, 1.0, 1.015])
-        found = estimate(Shots([R] * 3, [7.0] * 3, times), viscosity=0.1)
-        G = found.shear_modulus_Pa
-        half = student.ppf(0.975, 2) * found.scatter / np.sqrt(3) * 100 * abs(G.per_percent)
-        assert G.high - G.value == pytest.approx(half, rel=1e-3)
-        assert G.per_percent < 0  # later collapses are of softer gels
-
-    def test_outliers_do_not_decide(self):
-        clean = table(40, noise=0.002)
-        time = clean.time.copy()
-        time[[3, 10, 20]] *= 1.2
-        found = estimate(Shots(clean.max_radius, clean.stretch, time))
-        assert found.shear_modulus_Pa.value == pytest.approx(1e4, rel=0.05)
-        assert found.downweighted == ["4", "11", "21"]
-
-    def test_a_fluid_is_told(self):
-        found = estimate(table(G=0.0, mu=0.1, noise=1e-3))
-        assert found.shear_modulus_Pa.value < 200
-        assert found.at_bound == ["G"] or not found.identified
-
-    def test_one_shot_is_one_relation(self):
-        one = table(1)
-        found = estimate(one)
-        assert (values(found), found.identified) == ((None, None), False)
-        for G, mu in found.pairs:
-            assert analytic_time(one.max_radius, one.stretch, G, mu) == pytest.approx(one.time, rel=1e-3)
-        assert found.start in found.pairs
-        assert estimate(one, viscosity=0.1).shear_modulus_Pa.value == pytest.approx(1e4, rel=1e-3)
-        assert estimate(one, shear_modulus=1e4).viscosity_Pa_s.value == pytest.approx(0.1, rel=1e-3)
-        alike = estimate(Shots(*(np.repeat(a, 5) for a in (one.max_radius, one.stretch, one.time))))
-        assert (values(alike), len(alike.pairs) > 3) == ((None, None), True)
-
-    def test_a_modulus_beyond_the_range_is_at_its_bound(self):
-        radius = np.array([1e-4, 1.5e-4, 2e-4, 3e-4])
-        found = estimate(Shots(radius, np.full(4, 7.0), 0.12 * rayleigh_time(radius)), "nh")
-        assert found.at_bound == ["G"]
-        assert found.shear_modulus_Pa.value == pytest.approx(1e6)
-        assert not found.identified
-
-    @pytest.mark.parametrize(
-        ("shots", "options", "code"),
-        [
-            ((0.0, 7.0, 1e-5), {}, "shot"),
-            ((R, 0.9, 1e-5), {}, "shot"),
-            ((R, 7.0, np.nan), {}, "shot"),
-            ((R, 7.0, 1e-2), {}, "shot"),
-            ((R, 7.0, 1.8e-5), {"material": "gent"}, "material"),
-            ((R, 7.0, 1.8e-5), {"material": "nh", "viscosity": 0.1}, "not_of_the_material"),
-            ((R, 7.0, 1.8e-5), {"shear_modulus": -1.0}, "out_of_range"),
-            ((R, 7.0, 1.8e-5), {"shear_modulus": 1.0, "viscosity": 0.1}, "all_given"),
-        ],
-    )
-    def test_refusals(self, shots, options, code):
-        with refused(f"collapse_time.{code}"):
-            estimate(Shots(*([x] for x in shots)), **options)
+@pytest.mark.parametrize(
+    ("material", "G", "mu", "exact"),
+    [("nhkv", 1e4, 0.1, False), ("nh", 2e4, 0.0, False), ("newtonian", 0.0, 0.1, False), ("nhkv", 8e3, 0.05, True)],
+)
+def test_recovers_its_own_table(material, G, mu, exact):
+    shots = table(6, G, mu, time=simulated_time) if exact else table(G=G, mu=mu)
+    found = estimate(shots, material, exact=exact)
+    assert values(found) == pytest.approx((G, mu), rel=2e-3 if exact else 1e-4)
+    assert (found.identified, found.message) == (True, "")
 
 
-@pytest.fixture(scope="module")
-def curve() -> RadiusCurve:
+def test_interval_is_that_of_the_noise():
+    found = [estimate(table(noise=0.005, seed=seed)) for seed in range(30)]
+    inside = [f.shear_modulus_Pa.low < 1e4 < f.shear_modulus_Pa.high for f in found]
+    assert sum(inside) >= 25  # of 28.5 expected
+    assert np.mean([f.scatter for f in found]) == pytest.approx(0.005, rel=0.15)
+
+
+def test_interval_of_one_parameter_is_students():
+    """Of equal shots: t(97.5 %) times the standard error of the times, by G's change with them."""
+    times = 1.8e-5 * np.array([0.99, 1.0, 1.015])
+    found = estimate(Shots([R] * 3, [7.0] * 3, times), viscosity=0.1)
+    G = found.shear_modulus_Pa
+    half = student.ppf(0.975, 2) * found.scatter / np.sqrt(3) * 100 * abs(G.per_percent)
+    assert G.high - G.value == pytest.approx(half, rel=1e-3)
+    assert G.per_percent < 0  # later collapses are of softer gels
+
+
+def test_outliers_do_not_decide_and_bounds_are_told():
+    clean = table(40, noise=0.002)
+    time = clean.time.copy()
+    time[[3, 10, 20]] *= 1.2
+    found = estimate(Shots(clean.max_radius, clean.stretch, time))
+    assert found.shear_modulus_Pa.value == pytest.approx(1e4, rel=0.05)
+    assert found.downweighted == ["4", "11", "21"]
+    fluid = estimate(table(G=0.0, mu=0.1, noise=1e-3))
+    assert fluid.shear_modulus_Pa.value < 200
+    assert fluid.at_bound == ["G"] or not fluid.identified
+    radius = np.array([1e-4, 1.5e-4, 2e-4, 3e-4])
+    hard = estimate(Shots(radius, np.full(4, 7.0), 0.12 * rayleigh_time(radius)), "nh")
+    assert (hard.at_bound, hard.shear_modulus_Pa.value, hard.identified) == (["G"], pytest.approx(1e6), False)
+
+
+def test_one_shot_is_one_relation():
+    one = table(1)
+    found = estimate(one)
+    assert (values(found), found.identified) == ((None, None), False)
+    for G, mu in found.pairs:
+        assert analytic_time(one.max_radius, one.stretch, G, mu) == pytest.approx(one.time, rel=1e-3)
+    assert found.start in found.pairs
+    assert estimate(one, viscosity=0.1).shear_modulus_Pa.value == pytest.approx(1e4, rel=1e-3)
+    assert estimate(one, shear_modulus=1e4).viscosity_Pa_s.value == pytest.approx(0.1, rel=1e-3)
+    alike = estimate(Shots(*(np.repeat(a, 5) for a in (one.max_radius, one.stretch, one.time))))
+    assert (values(alike), len(alike.pairs) > 3) == ((None, None), True)
+
+
+SHOT = (R, 7.0, 1.8e-5)
+REFUSED = [
+    ("shot", (0.0, 7.0, 1e-5), {}),
+    ("shot", (R, 0.9, 1e-5), {}),
+    ("shot", (R, 7.0, np.nan), {}),
+    ("shot", (R, 7.0, 1e-2), {}),
+    ("material", SHOT, {"material": "gent"}),
+    ("not_of_the_material", SHOT, {"material": "nh", "viscosity": 0.1}),
+    ("out_of_range", SHOT, {"shear_modulus": -1.0}),
+    ("all_given", SHOT, {"shear_modulus": 1.0, "viscosity": 0.1}),
+]
+
+
+@pytest.mark.parametrize(("code", "shots", "options"), REFUSED)
+def test_refusals(code, shots, options):
+    with refused(f"collapse_time.{code}"):
+        estimate(Shots(*([x] for x in shots)), **options)
+
+
+def test_a_curve_has_its_collapse_time_and_lambda_is_guessed_only_aloud():
     time = np.arange(0.0, 250e-6, 1e-6)
     run = simulate(NeoHookeanKelvinVoigt(8e3, 0.08), max_radius=3e-4, stretch=7.0, time=time)
-    return RadiusCurve(time, run.radius, meta={"name": "shot"})
+    shots, origin = shot(RadiusCurve(time, run.radius))
+    assert (origin, shots.stretch[0]) == ("late plateau", pytest.approx(7.0, rel=0.02))
+    assert shots.time[0] == pytest.approx(simulated_time(3e-4, 7.0, 8e3, 0.08)[0], rel=0.01)
+    short = RadiusCurve(time[:40], run.radius[:40])
+    assert "guessed as 7" in estimate(short).message
+    with refused("collapse_time.no_stretch"):
+        shot(short)
 
 
-class TestCurve:
-    def test_read_off_a_curve(self, curve):
-        shots, origin = shot(curve)
-        assert origin == "late plateau"
-        assert shots.stretch[0] == pytest.approx(7.0, rel=0.02)
-        assert shots.time[0] == pytest.approx(simulated_time(3e-4, 7.0, 8e3, 0.08)[0], rel=0.01)
-
-    def test_lambda_is_guessed_only_aloud(self, curve):
-        short = RadiusCurve(curve.time[:40], curve.radius[:40], meta={"name": "short"})
-        assert "guessed as 7" in estimate(short).message
-        with refused("collapse_time.no_stretch"):
-            shot(short)
-
-
-class TestReading:
-    def test_layouts_agree(self, tmp_path):
-        shots = table(6)
-        columns = (shots.max_radius, shots.stretch, shots.time)
-        plain = write(tmp_path / "a.csv", shots)
-        german = tmp_path / "b.csv"
-        rows = (f"{r * 1e3:.12g};{s:.12g};{t * 1e3:.12g}".replace(".", ",") for r, s, t in zip(*columns, strict=True))
-        german.write_text("R_max (mm);lambda;t_1 (ms)\n" + "\n".join(rows) + "\n")
-        savemat(tmp_path / "c.mat", {"pIMR_array": np.column_stack(columns)})
-        groups, problems, _ = read_groups([plain, german, tmp_path / "c.mat"], WATER)
-        assert problems == []
-        for group in groups:
-            found = np.array([[s.max_radius_m, s.stretch, s.collapse_time_s] for s in group.usable])
-            assert found == pytest.approx(np.column_stack(columns), rel=1e-9)
-
-    @pytest.mark.parametrize(
-        ("text", "code"),
-        [
-            ("rmax,stretch,t1_us\n200,7,18\n", "collapse_time.unit"),
-            ("rmax_um,stretch,t1 (h)\n200,7,18\n", "collapse_time.unit"),
-            ("rmax_um,t1_us\n200,18\n", "collapse_time.no_stretch"),
-            ("rmax_um,stretch,t1_us\n", "collapse_time.no_rows"),
-            ("rmax_um,stretch,t1_us\n200,x,18\n", "tabular.number"),
-            ("rmax_um,stretch,t1_us\n200,7,5,18\n", "tabular.width"),  # 7,5 was read as 7 and 5 us
-            ("rmax_um,rmax_m,stretch,t1_us\n200,1,7,18\n", "collapse_time.twice"),
-        ],
-    )
-    def test_refusals(self, tmp_path, text, code):
-        (tmp_path / "a.csv").write_text(text)
-        with refused(code):
-            read_table(tmp_path / "a.csv")
-        groups, (problem,), _ = read_groups([tmp_path / "a.csv"], WATER)
-        assert groups == []
-        assert problem.startswith(f"{tmp_path / 'a.csv'}: ")
-
-    def test_rows_that_cannot_be_used_are_kept_with_the_reason(self, tmp_path):
-        (tmp_path / "a.csv").write_text("shot,rmax_um,stretch,t1_us\nA,200,7,18\nB,nan,7,18\nC,200,7,18000\n")
-        (group,), _, _ = read_groups([tmp_path / "a.csv"], WATER)
-        assert [shot.name for shot in group.usable] == ["A"]
-        assert group.shots[1].message.startswith("R_max")
-        assert group.shots[2].message.startswith("t_1 = 1.8e+04 us")
+def test_layouts_agree(tmp_path):
+    shots = table(6)
+    columns = (shots.max_radius, shots.stretch, shots.time)
+    plain, german = write(tmp_path / "a.csv", shots), tmp_path / "b.csv"
+    rows = (f"{r * 1e3:.12g};{s:.12g};{t * 1e3:.12g}".replace(".", ",") for r, s, t in zip(*columns, strict=True))
+    german.write_text("R_max (mm);lambda;t_1 (ms)\n" + "\n".join(rows) + "\n")
+    savemat(tmp_path / "c.mat", {"pIMR_array": np.column_stack(columns)})
+    groups, problems, _ = read_groups([plain, german, tmp_path / "c.mat"], WATER)
+    assert problems == []
+    for group in groups:
+        found = np.array([[s.max_radius_m, s.stretch, s.collapse_time_s] for s in group.usable])
+        assert found == pytest.approx(np.column_stack(columns), rel=1e-8)
 
 
-class TestCommand:
-    @pytest.mark.needs("matplotlib")
-    def test_table(self, run, tmp_path):
-        done(run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result"))
-        document = json.loads((tmp_path / "result" / "collapse-time.json").read_text())
-        (group,) = document["groups"]
-        assert (document["schema"], group["n"], group["model"]) == (1, 30, "analytic")
-        assert group["estimate"]["shear_modulus_Pa"]["value"] == pytest.approx(1e4, rel=0.05)
-        assert len((tmp_path / "result" / "shots.csv").read_text().splitlines()) == 31
-        assert (tmp_path / "result" / "gel.png").stat().st_size > 1000
+BAD = {  # what is no table at all, test_reading.py refuses by the same reader
+    "rmax,stretch,t1_us\n200,7,18\n": "collapse_time.unit",
+    "rmax_um,stretch,t1 (h)\n200,7,18\n": "collapse_time.unit",
+    "rmax_um,t1_us\n200,18\n": "collapse_time.no_stretch",
+    f"{HEAD}\n": "collapse_time.no_rows",
+    f"{HEAD}\n200,7,5,18\n": "tabular.width",  # 7,5 was read as 7 and 5 us
+    "rmax_um,rmax_m,stretch,t1_us\n200,1,7,18\n": "collapse_time.twice",
+}
 
-    def test_exact_and_medium(self, run, tmp_path):
-        path = write(tmp_path / "gel.csv", table(5, noise=0.001))
-        assert run("collapse-time", path, "--exact", "--medium", "zhu2025", "--density", 1000, "-o", "r")[0] == 0
-        document = json.loads((tmp_path / "r" / "collapse-time.json").read_text())
-        assert document["medium"]["density"] == 1000
-        assert document["groups"][0]["model"] == "exact"
 
-    def test_a_failed_simulation_leaves_the_analytic_answer(self, run, tmp_path, monkeypatch):
-        def fails(*_, **__):
-            raise SolverError("the step size went to zero")
+@pytest.mark.parametrize("text", BAD)
+def test_files_that_cannot_be_used(tmp_path, text):
+    (tmp_path / "a.csv").write_text(text)
+    with refused(BAD[text]):
+        read_table(tmp_path / "a.csv")
+    groups, (problem,), _ = read_groups([tmp_path / "a.csv"], WATER)
+    assert (groups, problem.startswith(f"{tmp_path / 'a.csv'}: ")) == ([], True)
 
-        monkeypatch.setattr("cavirheo.inference.collapse_time.simulated_time", fails)
-        status, out, _ = run("collapse-time", write(tmp_path / "gel.csv", table(6, noise=0.001)), "--exact")
-        assert status == 1
-        assert "no exact answer: the step size" in out
-        assert "analytic" in out
 
-    def test_unusable_row_is_status_1_unreadable_file_2(self, run, tmp_path):
-        path = write(tmp_path / "gel.csv", table(6))
-        path.write_text(path.read_text() + "nan,7,18\n")
-        assert run("collapse-time", path)[0] == 1
-        refusal(run("collapse-time", path, "missing.csv", "--quiet", "--replace"), "missing.csv")
+@pytest.mark.needs("matplotlib")
+def test_the_command(run, tmp_path):
+    """Its table and picture; with simulations, in another medium."""
+    done(run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result"))
+    document = json.loads((tmp_path / "result" / "collapse-time.json").read_text())
+    (group,) = document["groups"]
+    assert (document["schema"], group["n"], group["model"]) == (1, 30, "analytic")
+    assert group["estimate"]["shear_modulus_Pa"]["value"] == pytest.approx(1e4, rel=0.05)
+    assert len((tmp_path / "result" / "shots.csv").read_text().splitlines()) == 31
+    assert (tmp_path / "result" / "gel.png").stat().st_size > 1000
+    path = write(tmp_path / "gel.csv", table(5, noise=0.001))
+    words = ("--exact", "--medium", "zhu2025", "--density", 1000, "--json", "--no-pictures", "-o", "exact")
+    document = json.loads(done(run("collapse-time", path, *words)))
+    assert (document["medium"]["density"], document["groups"][0]["model"]) == (1000, "exact")
+
+
+def test_a_failed_simulation_leaves_the_analytic_answer(run, tmp_path, monkeypatch):
+    def fails(*_, **__):
+        raise SolverError("the step size went to zero")
+
+    monkeypatch.setattr("cavirheo.inference.collapse_time.simulated_time", fails)
+    status, out, _ = run("collapse-time", write(tmp_path / "gel.csv", table(6, noise=0.001)), "--exact")
+    assert status == 1
+    assert "no exact answer: the step size" in out
+    assert "analytic" in out
+
+
+def test_unusable_rows_keep_their_reason_at_status_1_and_an_unreadable_file_is_2(run, tmp_path):
+    path = tmp_path / "gel.csv"
+    path.write_text(f"shot,{HEAD}\nA,200,7,18\nB,nan,7,18\nC,200,7,18000\n")
+    (group,), _, _ = read_groups([path], WATER)
+    assert [shot.name for shot in group.usable] == ["A"]
+    assert group.shots[1].message.startswith("R_max")
+    assert group.shots[2].message.startswith("t_1 = 1.8e+04 us")
+    assert run("collapse-time", path)[0] == 1
+    refusal(run("collapse-time", path, "missing.csv", "--quiet", "--replace"), "missing.csv")

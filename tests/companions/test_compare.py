@@ -3,10 +3,11 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from answers import answer as answer_of
 from answers import unanswered
-from conftest import EXAMPLE, ROOT, done, refused, rows_of
+from conftest import BDT, EXAMPLE, ROOT, done, refused, rows_of
 
 from cavirheo import InputError, load, read_curves
 from cavirheo.companions.comparison import Answering, compare
@@ -14,10 +15,7 @@ from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD
-from cavirheo.reporting.comparison import Comparison
-from cavirheo.reporting.record import Result
 from cavirheo.writing import style
-from cavirheo.writing.document import spread_of
 
 PUBLISHED = ROOT / "examples" / "published_values.csv"
 HEAD = "set,files,density,method,quantity,mean,std"
@@ -38,16 +36,16 @@ ANSWERS = {"shot0": (5e3, 0.01, "ok"), "shot1": (7e3, 0.03, "ok"), "shot2": (9e3
 @pytest.fixture
 def folder(tmp_path) -> Path:
     """gel_a: three shots, one that cannot be answered, a file that cannot be read and one that is no measurement."""
-    curves = read_curves(EXAMPLE)
-    (tmp_path / "data" / "gel_a").mkdir(parents=True)
-    for k in range(3):
-        write_csv(tmp_path / "data" / "gel_a" / f"shot{k}.csv", curves[k])
-    (tmp_path / "data" / "gel_a" / "three.csv").write_text("time_us,radius_um\n0,100\n1,90\n2,80\n")
-    (tmp_path / "data" / "gel_a" / "torn.mat").write_bytes(b"")
-    (tmp_path / "data" / "gel_a" / "protocol.docx").write_bytes(b"PK")
-    write_csv(tmp_path / "data" / "bare.csv", curves[3])
-    (tmp_path / "data" / "published.csv").write_text(REFERENCES)
-    return tmp_path / "data"
+    data, gel = tmp_path / "data", tmp_path / "data" / "gel_a"
+    gel.mkdir(parents=True)
+    places = (gel / "shot0.csv", gel / "shot1.csv", gel / "shot2.csv", data / "bare.csv")
+    for path, curve in zip(places, read_curves(EXAMPLE), strict=False):
+        write_csv(path, curve)
+    (gel / "three.csv").write_text("time_us,radius_um\n0,100\n1,90\n2,80\n")
+    (gel / "torn.mat").write_bytes(b"")
+    (gel / "protocol.docx").write_bytes(b"PK")
+    (data / "published.csv").write_text(REFERENCES)
+    return data
 
 
 @pytest.fixture
@@ -69,10 +67,10 @@ def fake(monkeypatch):
 
 
 def test_the_command_answers_as_infer_does(run, folder, tmp_path):
-    """With its default network and the field's bubble; the errors are in the group of its result.json."""
-    (folder / "one.csv").write_text(f"{HEAD}\ngel,gel_a/shot1.csv,1003,IMR,G_kPa,6.44,1.64\n")
-    done(run("compare", "data", "--references", "data/one.csv", "-o", "c"))
-    run("infer", "data/gel_a/shot1.csv", *["--material", "nhkv", "--density", "1003", "--bubble", "field", "-o", "i"])
+    """The errors are in the group of its result.json."""
+    sets(folder, "gel,gel_a/shot1.csv,1003,IMR,G_kPa,6.44,1.64")
+    done(run("compare", "data", *BDT, "--references", "data/sets.csv", "-o", "c"))
+    run("infer", "data/gel_a/shot1.csv", *BDT, "--density", "1003", "-o", "i")
     here, there = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("c", "i"))
     assert [c["shear_modulus_Pa"] for c in here["curves"]] == [c["shear_modulus_Pa"] for c in there["curves"]]
     (group,) = here["groups"]
@@ -86,10 +84,10 @@ def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
     """The same values and errors as those of the command that answers; a set without a group has its values alone."""
     compare(folder, folder / "published.csv", tmp_path / "c")
     before = json.loads((tmp_path / "c" / "result.json").read_text())
-    for group in before["groups"]:
-        group.pop("published", None), group.pop("errors", None)
-    before["groups"] = [group for group in before["groups"] if group["name"] != "gone"]
-    (tmp_path / "answers.json").write_text(json.dumps(before))
+    groups = [group for group in before["groups"] if group["name"] != "gone"]
+    before["groups"] = [{key: group[key] for key in group.keys() - {"published", "errors"}} for group in groups]
+    answers = tmp_path / "answers.json"
+    answers.write_text(json.dumps(before))
     fake.clear()
     words = ("compare", "answers.json", "--references", "data/published.csv")
     assert run(*words, "-o", "d")[0] == 1
@@ -99,52 +97,52 @@ def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
     assert [group.name for group in other.groups] == ["gel a", "gone", "bare.csv"]
     assert (tmp_path / "d" / "comparison.csv").read_text() == (tmp_path / "c" / "comparison.csv").read_text()
     assert run(*words, "--material", "nhkv", "-o", "g")[0] == 2
-    (folder / "alone.csv").write_text(f"{HEAD}\nother name,,,IMR,G_kPa,8,\n")
-    shown = compare(tmp_path / "answers.json", folder / "alone.csv", tmp_path / "e")[0]
+    shown, *_ = compare(answers, sets(folder, "other name,,,IMR,G_kPa,8,"), tmp_path / "e")
     assert ["IMR" in group.published for group in shown.groups] == [True, True]  # the only set is that of all groups
-    (folder / "two.csv").write_text(f"{HEAD}\nthis,,,IMR,G_kPa,8,\nthat,,,IMR,G_kPa,8,\n")
     with pytest.raises(InputError, match="groups gel a"):
-        compare(tmp_path / "answers.json", folder / "two.csv", tmp_path / "f")
+        compare(answers, sets(folder, "this,,,IMR,G_kPa,8,", "that,,,IMR,G_kPa,8,"), tmp_path / "f")
 
 
-def read(out: Path) -> Result:
-    return Result.model_validate_json((out / "result.json").read_text(encoding="utf-8"))
+def sets(folder: Path, *rows: str, head: str = HEAD) -> Path:
+    """A file of published values."""
+    (folder / "sets.csv").write_text("\n".join([head, *rows, ""]))
+    return folder / "sets.csv"
 
 
-def row(result: Result, group: str, name: str = "shear_modulus"):
-    return next(row for row in Comparison(result).rows if (row.group.name, row.name) == (group, name))
+EXPECTED = {  # of gel a, in the table of each comparison
+    "shear_modulus_Pa": {
+        "cavirheo_trusted_mean": 6e3, "cavirheo_trusted_std": np.sqrt(2e6), "cavirheo_all_mean": 7e3,
+        "IMR_mean": 8e3, "IMR_std": 1.5e3, "BDT_mean": 6e3, "rheometer_mean": 2e3,
+        "BDT_error_to_IMR": 0.25, "rheometer_error_to_IMR": 0.75, "cavirheo_trusted_error_to_IMR": 0.25,
+        "cavirheo_all_error_to_IMR": 0.125, "IMR_error_to_rheometer": 3.0, "BDT_error_to_rheometer": 2.0,
+        "cavirheo_trusted_error_to_rheometer": 2.0,
+    },
+    "viscosity_Pa_s": {"BDT_mean": 0.035, "BDT_std": 0.010, "BDT_error_to_IMR": 0.75},  # given in mPa s
+}  # fmt: skip
 
 
-def test_relative_errors_are_exact(fake, folder, tmp_path):
+def test_relative_errors_are_exact_and_the_table_says_what_the_record_says(fake, folder, tmp_path):
     made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
-    found = Comparison(made)
-    assert (found.methods, found.references) == (["IMR", "BDT", "rheometer"], ["IMR", "rheometer"])
-    modulus, viscosity = row(made, "gel a"), row(made, "gel a", "viscosity")
-    for method, values in (("cavirheo, all", [5e3, 7e3, 9e3]), ("cavirheo", [5e3, 7e3])):
-        assert modulus.value(method).model_dump() == pytest.approx(spread_of(values).model_dump())
-    errors = made.groups[0].errors
-    assert {method: of["shear_modulus"] for method, of in errors["IMR"].items()} == pytest.approx(
-        {"BDT": 0.25, "rheometer": 0.75, "cavirheo": 0.25}
-    )
-    assert {method: of["shear_modulus"] for method, of in errors["rheometer"].items()} == pytest.approx(
-        {"IMR": 3.0, "BDT": 2.0, "cavirheo": 2.0}
-    )
-    assert modulus.error("IMR", "cavirheo, all") == pytest.approx(0.125)
-    assert viscosity.value("BDT").mean == 0.035  # given in mPa s
-    assert viscosity.value("BDT").std == 0.010
-    assert errors["IMR"]["BDT"]["viscosity"] == pytest.approx(0.75)
-    assert "viscosity" not in errors["rheometer"]["cavirheo"]
+    rows = {(row["set"], row["quantity"]): row for row in rows_of(tmp_path / "c" / "comparison.csv")}
+    for quantity, expected in EXPECTED.items():
+        found = rows["gel a", quantity]
+        assert {name: float(found[name]) for name in expected} == pytest.approx(expected)
+    nothing = ("rheometer_mean", "cavirheo_trusted_error_to_rheometer")
+    assert [rows["gel a", "viscosity_Pa_s"][name] for name in nothing] == ["", ""]
+    assert rows["gel a", "shear_modulus_Pa"]["BDT_std"] == rows["gone", "shear_modulus_Pa"]["cavirheo_all_mean"] == ""
+    errors = {method: of["shear_modulus"] for method, of in made.groups[0].errors["IMR"].items()}
+    assert errors == pytest.approx({"BDT": 0.25, "rheometer": 0.75, "cavirheo": 0.25})
     only, *_ = compare(folder, folder / "published.csv", tmp_path / "c", reference_methods=["BDT"])
-    assert {method: of["shear_modulus"] for method, of in only.groups[0].errors["BDT"].items()} == pytest.approx(
-        {"IMR": 1 / 3, "rheometer": 2 / 3, "cavirheo": 0.0}, abs=1e-12
-    )
-    assert list(only.groups[0].errors) == ["BDT"]
+    (errors,) = only.groups[0].errors.values()
+    expected = {"IMR": 1 / 3, "rheometer": 2 / 3, "cavirheo": 0.0}
+    assert {method: of["shear_modulus"] for method, of in errors.items()} == pytest.approx(expected, abs=1e-12)
 
 
 def test_nothing_is_dropped(fake, run, folder, tmp_path):
     status, out, _ = run("compare", "data", "--references", "data/published.csv", "-o", "c")
     assert status == 2
-    made = read(tmp_path / "c")
+    assert {(one.model, one.material, one.bubbles) for one in fake} == {("posterior", "nhkv", (FIELD,))}
+    made = load(tmp_path / "c")
     gel, gone, bare = made.groups
     assert (gel.n, gel.n_failed) == (3, 1)
     assert gel.verdicts == {"ok": 2, "model_does_not_fit": 1, "failed": 1}
@@ -154,62 +152,45 @@ def test_nothing_is_dropped(fake, run, folder, tmp_path):
         assert any(word in note for note in made.notes)
     for word in ("gone", "torn.mat", "3 of 4"):
         assert word in " ".join(out.split())
-    (folder / "less.csv").write_text(f"{HEAD}\ngel_a,,,,,,\n")
+    sets(folder, "gel_a,,,,,,")
     for removed, expected in (("torn.mat", 1), ("three.csv", 0)):
         (folder / "gel_a" / removed).unlink()
-        assert run("compare", "data", "--references", "data/less.csv", "-o", removed)[0] == expected
+        assert run("compare", "data", "--references", "data/sets.csv", "-o", removed)[0] == expected
 
 
-def test_a_recording_in_two_sets_is_answered_with_each_density(fake, folder, tmp_path):
-    (folder / "two.csv").write_text("set,files,density\nlight,bare.csv,990\nheavy,bare.csv,1040\n")
-    found, *_ = compare(folder, folder / "two.csv", tmp_path / "c")
-    assert [curve.name for curve in found.curves] == ["light/bare", "heavy/bare"]
-    assert [call.medium.density for call in fake] == [990, 1040]
-
-
-def test_the_table_says_what_the_record_says(fake, folder, tmp_path):
-    compare(folder, folder / "published.csv", tmp_path / "c")
-    rows = {(row["set"], row["quantity"]): row for row in rows_of(tmp_path / "c" / "comparison.csv")}
-    modulus, viscosity = (rows["gel a", name] for name in ("shear_modulus_Pa", "viscosity_Pa_s"))
-    expected = {
-        "cavirheo_trusted_mean": 6e3, "cavirheo_all_mean": 7e3, "IMR_mean": 8e3, "IMR_std": 1.5e3,
-        "rheometer_mean": 2e3, "BDT_error_to_IMR": 0.25, "cavirheo_trusted_error_to_IMR": 0.25,
-        "IMR_error_to_rheometer": 3.0,
-    }  # fmt: skip
-    assert {name: float(modulus[name]) for name in expected} == pytest.approx(expected)
-    assert (float(viscosity["BDT_mean"]), viscosity["rheometer_mean"], modulus["BDT_std"]) == (0.035, "", "")
-    assert rows["gone", "shear_modulus_Pa"]["cavirheo_all_mean"] == ""
-
-
-def test_published_values_can_be_read():
-    sets = {about.name: about for about in read_references(PUBLISHED)}
-    assert (len(sets), sum(not about.recorded for about in sets.values())) == (13, 7)
-    assert sets["PAAm-alginate 0.3 %"].values["IMR"]["shear_modulus"].mean == 6440.0
-    assert not sets["PEG 8000 40 w/v %"].solid
-    assert sets["agarose 2.5 %"].medium.density == 1025
+def test_published_values_can_be_read(tmp_path):
+    by_name = {about.name: about for about in read_references(PUBLISHED)}
+    assert (len(by_name), sum(not about.recorded for about in by_name.values())) == (13, 7)
+    assert by_name["PAAm-alginate 0.3 %"].values["IMR"]["shear_modulus"].mean == 6440.0
+    assert not by_name["PEG 8000 40 w/v %"].solid
+    assert by_name["agarose 2.5 %"].medium.density == 1025
+    german = sets(tmp_path, '"gel, 1";IMR;G_kPa;6,44', head="set;method;quantity;mean")
+    (about,) = read_references(german)
+    assert (about.name, about.values["IMR"]["shear_modulus"].mean) == ("gel, 1", 6440.0)
+    assert [about.name for about in read_references(sets(tmp_path, "gel 1 %", "gel 2 %", head="set"))] == [
+        "gel 1 %", "gel 2 %"
+    ]  # fmt: skip
 
 
 def test_a_liquid_has_no_shear_modulus(fake, folder, tmp_path):
-    (folder / "liquid.csv").write_text(
-        "set,files,model,method,quantity,mean,std\nPEG,gel_a/shot?.csv,bdt-viscous,IMR,mu_Pa_s,0.06,0.01\n"
-        "odd,gel_a/shot0.csv,bdt-viscous,IMR,G_kPa,1,\n"
-    )
-    made, *_ = compare(folder, folder / "liquid.csv", tmp_path / "c")
-    rows = [(one.group.name, one.name) for one in Comparison(made).rows]
-    assert rows == [("PEG", "viscosity"), ("odd", "shear_modulus"), ("odd", "viscosity")]
+    head = "set,files,model,method,quantity,mean,std"
+    values = ("PEG,gel_a/shot?.csv,bdt-viscous,IMR,mu_Pa_s,0.06,0.01", "odd,gel_a/shot0.csv,bdt-viscous,IMR,G_kPa,1,")
+    made, *_ = compare(folder, sets(folder, *values, head=head), tmp_path / "c")
+    rows = rows_of(tmp_path / "c" / "comparison.csv")
+    quantities = [("PEG", "viscosity_Pa_s"), ("odd", "shear_modulus_Pa"), ("odd", "viscosity_Pa_s")]
+    assert [(one["set"], one["quantity"]) for one in rows] == quantities
     assert made.groups[0].errors["IMR"]["cavirheo"]["viscosity"] == pytest.approx(2 / 3)
-    assert row(made, "odd").value("cavirheo").mean is None
+    assert rows[1]["cavirheo_trusted_mean"] == ""
 
 
 def test_settings_reach_the_inference(fake, folder, tmp_path):
     """One recording may be answered with several settings; the file of values is no measurement."""
-    (folder / "published.csv").write_text(
-        "set,files,model,material,window,stretch,rmax_um,medium,density,sound_speed,surface_tension,pressure,temperature\n"
-        "bare.csv,,posterior,power-law,2,7.5,210,zhu2025,1040,1500,0,90000,300\n"
-        "all,*.csv,,,,,,,,,,,\n"
-    )
+    head = "set,files,model,material,window,stretch,rmax_um,medium,density,sound_speed,surface_tension,"
+    head += "pressure,temperature"
+    values = ("bare.csv,,posterior,power-law,2,7.5,210,zhu2025,1040,1500,0,90000,300", "all,*.csv,,,,,,,,,,,")
+    (folder / "published.csv").unlink()
     how = Answering("bdt-viscoelastic")
-    made, unread, _ = compare(folder, folder / "published.csv", tmp_path / "c", how=how)
+    made, unread, _ = compare(folder, sets(folder, *values, head=head), tmp_path / "c", how=how)
     first, second = fake
     assert (first.model, first.window, first.stretch) == ("posterior", 2, 7.5)
     assert (first.material, first.bubbles) == ("power-law", (FIELD,))
@@ -260,46 +241,31 @@ def test_mistakes_in_the_file_are_named(tmp_path, text):
     assert not (tmp_path / "c").exists()
 
 
-def test_other_dialects_of_the_file(tmp_path):
-    """Semicolons with decimal commas, UTF-16, a name with a comma in quotes, one column alone."""
-    (tmp_path / "a.csv").write_text('set;method;quantity;mean\n"gel, 1";IMR;G_kPa;6,44\n', encoding="utf-16")
-    (about,) = read_references(tmp_path / "a.csv")
-    assert (about.name, about.values["IMR"]["shear_modulus"].mean) == ("gel, 1", 6440.0)
-    (tmp_path / "b.csv").write_text("set\ngel 1 %\ngel 2 %\n")
-    assert [about.name for about in read_references(tmp_path / "b.csv")] == ["gel 1 %", "gel 2 %"]
-
-
-def test_other_mistakes(fake, folder, tmp_path):
-    values = folder / "published.csv"
-    for arguments, options, code in [
-        ((folder, tmp_path / "none.csv", tmp_path / "c"), {}, "reading.missing"),
-        ((folder / "bare.csv", values, tmp_path / "c"), {}, "compare.folder"),
-        ((folder, values, tmp_path / "c"), {"reference_methods": ["imr"]}, "compare.method"),
-        ((folder, values, folder / "bare.csv"), {}, "document.folder"),
-    ]:
-        with refused(code):
-            compare(*arguments, **options)
-
-
-def test_a_set_that_is_no_name_of_a_file_has_no_recording(fake, folder, tmp_path):
-    """Least of all one outside the folder."""
-    (folder / "odd.csv").write_text(f"{HEAD}\n" + "".join(f"{name},,,IMR,G_kPa,8,1\n" for name in ("..", "/")))
-    made, *_ = compare(folder, folder / "odd.csv", tmp_path / "c")
-    assert [group.n for group in made.groups] == [0, 0]
-    assert not made.curves
+@pytest.mark.parametrize(
+    ("source", "values", "out", "methods", "code"),
+    [
+        (".", "none.csv", "../c", (), "reading.missing"),
+        ("bare.csv", "published.csv", "../c", (), "compare.folder"),
+        (".", "published.csv", "../c", ("imr",), "compare.method"),
+        (".", "published.csv", "bare.csv", (), "document.folder"),
+    ],
+)
+def test_other_mistakes(fake, folder, source, values, out, methods, code):
+    with refused(code):
+        compare(folder / source, folder / values, folder / out, reference_methods=methods)
 
 
 def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, tmp_path):
-    """It is no mistake, and no shot of it is missing."""
-    (folder / "two.csv").write_text(
-        f"{HEAD}\nopen,gel_a/shot?.csv,,IMR,G_kPa,8,1.5\nclosed,-,,IMR,G_kPa,30,4\nclosed,,,BDT,G_kPa,39,12\n"
-    )
-    done(run("compare", "data", "--references", "data/two.csv", "-o", "c"))
-    made = read(tmp_path / "c")
+    """No shot of it is missing, nor is there one where the name of a set leads out of the folder."""
+    sets(folder, "open,gel_a/shot?.csv,,IMR,G_kPa,8,1.5", "closed,-,,IMR,G_kPa,30,4", "closed,,,BDT,G_kPa,39,12")
+    done(run("compare", "data", "--references", "data/sets.csv", "-o", "c"))
+    made = load(tmp_path / "c")
     _, closed = made.groups
     assert (closed.name, closed.n, closed.n_failed) == ("closed", 0, 0)
     assert closed.errors == {"IMR": {"BDT": {"shear_modulus": pytest.approx(0.3)}}}
     assert len([note for note in made.notes if note.startswith("closed: ")]) == 1
+    odd, *_ = compare(folder, sets(folder, *(f"{name},,,IMR,G_kPa,8,1" for name in ("..", "/"))), tmp_path / "d")
+    assert ([group.n for group in odd.groups], odd.curves) == ([0, 0], [])
 
 
 def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
@@ -310,12 +276,8 @@ def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
 
 
 def test_the_law_is_taken_from_what_is_published():
-    sets = {
-        name: ReferenceSet(name, name, values={"IMR": {quantity: None}})
-        for name, quantity in (("gel", "shear_modulus"), ("liquid", "viscosity"))
-    }
-    laws = {name: Answering().analysis(one).material for name, one in sets.items()}
-    assert laws == {"gel": "nhkv", "liquid": "newtonian"}
-    networks = {name: Answering("bdt-viscoelastic").analysis(one).model for name, one in sets.items()}
-    assert networks == {"gel": "bdt-viscoelastic", "liquid": "bdt-viscous"}
-    assert Answering(material="zener").analysis(sets["liquid"]).material == "zener"
+    gel, liquid = (ReferenceSet(x, x, values={"IMR": {x: None}}) for x in ("shear_modulus", "viscosity"))
+    assert [Answering().analysis(one).material for one in (gel, liquid)] == ["nhkv", "newtonian"]
+    networks = [Answering("bdt-viscoelastic").analysis(one).model for one in (gel, liquid)]
+    assert networks == ["bdt-viscoelastic", "bdt-viscous"]
+    assert Answering(material="zener").analysis(liquid).material == "zener"

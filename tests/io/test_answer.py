@@ -36,7 +36,7 @@ def test_it_shows_its_answer_and_not_its_arrays(posterior):
     assert max(len(repr(posterior)), len(repr(CHECKS))) < 400
 
 
-def test_dataframe_has_the_draws_in_natural_units(posterior):
+def test_draws_have_natural_units_and_their_weights(posterior):
     pytest.importorskip("pandas")
     frame = posterior.to_dataframe()
     assert list(frame.columns) == ["shear_modulus_Pa", "stretch", "weight"]
@@ -45,15 +45,11 @@ def test_dataframe_has_the_draws_in_natural_units(posterior):
     assert frame["weight"].idxmax() == np.argmax(posterior.log_weight)
     assert frame.attrs["verdict"] == "ok"
     assert replace(posterior, log_weight=None).to_dataframe()["weight"].std() == 0.0
-
-
-def test_arviz_gets_draws_units_and_weights(posterior):
     pytest.importorskip("arviz")
     data = posterior.to_arviz()
     assert data["posterior"]["shear_modulus"].attrs["units"] == "Pa"
     assert data["posterior"]["shear_modulus"].dims == ("chain", "draw")
     assert data["posterior"]["stretch"].values[0] == pytest.approx(posterior.theta[:, 1])
-    assert data["posterior"].attrs["material"] == "nhkv"
     assert float(data["sample_stats"]["weight"].sum()) == pytest.approx(1.0)
     assert data["sample_stats"]["log_weight"].values[0] == pytest.approx(posterior.log_weight)
 
@@ -65,7 +61,7 @@ def test_a_missing_library_is_named(posterior, monkeypatch, name, method):
         getattr(posterior, method)()
 
 
-def test_plot_has_marginals_and_pairs(posterior, tmp_path):
+def test_plot_has_marginals_and_pairs_but_not_of_a_point(posterior, tmp_path):
     pytest.importorskip("corner")
     figure = posterior.plot()
     assert [axes.get_xlabel() for axes in figure.axes if axes.get_xlabel()] == ["shear_modulus (Pa)", "stretch"]
@@ -73,9 +69,6 @@ def test_plot_has_marginals_and_pairs(posterior, tmp_path):
     draws, how = posterior.draws("shear_modulus"), {"weights": posterior.weights, "method": "inverted_cdf"}
     assert marks == pytest.approx(np.quantile(draws, [0.05, 0.5, 0.95], **how), rel=2e-3)
     figure.savefig(tmp_path / "a.png")
-
-
-def test_a_point_has_nothing_to_plot(posterior):
     with refused("posterior.no_draws"):
         replace(posterior, theta=posterior.theta[:1]).plot()
 
@@ -83,7 +76,7 @@ def test_a_point_has_nothing_to_plot(posterior):
 HEAD, EMPTY = {"schema": 1, "version": "0", "command": "cavirheo"}, {"curves": [], "groups": []}
 
 
-def test_load_takes_the_one_document_of_a_folder_and_refuses_another_kind_than_the_one_wanted(tmp_path):
+def test_load_takes_the_one_document_or_training_set_of_a_folder_and_refuses_another_kind(instant, tmp_path):
     (tmp_path / "result.json").write_text(json.dumps(HEAD | EMPTY | {"kind": "result"}), encoding="utf-8")
     assert load(tmp_path, Result) == load(tmp_path) == load(tmp_path / "result.json")
     for kind, code in ((Laws, "loading.kind"), ("Laws", "input.type")):
@@ -92,29 +85,26 @@ def test_load_takes_the_one_document_of_a_folder_and_refuses_another_kind_than_t
     (tmp_path / "laws.json").write_text("{}", encoding="utf-8")
     with refused("loading.folder"):
         load(tmp_path)
+    generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 2, tmp_path / "set", progress=False)
+    assert load(tmp_path / "set").theta.shape[0] == 2
 
 
-def test_load_reads_a_training_set(tmp_path):
-    generate(read_recipe(ROOT / "recipes" / "laptop.toml").problem, 2, tmp_path, progress=False)
-    assert load(tmp_path).theta.shape[0] == 2
+OTHER = {
+    "bytes": b"\xff\xfe\x00",
+    "a table": b"time_us,radius_um\n",
+    "a list": b"[]",
+    "an object": b'{"a": 1}',
+    "a kind that is none": json.dumps(HEAD | {"kind": "poem"}).encode(),
+    "a kind that is no word": json.dumps(HEAD | {"kind": ["result"]}).encode(),
+    "no rows": json.dumps(HEAD | {"kind": "result"}).encode(),
+    "no kind": json.dumps(HEAD | EMPTY).encode(),
+}
 
 
-@pytest.mark.parametrize(
-    ("content", "code"),
-    [
-        (None, "files.unreadable"),
-        (b"\xff\xfe\x00", "document.other"),
-        (b"time_us,radius_um\n", "document.other"),
-        ([], "document.other"),
-        ({"a": 1}, "document.other"),
-        (HEAD | {"kind": "poem"}, "document.other"),
-        (HEAD | {"kind": ["result"]}, "document.other"),
-        (HEAD | {"kind": "result"}, "document.other"),  # without rows
-        (HEAD | EMPTY, "document.other"),  # does not say of which kind it is
-    ],
-)
-def test_load_refuses_what_we_did_not_write(content, code, tmp_path):
-    if content is not None:
-        (tmp_path / "x.json").write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
-    with refused(code, "x.json"):
+@pytest.mark.parametrize("name", OTHER)
+def test_load_refuses_what_we_did_not_write(name, tmp_path):
+    (tmp_path / "x.json").write_bytes(OTHER[name])
+    with refused("document.other", "x.json"):
         load(tmp_path / "x.json")
+    with refused("files.unreadable", "y.json"):
+        load(tmp_path / "y.json")

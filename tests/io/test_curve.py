@@ -40,15 +40,17 @@ def measured(start=-0.7, end=6.0, step=0.04, noise=0.0, seed=0, **material):
     return RadiusCurve(t * T_C, np.where(r > 0, r, np.nan) * R_MAX)
 
 
-@pytest.mark.parametrize("noise", [0.003, 0.01, 0.025])
+@pytest.mark.parametrize("noise", [0.003, 0.008, 0.025])
 @pytest.mark.parametrize("start", [-0.7, -0.25, -0.15, 0.0])
 def test_the_time_of_the_maximum_lies_between_those_that_the_frames_leave_possible(start, noise):
     """A recording that begins up to a quarter of t_c before R_max shows no growth beyond 3 %."""
-    curves = [measured(start, step=0.04, noise=noise, seed=seed) for seed in range(40)]
+    curves = [measured(start, step=0.04, noise=noise, seed=seed) for seed in range(20)]
     spans = np.array([curve.time_of_max_span for curve in curves]) / T_C
     assert np.mean((spans[:, 0] <= 0.02) & (spans[:, 1] >= -0.02)) > 0.95
     assert np.median(np.diff(spans)) < 0.05 + 25 * noise
     assert np.quantile(np.diff(spans), 0.95) < 0.1 + 25 * noise
+    error = np.array([curve.time_of_max for curve in curves]) / T_C
+    assert start == -0.15 or np.sqrt(np.mean(error**2)) < 7.5 * noise  # from there on, the first frame may be it
 
 
 @pytest.mark.parametrize("step", [0.04, 0.1])
@@ -68,48 +70,37 @@ def test_maximum_and_first_collapse_at_half_a_percent_noise(step, start, materia
 
 @pytest.mark.parametrize("factor", [0.5, 0.95, 1.05, 1.6])
 @pytest.mark.parametrize("frame", [0, 3])
-def test_one_bad_frame_near_the_maximum_does_not_decide(factor, frame):
-    for start in (-0.7, 0.0):
-        curve = measured(start, noise=0.002)
-        radius = curve.radius.copy()
-        radius[np.argmin(np.abs(curve.time)) + frame] *= factor
-        assert RadiusCurve(curve.time, radius).max_radius == pytest.approx(R_MAX, rel=0.005)
+@pytest.mark.parametrize("start", [-0.7, 0.0])
+def test_one_bad_frame_near_the_maximum_does_not_decide(start, factor, frame):
+    curve = measured(start, noise=0.002)
+    radius = curve.radius.copy()
+    radius[np.argmin(np.abs(curve.time)) + frame] *= factor
+    assert RadiusCurve(curve.time, radius).max_radius == pytest.approx(R_MAX, rel=0.005)
 
 
-def test_maximum_is_the_one_before_the_violent_collapse_even_when_a_late_drift_passes_it():
+def test_a_late_drift_and_a_stated_time_of_the_maximum():
     curve = measured(end=8.0)
     t = curve.time / T_C
     drifting = RadiusCurve(curve.time, curve.radius + np.where(t > 3.0, (t - 3.0) * 0.3 * R_MAX, 0.0))
     assert np.nanmax(drifting.radius) > 1.3 * R_MAX
     assert drifting.max_radius == pytest.approx(R_MAX, rel=1e-3)
     assert drifting.stretch_from_tail() is None
+    t = 0.02 + np.arange(0.0, 5.0, 0.04)  # between frames
+    late = RadiusCurve(t * T_C, shot()[0](t) * R_MAX, stated_time_of_max=0.0)
+    assert (late.time_of_max, late.max_radius) == (0.0, pytest.approx(R_MAX, rel=3e-4))
 
 
-def test_recording_that_starts_between_frames_after_the_maximum_uses_the_stated_time():
-    t = 0.02 + np.arange(0.0, 5.0, 0.04)
-    curve = RadiusCurve(t * T_C, shot()[0](t) * R_MAX, stated_time_of_max=0.0)
-    assert curve.time_of_max == 0.0
-    assert curve.max_radius == pytest.approx(R_MAX, rel=3e-4)
+NO_MAXIMUM = [
+    ("few_frames", [1.0, 0.9, 0.5]),
+    ("few_frames", [np.nan] * 20),
+    ("few_frames", []),
+    ("grows", np.linspace(0.2, 1.0, 30)),
+    ("never_falls", 1.0 - 0.05 * np.linspace(-1.0, 1.0, 30) ** 2),
+    ("never_falls", np.ones(30)),
+]
 
 
-def test_the_last_of_the_growth_is_enough_to_find_the_maximum_in_noise():
-    """The first radius is 0.97 R_max: taken as the maximum, it would be 0.25 t_c too early."""
-    curves = [measured(start=-0.25, noise=0.008, seed=seed) for seed in range(40)]
-    error = np.array([curve.time_of_max for curve in curves]) / T_C
-    assert np.sqrt(np.mean(error**2)) < 0.06
-
-
-@pytest.mark.parametrize(
-    ("radius", "code"),
-    [
-        ([1.0, 0.9, 0.5], "few_frames"),
-        ([np.nan] * 20, "few_frames"),
-        (np.linspace(0.2, 1.0, 30), "grows"),
-        (1.0 - 0.05 * np.linspace(-1.0, 1.0, 30) ** 2, "never_falls"),
-        (np.ones(30), "never_falls"),
-        ([], "few_frames"),
-    ],
-)
+@pytest.mark.parametrize(("code", "radius"), NO_MAXIMUM)
 def test_a_maximum_that_cannot_be_determined_is_refused_with_the_reason(radius, code):
     curve = RadiusCurve(np.arange(len(radius)) * 1e-6, np.array(radius) * R_MAX, meta={"name": "shot 7"})
     for use in (lambda: curve.max_radius, lambda: curve.resampled(1e-6), curve.collapse_times, curve.strain_rate):
@@ -118,12 +109,23 @@ def test_a_maximum_that_cannot_be_determined_is_refused_with_the_reason(radius, 
     assert "no R_max" in repr(curve)
 
 
-def test_collapses_are_found_in_order_and_not_in_noise():
-    truth = measured().collapse_times()
+def test_collapses_are_found_in_order_and_not_in_noise_spikes_or_a_creeping_bubble():
+    curve = measured()
+    truth, noisy = curve.collapse_times(), measured(noise=0.01).collapse_times()
     assert len(truth) >= 4
-    noisy = measured(noise=0.01).collapse_times()
     assert np.allclose(noisy[:2], truth[:2], atol=0.04 * T_C)
     assert np.all(np.diff(noisy) > 0)
+    radius = curve.radius.copy()
+    frames = [int(np.argmin(np.abs(curve.time - t * T_C))) for t in (0.05, 0.6, 2.0)]
+    radius[frames] += 0.5 * R_MAX
+    spiking = RadiusCurve(curve.time, radius)
+    assert spiking.spikes() == frames
+    assert np.allclose(spiking.collapse_times(), truth, atol=0.002 * T_C)
+    creeping = measured(start=0.0, reynolds=1.0, stretch=5.0, noise=0.003)
+    assert (len(creeping.collapse_times()), creeping.rayleigh_ratio()) == (0, None)
+    assert creeping.resampled(1e-6, 100)[-1] < 0.5 * R_MAX
+    for use in (creeping.strain_rate, lambda: creeping.window(collapses=1)):
+        assert code_of(use) == "curve.collapses"
 
 
 @pytest.mark.parametrize("digit", [2e-6, 5e-6, 2e-5])
@@ -145,24 +147,6 @@ def test_another_bubble_after_the_first_ends_it():
     assert both.drifts_from < begins + 0.2 * T_C
 
 
-def test_a_spiking_frame_is_told_and_makes_no_collapse():
-    curve = measured()
-    radius = curve.radius.copy()
-    frames = [int(np.argmin(np.abs(curve.time - t * T_C))) for t in (0.05, 0.6, 2.0)]
-    radius[frames] += 0.5 * R_MAX
-    spiking = RadiusCurve(curve.time, radius)
-    assert spiking.spikes() == frames
-    assert np.allclose(spiking.collapse_times(), curve.collapse_times(), atol=0.002 * T_C)
-
-
-def test_a_creeping_bubble_has_no_collapse_and_no_strain_rate_but_can_be_resampled():
-    curve = measured(start=0.0, reynolds=1.0, stretch=5.0, noise=0.003)
-    assert len(curve.collapse_times()) == 0
-    assert curve.resampled(1e-6, 100)[-1] < 0.5 * R_MAX
-    for use in (curve.strain_rate, lambda: curve.window(collapses=1)):
-        assert code_of(use) == "curve.collapses"
-
-
 def test_strain_rate_is_the_mean_of_two_u_over_r():
     gentle = {"reynolds": 20.0, "stretch": 4.0}
     curve = measured(step=0.002, **gentle)
@@ -172,25 +156,25 @@ def test_strain_rate_is_the_mean_of_two_u_over_r():
     assert curve.strain_rate() * T_C == pytest.approx(mean, rel=0.01)
 
 
-def test_resampled_passes_through_the_frames_and_starts_at_the_maximum():
+def test_resampled_and_normalised_are_the_measured_frames_from_the_maximum_on():
     curve = measured(step=0.05)
-    fine = curve.resampled(0.5e-6, 100)
-    t = 0.5e-6 * np.arange(100)
+    fine, t = curve.resampled(0.5e-6, 100), 0.5e-6 * np.arange(100)
     away = np.abs(t - curve.collapse_times()[:, None]).min(axis=0) > 3e-6
     assert fine[0] == curve.max_radius
     assert np.max(np.abs(fine - R_MAX * shot()[0]((t + curve.time_of_max) / T_C))[away]) < 0.003 * R_MAX
     assert np.all(fine <= curve.max_radius * (1 + 1e-12))
-
-
-def test_resampled_skips_missing_frames_and_refuses_to_extrapolate():
-    curve = measured(end=3.0)
-    last = curve.time[-1] - curve.time_of_max
-    assert code_of(lambda: curve.resampled(1e-6, 100)) == "curve.short"
-    short = curve.resampled(1e-6, 100, allow_short=True)
-    assert np.array_equal(np.isnan(short), np.arange(100) * 1e-6 > last)
+    ends = measured(end=3.0)
+    assert code_of(ends.resampled, 1e-6, 100) == "curve.short"
+    short = ends.resampled(1e-6, 100, allow_short=True)
+    assert np.array_equal(np.isnan(short), np.arange(100) * 1e-6 > ends.time[-1] - ends.time_of_max)
     gap = curve.radius.copy()
     gap[40:43] = np.nan
-    assert np.all(np.isfinite(RadiusCurve(curve.time, gap).resampled(1e-6, 60)))
+    gapped = RadiusCurve(curve.time, gap)
+    assert np.all(np.isfinite(gapped.resampled(1e-6, 60)))
+    t, r = gapped.normalised(WATER)
+    assert len(t) == len(gap) - 3
+    assert t[0] < 0
+    assert np.median(np.abs(r - shot()[0](t))) < 2e-4
 
 
 def test_noise_does_not_decide_which_frame_a_window_ends_with():
@@ -198,11 +182,11 @@ def test_noise_does_not_decide_which_frame_a_window_ends_with():
     exact, noise = measured(), 0.01
     for collapses in (1, 2, 3):
         last = []
-        for seed in range(100):
+        for seed in range(50):
             error = noise * R_MAX * np.random.default_rng(seed).standard_normal(len(exact.time))
             curve = RadiusCurve(exact.time, exact.radius + error)
             last.append(error[curve.time == curve.window(collapses).time[-1]][0])
-        assert abs(np.mean(last)) < 4.0 * noise * R_MAX / np.sqrt(100.0)
+        assert abs(np.mean(last)) < 4.0 * noise * R_MAX / np.sqrt(50.0)
 
 
 def test_window_ends_at_the_rebound_after_the_collapses_and_keeps_the_maximum():
@@ -232,16 +216,6 @@ def test_max_radius_given_by_the_user_scales_the_radii_and_says_so():
     assert code_of(lambda: curve.with_max_radius(-1.0)) == "curve.max_radius"
 
 
-def test_normalised_has_growth_before_zero_and_only_measured_frames():
-    curve = measured()
-    radius = curve.radius.copy()
-    radius[5] = np.nan
-    t, r = RadiusCurve(curve.time, radius).normalised(WATER)
-    assert len(t) == len(radius) - 1
-    assert t[0] < 0
-    assert np.median(np.abs(r - shot()[0](t))) < 2e-4
-
-
 def test_stretch_from_the_plateau_only_where_there_is_one():
     stretch = 6.0
     # at rest the gas pressure balances: R_0 is the plateau of this model up to its gas content
@@ -260,19 +234,18 @@ def test_rayleigh_ratio_is_the_time_of_the_first_collapse_over_that_of_an_empty_
     scaled = RadiusCurve(curve.time, curve.radius * factor)
     assert scaled.rayleigh_ratio() == pytest.approx(shot()[1] / 0.9147 / factor, rel=5e-3)
     assert scaled.rayleigh_ratio(4.0 * 998.0) == pytest.approx(0.5 * scaled.rayleigh_ratio())
-    assert measured(start=0.0, reynolds=1.0, stretch=5.0, noise=0.003).rayleigh_ratio() is None  # no collapse
     assert replace(curve, unscaled="in pixels").rayleigh_ratio() is None
 
 
-@pytest.mark.parametrize(
-    ("time", "radius", "code"),
-    [
-        ([0.0, 1.0, 1.0], [1.0, 1.0, 1.0], "time"),
-        ([0.0, np.nan, 1.0], [1.0, 1.0, 1.0], "time"),
-        ([0.0, 1.0], [1.0, 1.0, 1.0], "shape"),
-        ([0.0, 1.0], [1.0, -1.0], "radius"),
-        ([0.0, 1.0], [1.0, np.inf], "radius"),
-    ],
-)
+BAD = [
+    ("time", [0.0, 1.0, 1.0], [1.0] * 3),
+    ("time", [0.0, np.nan, 1.0], [1.0] * 3),
+    ("shape", [0.0, 1.0], [1.0] * 3),
+    ("radius", [0.0, 1.0], [1.0, -1.0]),
+    ("radius", [0.0, 1.0], [1.0, np.inf]),
+]
+
+
+@pytest.mark.parametrize(("code", "time", "radius"), BAD)
 def test_arrays_that_make_no_curve_are_refused(time, radius, code):
-    assert code_of(RadiusCurve, np.array(time), np.array(radius)) == f"curve.{code}"
+    assert code_of(RadiusCurve, time, radius) == f"curve.{code}"

@@ -2,6 +2,8 @@
 
 import os
 import socket
+import sys
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
@@ -17,6 +19,10 @@ from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.errors import InputError
 from cavirheo.io import limits, read_curves, workbook
 from cavirheo.io.option_tables import read_trace
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "nightly"))
+from fuzz import READERS, mutated
+from valid import content
 
 
 @pytest.mark.parametrize("make", FILES, ids=lambda make: make.__name__)
@@ -50,25 +56,30 @@ def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, monkeypatch, r
         assert (error.code, str(error).isprintable()) == (f"reading.{code}", True), name
 
 
-def test_a_large_recording_is_within_the_limits(tmp_path):
-    """The limits are far above what cameras record: 100 000 frames of one shot are read."""
-    path = tmp_path / "long.h5"
-    t = np.arange(100_000) * 1e-9
+@pytest.mark.parametrize(
+    "name", ["curve.csv", "separated.txt", "bdt-packed.mat", "bdt-73.mat", "groups.h5", "curve.xlsx"]
+)
+def test_damaged_files_never_raise_anything_but_input_errors(tmp_path, name):
+    """The first of those that `make fuzz` makes."""
+    valid, path = content(name, tmp_path), tmp_path / f"damaged{Path(name).suffix}"
+    for number in range(12):
+        path.write_bytes(mutated(name, valid, 1, number))
+        for read in READERS[path.suffix[1:]]:
+            with suppress(InputError):
+                read(path)
+
+
+def test_a_large_recording_is_read_and_numbers_beyond_all_bounds_print_nothing(tmp_path, recwarn):
+    """The limits are far above what cameras record, 100 000 frames; a warning of numpy is a line nobody asked for."""
+    path, t = tmp_path / "long.h5", np.arange(100_000) * 1e-9
     with h5py.File(path, "w") as file:
         file["time"], file["radius"] = t, 1e-4 * (0.2 + np.abs(np.cos(t / 9e-6)))
-    (curve,) = read_curves(path)
-    assert len(curve.time) == 100_000 < limits.SAMPLES / 10
-
-
-@pytest.mark.parametrize("radius", [1e308, np.nan])
-def test_numbers_beyond_all_bounds_print_nothing(tmp_path, radius, recwarn):
-    """A warning of numpy would be a line that nobody asked for."""
-    path = tmp_path / "axes.txt"
-    np.savetxt(path, np.c_[np.arange(50.0), np.full(50, radius), np.full(50, -radius)])
-    with pytest.raises(InputError):
-        read_curves(path)
-    savemat(
-        path.with_suffix(".mat"), {"shift_normRnew": np.full((2, 50), 1e308), "Rmax": [1e308] * 2, "t": np.arange(50)}
-    )
-    read_curves(path.with_suffix(".mat"))
+    assert len(read_curves(path)[0].time) == 100_000 < limits.SAMPLES / 10
+    for radius in (1e308, np.nan):
+        np.savetxt(tmp_path / "a.txt", np.c_[np.arange(50.0), np.full(50, radius), np.full(50, -radius)])
+        with pytest.raises(InputError):
+            read_curves(tmp_path / "a.txt")
+    huge = {"shift_normRnew": np.full((2, 50), 1e308), "Rmax": [1e308] * 2, "t": np.arange(50)}
+    savemat(tmp_path / "a.mat", huge)
+    read_curves(tmp_path / "a.mat")
     assert not recwarn.list

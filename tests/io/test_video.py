@@ -1,16 +1,29 @@
-"""Radii from rendered recordings, where R(t) is known."""
+"""Recordings: radii where R(t) is known, what is read of each format, what is refused, and the command."""
+
+import contextlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import refused
-from recordings import FRAMES, film, history
+import tifffile
+from conftest import code_of, done, refused, rows_of
+from PIL import Image
+from recordings import FRAMES, RATE, SCALE, film, history, write_cine, write_mraw
+from scipy.io import loadmat
 
+import cavirheo
 from cavirheo import InputError
+from cavirheo.io.files import expand
+from cavirheo.io.videos import examine, measure
 from cavirheo.video import Film, Scene, render
-from cavirheo.video.frames import Footage
+from cavirheo.video.frames import Footage, is_video, read
 from cavirheo.video.stage import set_stage
 from cavirheo.video.track import USED, Track, follow
 
+HOW = {"frame_rate": RATE, "um_per_px": SCALE}
 SCENES = {
     "clean": {},
     "no_frame_without_the_bubble": {"empty": 0},
@@ -28,8 +41,38 @@ MORE = ("noisy_10_bits", "bright", "bright_centre_long_exposure")
 
 
 @pytest.fixture(scope="module")
-def clean():
+def shot():
     return film()
+
+
+@pytest.fixture(scope="module")
+def deep():
+    """Of 12 bits."""
+    return film(bits=12)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, shot, deep):
+    place = tmp_path_factory.mktemp("recordings")
+    for name in ("shot.mp4", "shot.mkv", "shot.tif"):
+        shot.save(place / name)
+    deep.save(place / "deep.mkv")
+    first, *others = map(Image.fromarray, deep.frames)
+    first.save(place / "packed.tif", save_all=True, append_images=others, compression="tiff_lzw")
+    for name in ("images", "pages"):
+        (place / name).mkdir()
+    for k, frame in enumerate(deep.frames):
+        Image.fromarray(frame).save(place / "images" / f"frame{k}.png")  # frame10 before frame2 by the alphabet
+        tifffile.imwrite(place / "pages" / f"{k}.tif", frame)
+    write_mraw(place / "camera.mraw", deep.frames, 12)
+    write_cine(place / "camera.cine", deep.frames, np.arange(FRAMES) / RATE, int(RATE))
+    return place
+
+
+@pytest.fixture(scope="module")
+def whole(folder):
+    """Of shot.tif: (what is found, its curve)."""
+    return examine(folder / "shot.tif", **HOW)
 
 
 def track(made: Film, exposure: float | None = None, **how: object) -> Track:
@@ -59,11 +102,6 @@ def test_a_shock_wave_does_not_stay_in_the_background():
     assert np.mean(np.abs(found.radius - made.radius)[ok] < 2 * found.sigma[ok]) > 0.95
 
 
-def test_spoilt_frames_are_told_apart():
-    found = track(film(empty=2, flash=1, dark_frames=1))
-    assert found.flags[:4].tolist() == ["before", "before", "flash", "dark"]
-
-
 def test_small_bubbles_are_measured_by_their_light():
     made = film(top=9.0, width=64, height=64)
     found = track(made, 0.3)
@@ -73,68 +111,248 @@ def test_small_bubbles_are_measured_by_their_light():
     assert made.radius[small].max() < 4.5
 
 
-def test_exposure_shows_in_the_blur():
+def test_exposure_shows_in_the_blur_and_shape_and_centre_in_the_outline():
     assert track(film(exposure=0.8)).exposure_hint == pytest.approx(0.8, abs=0.2)
-
-
-def test_centre_and_shape():
     made = film(modes=((2, 0.06, 0.0),), drift=(0.2, 0.0))
     found = track(made, 0.3)
-    ok = found.flags == "ok"
-    assert np.abs(found.x - made.centre[:, 0])[ok].max() < 0.1
+    assert np.abs(found.x - made.centre[:, 0])[found.flags == "ok"].max() < 0.1
     assert np.nanmedian(found.asphericity) == pytest.approx(0.06, abs=0.005)
 
 
-def test_nothing_is_invented_without_a_bubble():
+def test_nothing_is_invented_where_no_outline_is_seen():
+    """Without a bubble, or while one covers the frame; a mirror image is named."""
     without = render([0, 1], [0.01, 0.01], frames=FRAMES, scene=Scene(width=96, height=80, flicker=0.02))
     for made in (without, film(centre=(-80.0, -80.0))):
         with refused("video.no_bubble"):
             track(made)
-
-
-def test_a_bubble_that_covers_the_frame_has_no_radius_then():
     made = film(width=42, height=36, top=30.0)
-    found = track(made)
-    assert not np.any(np.isfinite(found.radius) & (made.radius > 28))
+    assert not np.any(np.isfinite(track(made).radius) & (made.radius > 28))
+    assert track(film(centre=(43.0, 23.0), top=16.0, wall=41.0, mirror=True)).twins > 5
 
 
-def test_a_mirror_image_is_named():
-    found = track(film(centre=(43.0, 23.0), top=16.0, wall=41.0, mirror=True))
-    assert found.twins > 5
-
-
-def test_polarity_and_reference_frame_are_obeyed(clean):
+def test_polarity_and_reference_frame_are_obeyed(shot):
     for polarity in ("bright", "grey"):
         with pytest.raises(InputError):
-            track(clean, polarity=polarity)
-    free, told = track(clean), track(clean, reference_frame=1)
+            track(shot, polarity=polarity)
+    free, told = track(shot), track(shot, reference_frame=1)
     both = (free.flags == "ok") & (told.flags == "ok")
     assert np.abs(free.radius - told.radius)[both].max() < 0.2
 
 
-def test_a_frame_that_is_damaged_or_shows_something_else_is_not_measured(clean):
-    frames, damaged = clean.frames.copy(), np.arange(FRAMES) == 12
+def test_flags_say_what_is_used_and_spoilt_frames_are_told_apart(shot):
+    frames, damaged = shot.frames.copy(), np.arange(FRAMES) == 12
     frames[20] = frames[0]
     frames[20, 5:15, 5:15] = 5
     found = follow(set_stage(Footage(frames, damaged=damaged)))
     assert (found.flags[12], found.flags[20]) == ("lost", "elsewhere")
-    assert np.isnan(found.radius[[12, 20]]).all()
+    used = np.isin(found.flags, USED)
+    assert np.array_equal(np.isfinite(found.radius), used)
+    assert np.all(found.sigma[used] > 0)
+    found = track(film(empty=2, flash=1, dark_frames=1))
+    assert found.flags[:4].tolist() == ["before", "before", "flash", "dark"]
 
 
-def test_rendering_refuses_what_it_cannot():
+def test_the_same_seed_gives_the_same_film_and_what_cannot_be_rendered_is_refused():
+    assert np.array_equal(film(seed=5, frames=8).frames, film(seed=5, frames=8).frames)
+    assert not np.array_equal(film(seed=5, frames=8).frames, film(seed=6, frames=8).frames)
     time, radius = history()
     for times, frames in ((time[::-1], 9), (time, 2)):
         with pytest.raises(InputError):
             render(times, radius, frames=frames)
 
 
-def test_the_same_seed_gives_the_same_film():
-    assert np.array_equal(film(seed=5, frames=8).frames, film(seed=5, frames=8).frames)
-    assert not np.array_equal(film(seed=5, frames=8).frames, film(seed=6, frames=8).frames)
+DEEP = ("deep.mkv", "packed.tif", "images", "pages", "camera.mraw", "camera.cine")
 
 
-def test_flags_say_what_is_used(clean):
-    found = track(clean)
-    used = np.isin(found.flags, USED)
-    assert np.array_equal(np.isfinite(found.radius), used)
-    assert np.all(found.sigma[used] > 0)
+@pytest.mark.parametrize("name", ["shot.mkv", "shot.tif", *DEEP])
+def test_frames_are_read_as_they_are(folder, shot, deep, name):
+    frames, expected = read(folder / name).frames, (deep if name in DEEP else shot).frames
+    assert frames.dtype == expected.dtype
+    assert np.array_equal(frames, expected)
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_mraw_is_read_bit_by_bit(tmp_path, bits):
+    frames = np.random.default_rng(bits).integers(0, 2**bits, (3, 20, 32))
+    found = read(write_mraw(tmp_path / "a.mraw", frames, bits, rate=1234))
+    assert np.array_equal(found.frames, frames)
+    assert (found.frame_rate, found.exposure) == (1234.0, pytest.approx(4e-7))
+
+
+def test_the_stamps_of_a_cine_count_before_its_header(tmp_path, deep):
+    stamps = 0.9999995 + np.arange(FRAMES) / RATE  # over the turn of a second
+    found = read(write_cine(tmp_path / "a.cine", deep.frames, stamps, 50_000))
+    assert found.time == pytest.approx(np.arange(FRAMES) / RATE, abs=2e-9)
+    assert found.exposure == pytest.approx(1e-6, rel=1e-3)
+    given = measure(tmp_path / "a.cine", um_per_px=SCALE, frame_rate=4e5)
+    assert given.time == pytest.approx(np.arange(FRAMES) / 4e5)
+    curve = measure(tmp_path / "a.cine", um_per_px=SCALE)
+    assert curve.frame_rate == pytest.approx(RATE, rel=1e-3)
+    assert any("50000" in one.text for one in curve.warnings)
+
+
+@pytest.mark.parametrize("name", ["shot.mp4", "shot.mkv", "shot.tif", "images"])
+def test_a_container_never_says_the_rate(folder, name):
+    assert code_of(measure, folder / name, um_per_px=SCALE) == "video.frame_rate"
+
+
+def test_rate_and_scale_are_the_users_before_the_cameras(folder, tmp_path, shot):
+    """A difference is doubtful; without a scale radii are pixels, which inference refuses; the scale of ImageJ is one,
+    that of printing is not. Compression hardly moves the radius."""
+    curve = measure(folder / "camera.mraw", frame_rate=4e5, um_per_px=SCALE)
+    assert (curve.frame_rate, len(curve.warnings)) == (4e5, 1)
+    assert measure(folder / "camera.mraw", um_per_px=SCALE).warnings == ()
+    curve = measure(folder / "shot.mp4", frame_rate=RATE)
+    ok = np.array(curve.meta["flags"]) == "ok"
+    assert np.sqrt(np.mean((curve.radius[ok] * 1e6 - shot.radius[ok]) ** 2)) < 0.05
+    assert code_of(lambda: curve.max_radius) == "curve.unscaled"
+    assert curve.with_max_radius(128e-6).max_radius == 128e-6
+    told = {"imagej": True, "metadata": {"unit": "um", "axes": "TYX"}, "resolution": (0.25, 0.25)}
+    tifffile.imwrite(tmp_path / "a.tif", shot.frames, **told)
+    assert read(tmp_path / "a.tif").um_per_px == pytest.approx(4.0)
+    tifffile.imwrite(tmp_path / "b.tif", shot.frames, resolution=(72, 72))
+    assert read(tmp_path / "b.tif").um_per_px is None
+
+
+def test_parts_of_a_recording(folder, whole):
+    found, curve = examine(folder / "shot.tif", **HOW, span=(3, 25), roi=(8, 6, 72, 60))
+    assert (len(curve.time), curve.time[0]) == (23, pytest.approx(2 / RATE))
+    both = np.isfinite(found.track.radius) & np.isfinite(whole[0].track.radius[2:25])
+    assert np.abs(found.track.radius - whole[0].track.radius[2:25])[both].max() < 0.2
+    assert np.abs(found.track.x + 8 - whole[0].track.x[2:25])[both].max() < 0.2
+
+
+@pytest.mark.parametrize("listed", ["6, 12-14", [13, 6, 12, 14]])
+def test_frames_can_be_excluded_by_hand(folder, whole, listed):
+    found, curve = examine(folder / "shot.tif", **HOW, exclude=listed)
+    left = np.isin(np.arange(1, FRAMES + 1), [6, 12, 13, 14])
+    assert np.isnan(curve.radius[left]).all()
+    assert [flag for flag, out in zip(curve.meta["flags"], left, strict=True) if out] == ["excluded"] * 4
+    assert np.array_equal(found.track.radius[~left], whole[0].track.radius[~left], equal_nan=True)
+    assert "excluded by hand: frames 6, 12-14" in curve.notes
+    assert found.options["exclude"] == "6, 12-14"
+    assert found.without([13, 20]).options["exclude"] == "6, 12-14, 20"
+
+
+def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):
+    for name, cut in (("shot.mkv", "cut.mkv"), ("camera.mraw", "cut.mraw")):
+        content = (folder / name).read_bytes()
+        (tmp_path / cut).write_bytes(content[: int(0.8 * len(content))])
+    shutil.copy(folder / "camera.cihx", tmp_path / "cut.cihx")
+    assert [one.code for one in read(tmp_path / "cut.mraw").warnings] == ["check_input.file_cut_short"]
+    cut = read(tmp_path / "cut.mkv")
+    assert 20 < len(cut.frames) < FRAMES
+    assert "check_input.file_cut_short" in [one.code for one in cut.warnings]
+
+
+NO_RECORDINGS: dict[str, tuple[str, Callable]] = {
+    "one frame": ("video.one_frame", lambda place, shot: tifffile.imwrite(place, shot.frames[0])),
+    "a few pixels": ("video.small", lambda place, shot: tifffile.imwrite(place, shot.frames[:, :8, :8])),
+    "no picture": ("video.undecodable", lambda place, shot: place.write_bytes(b"no picture")),
+    "darkness": ("video.no_bubble", lambda place, shot: tifffile.imwrite(place, shot.frames[:9] * 0)),
+    "a still": ("video.no_bubble", lambda place, shot: tifffile.imwrite(place, np.repeat(shot.frames[:1], 9, 0))),
+    "nothing": ("reading.missing", lambda place, shot: None),
+}
+
+
+@pytest.mark.parametrize("name", NO_RECORDINGS)
+def test_what_is_no_recording_is_refused(tmp_path, shot, name):
+    code, make = NO_RECORDINGS[name]
+    make(tmp_path / "a.tif", shot)
+    with refused(code, "a.tif"):
+        measure(tmp_path / "a.tif", **HOW)
+
+
+def test_images_of_several_sizes_are_no_recording(tmp_path, shot):
+    for k in range(4):
+        Image.fromarray(shot.frames[k][: 40 + k]).save(tmp_path / f"{k}.png")
+    with refused("video.sizes", tmp_path.name):
+        measure(tmp_path, **HOW)
+
+
+WRONG = {
+    "video.frame_rate": [{"frame_rate": -1.0}, {"frame_rate": None}, {"frame_rate": 1.0}, {"frame_rate": 1e13}],
+    "video.um_per_px": [{"um_per_px": float("nan")}],
+    "curve.radius_unit": [{"um_per_px": 1e6}],
+    "video.exposure": [{"exposure": 1.0}],
+    "video.roi": [{"roi": (0, 0, 500, 20)}],
+    "video.frames": [{"span": (5, 500)}],
+    "video.reference_frame": [{"reference_frame": 99}],
+    "video.polarity": [{"polarity": "grey"}],
+    "video.exclude": [{"exclude": "4-"}, {"exclude": [99]}, {"exclude": "1-34"}],
+}
+
+
+@pytest.mark.parametrize(("code", "wrong"), [(code, wrong) for code, many in WRONG.items() for wrong in many])
+def test_options_out_of_their_range_are_refused(folder, wrong, code):
+    assert code_of(measure, folder / "shot.tif", **{**HOW, **wrong}) == code
+
+
+@pytest.mark.parametrize("count", [6, pytest.param(60, marks=pytest.mark.slow)])
+def test_damaged_files_are_answered_or_refused_in_words(tmp_path, folder, count):
+    rng = np.random.default_rng(3)
+    names = ("shot.mp4", "shot.mkv", "packed.tif", "camera.cine", "camera.cihx", "camera.mraw")
+    for k in range(count):
+        content = bytearray((folder / names[k % 6]).read_bytes())
+        for at in rng.integers(0, min(len(content), 4000) if k % 2 else len(content), 12):
+            content[at] = rng.integers(256)
+        if k % 3 == 2:
+            del content[rng.integers(len(content)) :]
+        path = tmp_path / f"{k}{(folder / names[k % 6]).suffix}"
+        path.write_bytes(content)
+        for ending in {".mraw": [".cihx"], ".cihx": [".mraw"]}.get(path.suffix, []):
+            path.with_suffix(ending).write_bytes((folder / f"camera{ending}").read_bytes())
+        with contextlib.suppress(InputError):
+            assert len(measure(path, **HOW).time) > 1
+
+
+def test_folders_of_images_and_films_of_two_files_are_one_recording_each(folder, tmp_path):
+    """A folder of recordings is none."""
+    assert [is_video(folder / name) for name in ("images", "pages", ".")] == [True, True, False]
+    assert expand([folder / "pages"]) == [folder / "pages"]
+    assert len(expand([folder])) == 7  # the header of the .mraw is no recording of its own
+    for name in ("camera.mraw", "camera.cihx", "shot.tif"):
+        shutil.copy(folder / name, tmp_path)
+    shutil.copy(folder / "camera.cihx", tmp_path / "alone.cihx")
+    taken = ["alone.cihx", "camera.mraw", "shot.tif"]  # a header alone, for its reader to say what is missing
+    assert expand([tmp_path]) == [tmp_path / name for name in taken]
+    assert expand(sorted(tmp_path.iterdir())) == expand([tmp_path / "*.*"]) == expand([tmp_path])
+    assert expand([tmp_path / "camera.cihx"]) == [tmp_path / "camera.cihx"]
+
+
+def test_the_command_writes_what_can_be_read_again(run, folder, whole):
+    done(run("measure", folder / "shot.tif", "--fps", RATE, "--um-per-px", SCALE, "-o", "out", "--overlay"))
+    rows, (_, curve) = rows_of("out/measured.csv"), whole
+    (again,) = cavirheo.read_curves("out/measured.csv")
+    assert again.radius == pytest.approx(curve.radius, rel=1e-4, nan_ok=True)
+    assert again.radius_std == pytest.approx(curve.radius_std, rel=1e-4, nan_ok=True)
+    assert [row["flag"] for row in rows] == list(curve.meta["flags"])
+    about = json.loads(Path("out/measure.json").read_text(encoding="utf-8"))
+    assert about["frame_rate_hz"] == {"value": RATE, "origin": "the user"}
+    assert about["max_radius_m"] == pytest.approx(curve.max_radius)
+    assert sum(about["flags"].values()) == FRAMES
+    assert Image.open("out/contact.png").size[0] > 400
+    assert len(read(Path("out/overlay.mp4")).frames) == FRAMES
+    assert cavirheo.load("out").max_radius_px > 23
+    assert run("show", "out")[0] == 0
+
+
+def test_a_real_recording_agrees_with_its_published_radii(real_data):
+    found, _ = examine(real_data / "video" / "PAstiff_xy002.mp4", frame_rate=270e3, um_per_px=2.76)
+    published = loadmat(str(real_data / "video" / "PAstiff_xy002_RofT.mat"))["Rnew"].ravel()
+    radius, top = found.track.radius, published.max()
+    both = (found.track.flags == "ok") & (published > 0)
+    assert found.track.flags[:3].tolist() == ["before", "flash", "dark"]
+    assert np.sqrt(np.mean((radius[both] - published[both]) ** 2)) < 0.006 * top
+    assert np.nanmax(radius) == pytest.approx(top, rel=0.003)
+
+
+def test_real_camera_files(real_data):
+    place = real_data / "video_formats"
+    found = read(place / "cine_781.cine")
+    assert found.time is not None
+    assert 1 / np.diff(found.time)[0] == pytest.approx(9003, abs=1)
+    assert found.frame_rate == 90_000
+    packed = read(place / "ball_12bit.cihx")
+    assert (packed.frames.shape, packed.frames.max(), packed.frame_rate) == ((15, 384, 384), 4095, 30_000)
+    assert read(place / "beam.mraw").frames.shape == (4, 80, 1024)
