@@ -1,5 +1,7 @@
-"""Training sets: the same bytes however they are made, nothing lost, nothing mixed."""
+"""The training problem: prior, identity, and the way between a shot and the reference scale. Training sets: the same
+bytes however they are made, nothing lost, nothing mixed."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,17 +11,99 @@ from conftest import code_of, refused
 
 from cavirheo.inference.bins import END, SCALARS
 from cavirheo.inference.latent import COORDINATES
-from cavirheo.prior import Prior
-from cavirheo.problem import TrainingProblem
+from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
+from cavirheo.physics.media import BU2026, WATER
+from cavirheo.prior import Prior, uniforms
+from cavirheo.problem import FrameGrid, TrainingProblem, natural_values
 from cavirheo.training import dataset
 from cavirheo.training.camera import film
 from cavirheo.training.curves import NODES, STEPS, TOP, CurveStore
 from cavirheo.training.dataset import generate, load
 
+RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
+LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}
+GEL = TrainingProblem("nhkv", Prior.uniform(RANGES))
+PROBLEM = TrainingProblem("newtonian", Prior.uniform(LIQUID))
 
-@pytest.fixture
-def problem() -> TrainingProblem:
-    return TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
+
+def test_draws_are_fixed_for_all_time():
+    """A change would silently change every training set."""
+    np.testing.assert_allclose(uniforms(1, 0, 2), [0.3035680343067586, 0.8487087496857769], rtol=1e-15)
+
+
+def test_prior_is_uniform_and_independent():
+    theta = GEL.prior.sample(4000, seed=3)
+    unit = (theta - GEL.prior.low) / (GEL.prior.high - GEL.prior.low)
+    assert 0 <= unit.min() < unit.max() <= 1
+    for column in unit.T:
+        counts, _ = np.histogram(column, bins=10, range=(0, 1))
+        assert np.sum((counts - 400) ** 2 / 400) < 27.9  # chi-square, 9 degrees of freedom: 0.1 %
+    assert np.abs(np.corrcoef(unit.T) - np.eye(3)).max() < 0.06
+
+
+def of(material="nhkv", **ranges) -> TrainingProblem:
+    return TrainingProblem(material, Prior.uniform(RANGES | ranges))
+
+
+@pytest.mark.parametrize(
+    ("call", "code"),
+    [
+        (lambda: of(stretch=[11.0, 3.0]), "prior.range"),
+        (lambda: of(stretch=[3.0, np.inf]), "prior.range"),
+        (lambda: of(stretch=[3.0]), "prior.range"),
+        (lambda: of(density=[900.0, 1100.0]), "prior.name"),
+        (lambda: TrainingProblem("nhkv", Prior.uniform(LIQUID)), "problem.prior"),
+        (lambda: of("newtonian"), "problem.prior"),
+        (lambda: of("x"), "problem.material"),
+        (lambda: TrainingProblem.from_dict(GEL.to_dict() | {"medium": {"wetness": 1.0}}), "problem.unreadable"),
+        (lambda: GEL.material([4.0, -1.0]), "problem.theta"),
+        (lambda: GEL.grid_step(float("nan")), "problem.max_radius"),
+    ],
+)
+def test_what_is_not_of_a_problem_is_refused(call, code):
+    with refused(code):
+        call()
+
+
+def test_material_from_theta():
+    assert GEL.material([4.0, -1.0, 7.0]) == NeoHookeanKelvinVoigt(1e4, 0.1)
+    assert PROBLEM.material([-2.0, 7.0]) == Newtonian(0.01)
+    assert natural_values(GEL.prior.names, [4.0, -1.0, 7.0])["stretch"] == 7.0
+
+
+def test_identity_changes_with_every_part():
+    assert TrainingProblem.from_dict(GEL.to_dict()).id == GEL.id
+    others = [
+        replace(GEL, medium=BU2026),
+        replace(GEL, medium=replace(WATER, conductivity_slope=5.4e-5)),
+        replace(GEL, grid=FrameGrid(frames=101)),
+        replace(GEL, reference_max_radius=246e-6),
+        of(stretch=[3.0, 10.0]),
+        replace(GEL, prior=Prior.uniform(dict(reversed(RANGES.items())))),
+    ]
+    assert len({GEL.id, *(other.id for other in others)}) == 7
+
+
+def test_scale_keeps_cauchy_and_reynolds():
+    medium, shot = replace(WATER, density=1060.0, pressure=90e3), 80e-6
+    found = GEL.to_shot({"shear_modulus": 5e3, "viscosity": 0.05, "stretch": 7.0}, shot, medium)
+
+    def numbers(g, mu, radius, m):  # Ca = p/G, Re = p t_c/mu
+        return m.pressure / g, m.pressure * radius * np.sqrt(m.density / m.pressure) / mu
+
+    of_shot = numbers(found["shear_modulus"], found["viscosity"], shot, medium)
+    np.testing.assert_allclose(of_shot, numbers(5e3, 0.05, 245e-6, WATER), rtol=1e-12)
+    assert found["stretch"] == 7.0
+
+
+def test_simulations_run_at_the_reference():
+    (simulation,) = GEL.simulate_many([[5.0, 0.0, 4.0]])
+    assert simulation.ok
+    assert simulation.radius[0] == pytest.approx(245e-6)
+    np.testing.assert_array_equal(simulation.time, GEL.grid.time)
+    again = GEL.simulate_many([[5.0, 0.0, 4.0], [4.5, 0.0, 4.0]], workers=2)
+    np.testing.assert_array_equal(again[0].radius, simulation.radius)
+    assert not np.array_equal(again[1].radius, simulation.radius)
 
 
 def violent(theta: np.ndarray) -> np.ndarray:
@@ -30,40 +114,40 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-def test_failures_are_kept_and_counted(problem, instant, tmp_path):
+def test_failures_are_kept_and_counted(instant, tmp_path):
     instant.fails = violent
-    made = generate(problem, 90, tmp_path, seed=3, progress=False)
+    made = generate(PROBLEM, 90, tmp_path, seed=3, progress=False)
     data = load(tmp_path)
     failed = violent(data.theta)
     assert 10 < failed.sum() < 40  # the test would prove nothing otherwise
     assert made.failures == data.failures == {"the step size went to zero": failed.sum()}
     assert made.curves == len(data.theta) == 90
-    np.testing.assert_array_equal(data.theta, problem.prior.sample(90, 3))
+    np.testing.assert_array_equal(data.theta, PROBLEM.prior.sample(90, 3))
     np.testing.assert_array_equal(data.ok, ~failed)
     assert np.isnan(data.radius[failed, 50:]).all()
     assert np.isfinite(data.radius[failed, :50]).all()
     assert data.radius[0, 0] == 1.0
-    assert data.problem.id == problem.id
+    assert data.problem.id == PROBLEM.id
     assert code_of(load, tmp_path.parent) == "dataset.none"
-    assert code_of(generate, problem, 30, tmp_path, shard=(0, 2), progress=False) == "dataset.shard"
+    assert code_of(generate, PROBLEM, 30, tmp_path, shard=(0, 2), progress=False) == "dataset.shard"
 
 
-def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(problem, monkeypatch, tmp_path):
+def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(monkeypatch, tmp_path):
     broken = SimpleNamespace(radius=np.r_[np.inf, np.ones(99)], status="ok")
     monkeypatch.setattr(TrainingProblem, "simulate_many", lambda self, theta, workers: [broken] * len(theta))
-    assert list(generate(problem, 3, tmp_path, progress=False).failures.values()) == [3]
+    assert list(generate(PROBLEM, 3, tmp_path, progress=False).failures.values()) == [3]
 
 
-def test_same_bytes_for_any_partition(problem, instant, tmp_path):
-    generate(problem, 90, tmp_path / "one", seed=3, progress=False)
+def test_same_bytes_for_any_partition(instant, tmp_path):
+    generate(PROBLEM, 90, tmp_path / "one", seed=3, progress=False)
     for part in (3, 1, 2):
-        generate(problem, 90, tmp_path / "three", seed=3, shard=(part, 3), progress=False)
+        generate(PROBLEM, 90, tmp_path / "three", seed=3, shard=(part, 3), progress=False)
     assert files(tmp_path / "one") == files(tmp_path / "three")
     assert len(files(tmp_path / "one")) == 5
 
 
-def test_a_killed_run_goes_on_to_the_same_bytes(problem, instant, monkeypatch, tmp_path):
-    generate(problem, 90, tmp_path / "whole", seed=3, progress=False)
+def test_a_killed_run_goes_on_to_the_same_bytes(instant, monkeypatch, tmp_path):
+    generate(PROBLEM, 90, tmp_path / "whole", seed=3, progress=False)
     simulate = TrainingProblem.simulate_many
     instant.clear()
 
@@ -75,29 +159,29 @@ def test_a_killed_run_goes_on_to_the_same_bytes(problem, instant, monkeypatch, t
     with monkeypatch.context() as patch:
         patch.setattr(TrainingProblem, "simulate_many", killed_in_the_third_file)
         with pytest.raises(KeyboardInterrupt):
-            generate(problem, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
+            generate(PROBLEM, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
     (tmp_path / "cut" / ".shard-00002.h5.part.h5").write_bytes(b"half a file")
     with refused("dataset.incomplete"):
         load(tmp_path / "cut")
     instant.clear()
-    made = generate(problem, 90, tmp_path / "cut", seed=3, progress=False)
+    made = generate(PROBLEM, 90, tmp_path / "cut", seed=3, progress=False)
     assert (made.written, made.skipped, made.simulated, sum(instant)) == (3, 2, 50, 50)
     assert files(tmp_path / "cut") == files(tmp_path / "whole")
     assert made.failures == load(tmp_path / "whole").failures
 
 
-def test_other_settings_do_not_mix(problem, instant, tmp_path):
-    generate(problem, 30, tmp_path, seed=3, progress=False)
-    other = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 10.0]}))
+def test_other_settings_do_not_mix(instant, tmp_path):
+    generate(PROBLEM, 30, tmp_path, seed=3, progress=False)
+    other = TrainingProblem("newtonian", Prior.uniform(LIQUID | {"stretch": [3.0, 10.0]}))
     before = files(tmp_path)
-    for what, n, seed, wanted in (("seed", 30, 4, problem), ("total", 31, 3, problem), ("problem", 30, 3, other)):
+    for what, n, seed, wanted in (("seed", 30, 4, PROBLEM), ("total", 31, 3, PROBLEM), ("problem", 30, 3, other)):
         with refused(f"dataset.another_{what}"):
             generate(wanted, n, tmp_path, seed=seed, progress=False)
         assert files(tmp_path) == before
 
 
-def test_split_is_a_partition_that_no_parameter_decides(problem, instant, tmp_path):
-    generate(problem, 400, tmp_path, seed=3, progress=False)
+def test_split_is_a_partition_that_no_parameter_decides(instant, tmp_path):
+    generate(PROBLEM, 400, tmp_path, seed=3, progress=False)
     data = load(tmp_path)
     parts = data.split(seed=3)  # the seed of the data on purpose
     together = np.sort(np.concatenate(list(parts.values())))
@@ -110,18 +194,18 @@ def test_split_is_a_partition_that_no_parameter_decides(problem, instant, tmp_pa
     np.testing.assert_array_equal(parts["test"], data.split(seed=3)["test"])
 
 
-def test_a_set_is_surveyed_while_it_grows(problem, instant, tmp_path):
+def test_a_set_is_surveyed_while_it_grows(instant, tmp_path):
     instant.fails = violent
-    generate(problem, 90, tmp_path, seed=3, shard=(1, 2), progress=False)
+    generate(PROBLEM, 90, tmp_path, seed=3, shard=(1, 2), progress=False)
     half = dataset.survey(tmp_path)
     assert (half.curves, half.total, half.files, half.lacking) == (50, 90, 3, 2)
-    generate(problem, 90, tmp_path, seed=3, progress=False)
+    generate(PROBLEM, 90, tmp_path, seed=3, progress=False)
     whole = dataset.survey(tmp_path)
     assert (whole.curves, whole.lacking, sum(whole.statuses.values())) == (90, 0, 90)
     assert whole.statuses["ok"] == 90 - sum(load(tmp_path).failures.values()) < 90
     assert whole.size == sum(map(len, files(tmp_path).values()))
     assert whole.sha256 != half.sha256
-    generate(problem, 90, tmp_path / "again", seed=3, workers=1, progress=False)
+    generate(PROBLEM, 90, tmp_path / "again", seed=3, workers=1, progress=False)
     assert dataset.survey(tmp_path / "again").sha256 == whole.sha256
 
 

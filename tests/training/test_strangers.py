@@ -266,6 +266,7 @@ def test_a_full_disk(small, tmp_path, most):
     import resource
 
     PROBLEM.simulate_many([[-2.0, 5.0]])  # what is compiled is kept before the disk is full
+
     def limit():
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
 
