@@ -107,7 +107,7 @@ PLANTED = (
     Planted("Hz taken for rad/s", "companions/rheometer.py",
             '"Hz": 2 * math.pi, "hz"', '"Hz": 1.0, "hz"', ("test_rheometer",)),
     Planted("failed answers are kept for ever", "workflow/analyse.py",
-            "answer, file=fine)", "answer, file=True)", ("test_scale",)),
+            "answer, file=fine)", "answer, file=True)", ("test_dataset",)),
     Planted("a worker with other code is taken", "workflow/cluster/check.py",
             "return message if theirs.code != mine.code else \"\"", "return \"\"", ("test_cluster",)),
     Planted("a file that is still written is read", "watch.py",

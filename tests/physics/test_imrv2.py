@@ -4,12 +4,12 @@ Three things differ. Its gas is adiabatic from R_eq, ours is expanded isothermal
 the same gas. Its elastic law is about R_eq all the same. Its Gilmore equation leaves out the factor 1 - U/C of dH/dt.
 """
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import rows_of
 from scipy.optimize import brentq
 from test_limits import textbook
 
@@ -29,9 +29,8 @@ T_C = WET.time_scale(R_MAX)
 
 
 def columns(name: str) -> dict[str, np.ndarray]:
-    with (Path(__file__).parent / "imrv2" / name).open(newline="", encoding="utf-8") as file:
-        head, *rows = csv.reader(file)
-    return dict(zip(head, np.array(rows, dtype=float).T, strict=True))
+    rows = rows_of(Path(__file__).parent / "imrv2" / name)
+    return {title: np.array([float(row[title]) for row in rows]) for title in rows[0]}
 
 
 CASES, GRID = columns("cases.csv"), columns("grid.csv")

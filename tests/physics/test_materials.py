@@ -11,7 +11,7 @@ import pytest
 from conftest import refused
 from scipy.integrate import quad
 
-from cavirheo import Bubble, InputError, Medium, Newtonian, SolverError, simulate, simulate_many
+from cavirheo import Bubble, Medium, Newtonian, SolverError, simulate, simulate_many
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, viscous
 from cavirheo.physics.accuracy import Accuracy
@@ -111,11 +111,19 @@ def test_the_closed_form_of_fungs_stress(stiffening, ratio):
         (Ogden([3e3], [2.0]), NeoHookean(3e3)),
         (Ogden((2e3, -1e3), (2.0, -2.0)), MooneyRivlin(1e3, 500.0)),
         (StrainEnergy(gent_energy), Gent(3e3, 60.0)),
+        (PowerLaw(0.3, 1.0), Newtonian(0.3)),
+        (HerschelBulkley(0.0, 0.3, 1.0), Newtonian(0.3)),
+        (CarreauYasuda(0.3, 0.1, 1e-4, 1.0), Newtonian(0.3)),
+        (CarreauYasuda(0.3, 0.1, 0.0, 0.5), Newtonian(0.3)),
+        (Cross(0.3, 0.3, 1e-4, 0.8), Newtonian(0.3)),
+        (viscous.PowellEyring(0.3, 0.1, 0.0), Newtonian(0.3)),
+        (Viscosity(lambda s: 0.3), Newtonian(0.3)),
     ],
     ids=str,
 )
-def test_elastic_law_reduces_to_its_parent(law, parent):
-    assert law.stress(RATIOS) == pytest.approx(parent.stress(RATIOS), rel=1e-7)
+def test_a_law_reduces_to_its_parent(law, parent):
+    at, close = (RATIOS, 1e-7) if isinstance(law, Elastic) else (RATES, 1e-10)
+    assert law.stress(at) == pytest.approx(parent.stress(at), rel=close)
 
 
 @pytest.mark.parametrize("law", VISCOUS, ids=str)
@@ -148,23 +156,6 @@ def test_viscous_closed_forms():
     assert CarreauYasuda(1.0, 0.0, 1e-4, 0.0).stress(g) == pytest.approx(carreau, rel=1e-8)
     bingham = -4 / SHEAR * 50.0 * np.arcsinh(SHEAR * g / 3.0)
     assert HerschelBulkley(50.0, 0.0, 1.0, 3.0).stress(g) == pytest.approx(bingham, rel=1e-8)
-
-
-@pytest.mark.parametrize(
-    "law",
-    [
-        PowerLaw(0.3, 1.0),
-        HerschelBulkley(0.0, 0.3, 1.0),
-        CarreauYasuda(0.3, 0.1, 1e-4, 1.0),
-        CarreauYasuda(0.3, 0.1, 0.0, 0.5),
-        Cross(0.3, 0.3, 1e-4, 0.8),
-        viscous.PowellEyring(0.3, 0.1, 0.0),
-        Viscosity(lambda s: 0.3),
-    ],
-    ids=str,
-)
-def test_viscous_law_reduces_to_newtonian(law):
-    assert law.stress(RATES) == pytest.approx(Newtonian(0.3).stress(RATES), rel=1e-10)
 
 
 WAY = dict(max_radius=150e-6, stretch=5.0, time=np.linspace(0, 100e-6, 101))
@@ -271,6 +262,25 @@ def test_no_law_is_forgotten():
         ("ogden((2e3, 'a'), (2, 2))", "laws.number", "ogden: moduli"),
         ("ogden((2e3, 1), 2)", "physics.terms", "ogden"),
         ("gent(-1, 40)", "physics.shear_modulus", "-1.0"),
+        ("mooney-rivlin(1e3, -2e3)", "physics.C1", ""),
+        ("yeoh(1e3, 1e999)", "physics.C2", ""),
+        ("fung(1e3, -1)", "physics.stiffening", ""),
+        ("gent(1e3, 0)", "physics.limit", ""),
+        ("arruda-boyce(1e3, 0)", "physics.segments", ""),
+        ("ogden((1e3,), (2, 3))", "physics.terms", ""),
+        ("ogden(1e3, 1e999)", "physics.exponent", ""),
+        ("ogden(1e3, -2)", "physics.unstable", ""),
+        ("newtonian(-0.1)", "physics.viscosity", ""),
+        ("power-law(1, 0)", "physics.exponent", ""),
+        ("herschel-bulkley(-1, 1, 1)", "physics.yield_stress", ""),
+        ("carreau-yasuda(0.1, 0.1, 1e-4, 0.5, 0)", "physics.transition", ""),
+        ("cross(0.1, -0.1, 1e-4)", "physics.infinite_rate", ""),
+        ("powell-eyring(0.1, 0.1, -1e-4)", "physics.time", ""),
+        ("qkv(1e3, 0.1, -0.1)", "physics.stiffening", ""),
+        ("maxwell(-1, 1e-6)", "physics.viscosity", ""),
+        ("oldroyd-b(1, 1e-6, 2e-6)", "physics.retardation_time", ""),
+        ("zener(-1, 1, 1e-6)", "physics.shear_modulus", ""),
+        ("qsls(1e3, 0, 1e-6, 0.1)", "physics.viscosity", ""),
         ("gent(2e3, 40) +", "laws.syntax", EXAMPLE),
         ("gent(2e3, 40)\0", "laws.syntax", EXAMPLE),
         ("2 * gent(2e3, 40)", "laws.no_law", "'2 * gent(2000.0, 40)'"),
@@ -285,38 +295,9 @@ def test_every_mistake_is_named(text, code, named):
 
 
 @pytest.mark.parametrize(
-    ("name", "values", "code"),
-    [
-        ("neo-hookean", (nan,), "shear_modulus"),
-        ("mooney-rivlin", (1e3, -2e3), "C1"),
-        ("yeoh", (1e3, inf), "C2"),
-        ("fung", (1e3, -1.0), "stiffening"),
-        ("gent", (1e3, 0.0), "limit"),
-        ("arruda-boyce", (1e3, 0.0), "segments"),
-        ("ogden", ((1e3,), (2.0, 3.0)), "terms"),
-        ("ogden", ([1e3], [inf]), "exponent"),
-        ("ogden", ([1e3], [-2.0]), "unstable"),
-        ("newtonian", (-0.1,), "viscosity"),
-        ("power-law", (1.0, 0.0), "exponent"),
-        ("herschel-bulkley", (-1.0, 1.0, 1.0), "yield_stress"),
-        ("carreau-yasuda", (0.1, 0.1, 1e-4, 0.5, 0.0), "transition"),
-        ("cross", (0.1, -0.1, 1e-4), "infinite_rate"),
-        ("powell-eyring", (0.1, 0.1, -1e-4), "time"),
-        ("qkv", (1e3, 0.1, -0.1), "stiffening"),
-        ("maxwell", (-1.0, 1e-6), "viscosity"),
-        ("oldroyd-b", (1.0, 1e-6, 2e-6), "retardation_time"),
-        ("zener", (-1.0, 1.0, 1e-6), "shear_modulus"),
-        ("qsls", (1e3, 0.0, 1e-6, 0.1), "viscosity"),
-    ],
-)
-def test_laws_that_cannot_be(name, values, code):
-    with refused(f"physics.{code}"):
-        LAWS[name](*values)
-
-
-@pytest.mark.parametrize(
     ("make", "code"),
     [
+        (lambda: NeoHookean(nan), "shear_modulus"),
         (lambda: StrainEnergy(lambda a, b, c: np.abs(a - 1) * 1e3 + b).table(), "not_analytic"),
         (lambda: Viscosity(lambda s: 1 - 1e-5 * s).table(), "negative_viscosity"),
         (lambda: Viscosity(lambda s: np.random.default_rng(0).uniform(size=s.shape)).table(), "rough"),
@@ -327,6 +308,12 @@ def test_laws_that_cannot_be(name, values, code):
         (lambda: replace(WATER, temperature=400.0), "boiling"),
         (lambda: replace(WATER, density=0.0), "density"),
         (lambda: medium("honey"), "unknown_medium"),
+        (lambda: Damage(-0.1), "modulus"),
+        (lambda: Damage(1.1), "modulus"),
+        (lambda: Damage(0.5, 0.9), "radius"),
+        (lambda: Damage(0.5, nan), "radius"),
+        (lambda: Damage(0.5, 2.0, "age"), "by"),
+        (lambda: Damage(0.0, 2.0, "strain"), "modulus"),
         (lambda: Pulse(nan, 1e6, 0.0), "amplitude"),
         (lambda: Pulse(1e6, 0.0, 0.0), "frequency"),
         (lambda: Pulse(1e6, 1e6, 0.0, 0.5), "exponent"),
@@ -374,9 +361,3 @@ def test_simulations_that_cannot_be(change, code):
     with refused(f"physics.{code}"):
         bubble = way.pop("bubble", Bubble())
         simulate(NeoHookean(1e3), bubble=Bubble(**bubble) if isinstance(bubble, dict) else bubble, **way)
-
-
-@pytest.mark.parametrize("numbers", [(-0.1,), (1.1,), (0.5, 0.9), (0.5, nan), (0.5, 2.0, "age"), (0.0, 2.0, "strain")])
-def test_impossible_damage(numbers):
-    with pytest.raises(InputError):
-        Damage(*numbers)
