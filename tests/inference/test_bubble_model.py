@@ -112,7 +112,7 @@ def test_what_cannot_be_asked_is_refused(way, code):
 
 def test_a_wall_within_the_bubble_fails_its_curve_alone():
     large = shot()
-    small = replace(large, radius=large.radius / 2, maximum=(0.0, 125e-6))
+    small = replace(large, radius=large.radius / 2, time=large.time / 2, maximum=(0.0, 125e-6))
     about = dict(bubble=Bubble(wall_distance=200e-6), others=False, window=1, workers=1)
     answers = cavirheo.fit_many([large, small], **about, **QUICKLY)
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
