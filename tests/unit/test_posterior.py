@@ -176,6 +176,15 @@ def test_frames_of_a_shape_follow_the_size_of_the_bubble():
     assert np.sqrt(np.mean(by_shape**2)) < 0.3 * errors[0]
 
 
+def test_shapes_have_the_collapses_of_the_bubble_however_many_were_counted():
+    field, z = experiment(shot()), np.zeros(3)
+    run, noise = field.sampled(field.from_best(TRUTH), field.camera), field.noise(discrepancy=True)
+    few, many = (replace(field.camera, collapses=counted) for counted in (0, 3))
+    assert np.std(few.missed_by_shape(run, z)) > noise.typical
+    for before in (few, many):
+        assert np.std(before.with_collapses(run, z, noise).missed_by_shape(run, z)) < 0.2 * noise.typical
+
+
 @pytest.mark.parametrize("width", [3.0, 1.0, 0.3])
 def test_markov_chains_draw_a_density_wherever_they_begin(width):
     """A curved density in four dimensions of known evidence; from far away and from its middle alone."""
