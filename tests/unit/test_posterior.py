@@ -253,7 +253,11 @@ def test_map_is_the_maximum_with_laplaces_interval(fitted, full):
     (peak,) = verify_many([curve], [replace(answer, others=(rival,))], level="map", discrepancy=False)
     assert (peak.method, peak.log_weight) == ("laplace", None)
     assert peak.others == (replace(rival, evidence=None),)  # its evidence is not that of an exact law
-    for name in TRUTH:
+    assert (full.method, full.checks.verdict) == ("verified", "ok")
+    assert full.provenance["noise_over_assumed"] * curve.noise / R_MAX == pytest.approx(0.01, rel=0.2)
+    for name, true in TRUTH.items():
+        low, high = full.interval(name, 0.99)
+        assert low < true < high
         width = np.diff(full.interval(name))[0]
         assert peak.median(name) == pytest.approx(full.median(name), abs=0.25 * width)
         assert np.diff(peak.interval(name))[0] == pytest.approx(width, rel=0.3)
@@ -284,6 +288,14 @@ def test_predictive_check_rejects_at_its_nominal_rate(monkeypatch):
     wave = project @ (rng.standard_normal(90) + 1.5 * np.sin(np.arange(90) / 3.0))
     assert predictive_check(wave, J, np.ones(90), seed=0)["p_value"] < TUNING.rejected
     assert predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
+
+
+def test_a_wrong_law_is_rejected():
+    curve = shot(Zener(2e4, 0.08, 6e-6), noise=0.004)
+    wrong = verify.verify(curve, fit(curve, "newtonian"), discrepancy=False, level="map")
+    assert wrong.checks.verdict == "model_does_not_fit"
+    assert "more than noise explains" in wrong.checks.message
+    assert wrong.diagnostics.predictive["p_value"] < 0.01
 
 
 def test_what_cannot_be_verified_keeps_its_answer(fitted, monkeypatch):
