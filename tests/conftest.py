@@ -90,9 +90,8 @@ def refusal(called: tuple[int, str, str], *words: str) -> str:
 
 
 LONGEST = (
-    "test_app_browser", "test_app", "test_fit", "test_bubble_model", "test_posterior_network", "test_golden",
-    "test_posterior", "test_documentation", "test_population", "test_inference", "test_doubts", "test_training",
-    "test_corpus",
+    "test_posterior", "test_app_browser", "test_app", "test_fit", "test_bubble_model", "test_golden",
+    "test_documentation", "test_population", "test_inference", "test_limits", "test_training", "test_corpus",
 )  # fmt: skip
 
 

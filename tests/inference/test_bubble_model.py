@@ -12,7 +12,6 @@ from cavirheo import Bubble, NeoHookeanKelvinVoigt, infer
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
-from cavirheo.inference.verify import verify
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, Damage
 from cavirheo.reporting.answer import curve_record
@@ -35,34 +34,27 @@ def kinetic():
     return curve, {kind: infer(curve, bubble=kind, **QUICKLY) for kind in (REAL, FIELD)}
 
 
-BY_STRAIN = Bubble(damage="strain")
-SLOWLY = {
-    "vapour": (dict(vapour_excess=3e3), Bubble(vapour_excess="free"), dict(vapour_excess=3e3)),
-    "damage": (
-        dict(damage=Damage(0.2, 2.0), contents="kinetic"),
-        Bubble("kinetic", 0.07, "first-rebound"),
-        dict(damage_modulus=0.2, damage_radius=2.0),
-    ),
-    "strain": (dict(damage=Damage(0.4, 1.5, "strain")), BY_STRAIN, dict(damage_modulus=0.4, damage_radius=1.5)),
+FOUND = {
+    "kinetic": (dict(contents="kinetic"), Bubble("kinetic")),
+    "inertia": (dict(confinement_inertia=0.2), Bubble(confinement_inertia="free")),
+    "damping": (dict(confinement_damping=0.3), Bubble(confinement_damping="free")),
+    "vapour": (dict(vapour_excess=3e3), Bubble(vapour_excess="free")),
+    "damage": (dict(damage=Damage(0.2, 2.0), contents="kinetic"), Bubble("kinetic", 0.07, "first-rebound")),
+    "strain": (dict(damage=Damage(0.4, 1.5, "strain")), Bubble(damage="strain")),
 }
+SLOWLY = [pytest.param(name, marks=pytest.mark.slow) for name in list(FOUND)[3:]]
 
 
-@pytest.mark.parametrize(
-    ("true", "fitted", "expected"),
-    [
-        (dict(contents="kinetic"), Bubble("kinetic"), dict(accommodation=0.07)),
-        (dict(confinement_inertia=0.2), Bubble(confinement_inertia="free"), dict(confinement_inertia=0.2)),
-        (dict(confinement_damping=0.3), Bubble(confinement_damping="free"), dict(confinement_damping=0.3)),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOWLY.values()),
-    ],
-    ids=["kinetic", "inertia", "damping", *SLOWLY],
-)
-def test_a_fit_finds_what_was_simulated(true, fitted, expected):
+@pytest.mark.parametrize("name", [*list(FOUND)[:3], *SLOWLY])
+def test_a_fit_finds_what_was_simulated(name):
+    true, fitted = FOUND[name]
     answer = fit(shot(noise=0.0004, **true), bubble=fitted, **QUICKLY)
+    damage = true.get("damage", Damage(1.0))
+    true = {"accommodation": 0.07, "damage_modulus": damage.modulus, "damage_radius": damage.radius, **true}
+    found = {name: value for name, value in answer.best.items() if name in answer.parameters and name in true}
+    assert len(found) == (1 if damage.modulus == 1.0 else 2)
+    assert found == pytest.approx({name: true[name] for name in found}, rel=0.15)
     assert answer.best["shear_modulus"] == pytest.approx(5e3, rel=0.1)
-    for name, value in expected.items():
-        assert answer.best[name] == pytest.approx(value, rel=0.15), answer
-        assert name in answer.parameters
     assert answer.bubble.contents == true.get("contents", "equilibrium")
 
 
@@ -74,19 +66,6 @@ def test_what_is_given_is_not_inferred():
     assert answer.best["confinement_inertia"] == pytest.approx(250e-6 / 4e-3)
 
 
-def test_the_answer_carries_its_model():
-    """Into verification and result.json."""
-    curve = shot(seed=1, contents="kinetic")
-    answer = fit(curve, bubble=Bubble("kinetic"), **QUICKLY)
-    verified = verify(curve, answer, level="map")
-    assert verified.bubble == answer.bubble == Bubble("kinetic")
-    assert verified.best["accommodation"] == pytest.approx(0.07, rel=0.2)
-    low, high = verified.interval("accommodation")
-    assert low < 0.07 < high
-    record = curve_record(curve, verified)
-    assert (record.bubble, "accommodation" in record.other_parameters) == (Bubble("kinetic"), True)
-
-
 def test_every_free_parameter_has_a_proper_prior():
     """Walls and vapour: half of a normal, from nothing up."""
     experiment = Experiment(shot(), Family("nhkv"), options=Options(bubble=ALL_FREE))
@@ -96,8 +75,7 @@ def test_every_free_parameter_has_a_proper_prior():
     for name, deviation in (("confinement_inertia", 0.3), ("confinement_damping", 0.3), ("vapour_excess", 3039.75)):
         assert natural[name].min() >= 0
         assert np.sqrt(np.mean(natural[name] ** 2)) == pytest.approx(deviation, rel=0.03)
-    assert natural["accommodation"].min() >= 0.01
-    assert natural["accommodation"].max() <= 1
+    assert 0.01 <= natural["accommodation"].min() < natural["accommodation"].max() <= 1
     assert np.median(natural["accommodation"]) == pytest.approx(0.1, rel=0.1)
     assert natural["damage_modulus"].max() <= 1 <= natural["damage_radius"].min()
     assert experiment.predict(x[0]) is not None
@@ -110,38 +88,33 @@ def test_the_evidence_tells_the_contents_apart():
     assert single.log_evidence["nhkv, real"] > single.log_evidence["nhkv, field"]
 
 
-IMPOSSIBLE = [
-    (dict(bubble=Bubble(accommodation=0.07)), "option.idle"),
-    (dict(bubble=Bubble(damage=Damage(0.5))), "option.damage"),
-    (dict(material="newtonian", bubble=Bubble(damage="strain")), "physics.damage_without_elasticity"),
-    (dict(bubble="dry"), "option.bubble"),
-    (dict(bubble=Bubble(wall_distance=200e-6)), "physics.wall_too_near"),
-]
-
-
 @pytest.mark.parametrize(
-    ("call", "way", "code"),
+    ("way", "code"),
     [
-        *((fit, *case) for case in IMPOSSIBLE),
-        *((infer, *case) for case in IMPOSSIBLE),
-        (infer, dict(bubble=BY_STRAIN, model="bdt-viscoelastic"), "option.bubble"),
-        (infer, dict(bubble=REAL, model="bdt-viscoelastic"), "option.bubble"),
-        (infer, dict(bubble=Bubble(confinement_inertia=0.2), verify="none"), "option.bubble"),
-        (infer, dict(bubble=Bubble(motion="gilmore"), verify="none"), "option.bubble"),
-        (infer, dict(material="honey"), "law.not_fittable"),
-        (infer, dict(material="auto", verify="none"), "option.auto"),
-        (infer, dict(material="newtonian", model="bdt-viscoelastic"), "option.material"),
+        (dict(bubble=Bubble(accommodation=0.07)), "option.idle"),
+        (dict(bubble=Bubble(damage=Damage(0.5))), "option.damage"),
+        (dict(material="newtonian", bubble=Bubble(damage="strain")), "physics.damage_without_elasticity"),
+        (dict(bubble="dry"), "option.bubble"),
+        (dict(bubble=Bubble(wall_distance=200e-6)), "physics.wall_too_near"),
+        (dict(bubble=REAL, model="bdt-viscoelastic"), "option.bubble"),
+        (dict(bubble=Bubble(confinement_inertia=0.2), verify="none"), "option.bubble"),
+        (dict(bubble=Bubble(motion="gilmore"), verify="none"), "option.bubble"),
+        (dict(material="honey"), "law.not_fittable"),
+        (dict(material="auto", verify="none"), "option.auto"),
+        (dict(material="newtonian", model="bdt-viscoelastic"), "option.material"),
     ],
 )
-def test_what_cannot_be_asked_is_refused(call, way, code):
-    with refused(code):
-        call(shot(), **way)
+def test_what_cannot_be_asked_is_refused(way, code):
+    for call in (infer, fit) if way.keys() <= {"bubble", "material"} and way.get("material") != "auto" else (infer,):
+        with refused(code):
+            call(shot(), **way)
 
 
 def test_a_wall_within_the_bubble_fails_its_curve_alone():
     large = shot()
-    small = replace(large, radius=large.radius / 2, maximum=(0.0, 125e-6))
-    answers = cavirheo.fit_many([large, small], bubble=Bubble(wall_distance=200e-6), others=False, **QUICKLY)
+    small = replace(large, radius=large.radius / 2, time=large.time / 2, maximum=(0.0, 125e-6))
+    about = dict(bubble=Bubble(wall_distance=200e-6), others=False, window=1, workers=1)
+    answers = cavirheo.fit_many([large, small], **about, **QUICKLY)
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
 
 
@@ -166,6 +139,8 @@ def test_different_bubbles_have_different_names_and_titles():
 def test_the_field_stands_beside_the_real_bubble_and_the_other_way_round(kinetic):
     """Its values are those of an answer with it alone, so that tables of papers can be compared."""
     curve, answers = kinetic
+    record = curve_record(curve, answers[REAL])
+    assert (record.bubble, "accommodation" in record.other_parameters) == (REAL, True)
     for ask, other in ((REAL, FIELD), (FIELD, REAL)):
         (beside,) = [one for one in answers[ask].others if one.bubble == other]
         alone = answers[other]

@@ -1,5 +1,6 @@
 """The least-squares fit: truth recovered, nuisances, bounds, failures, windows, what it says of itself."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -29,28 +30,28 @@ def values(answer, *names):
 
 
 SLOW_LAWS = {
-    "mooney-rivlin + newtonian": ("mooney-rivlin(2e3, 300) + newtonian(0.05)", {"viscosity": 0.05}),
-    "gent + newtonian": ("gent(2e3, 1000) + newtonian(0.05)", {"viscosity": 0.05}),
-    "fung + newtonian": ("fung(2e3, 0.02) + newtonian(0.05)", {"viscosity": 0.05}),
-    "cross": ("cross(0.3, 0.02, 1e-5)", {}),
-    "zener": ("zener(8e3, 0.05, 1e-6)", {"shear_modulus": 8e3, "viscosity": 0.05}),
-    "qsls": ("qsls(4e3, 0.08, 5e-6, 0.02)", {"viscosity": 0.08}),
+    "mooney-rivlin(2e3, 300) + newtonian(0.05)": {"viscosity": 0.05},
+    "gent(2e3, 1000) + newtonian(0.05)": {"viscosity": 0.05},
+    "fung(2e3, 0.02) + newtonian(0.05)": {"viscosity": 0.05},
+    "cross(0.3, 0.02, 1e-5)": {},
+    "zener(8e3, 0.05, 1e-6)": {"shear_modulus": 8e3, "viscosity": 0.05},
+    "qsls(4e3, 0.08, 5e-6, 0.02)": {"viscosity": 0.08},
 }
 
 
 @pytest.mark.parametrize(
-    ("name", "law", "expected"),
+    ("law", "expected"),
     [
-        ("newtonian", "newtonian(0.05)", {"viscosity": 0.05}),
-        ("qkv", "qkv(3e3, 0.05, 0.3)", {"shear_modulus": 3e3, "viscosity": 0.05, "stiffening": 0.3}),
-        ("linear + newtonian", "linear(8e3) + newtonian(0.05)", {"shear_modulus": 8e3, "viscosity": 0.05}),
-        ("power-law", "power-law(3, 0.7)", {"reference_viscosity": 3.0 * 1e5**-0.3, "exponent": 0.7}),
-        *(pytest.param(name, *about, marks=pytest.mark.slow) for name, about in SLOW_LAWS.items()),
+        ("newtonian(0.05)", {"viscosity": 0.05}),
+        ("qkv(3e3, 0.05, 0.3)", {"shear_modulus": 3e3, "viscosity": 0.05, "stiffening": 0.3}),
+        ("linear(8e3) + newtonian(0.05)", {"shear_modulus": 8e3, "viscosity": 0.05}),
+        ("power-law(3, 0.7)", {"reference_viscosity": 3.0 * 1e5**-0.3, "exponent": 0.7}),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW_LAWS.items()),
     ],
 )
-def test_a_law_of_each_family_is_recovered(name, law, expected):
+def test_a_law_of_each_family_is_recovered(law, expected):
     """Every curve is followed; the parameters that one curve determines come back."""
-    answer = fit(shot(parse(law)), name, stretch=7.0, window=2)
+    answer = fit(shot(parse(law)), re.sub(r"\(.*?\)", "", law), stretch=7.0, window=2)
     assert answer.checks.rmse_over_rmax < 2e-3
     for parameter, value in expected.items():
         assert answer.best[parameter] == pytest.approx(value, rel=0.05), parameter
@@ -72,9 +73,9 @@ def test_time_origin_and_scale_are_recovered_when_free():
     for name, true in (("shear_modulus", 8e3), ("viscosity", 0.05), ("radius_scale", 1.01)):
         low, high = answer.interval(name)
         assert low < true < high, name
+    assert answer.units[2:] == ("s", "1")
     small = shot(maximum=(0.0, 0.99 * R_MAX), noise=0.003)  # a maximum that was read too small
     assert fit(small, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
-    assert dict(zip(answer.names[2:], answer.units[2:], strict=True)) == {"time_origin": "s", "radius_scale": "1"}
 
 
 def test_intervals_hold_the_truth_and_are_seeded():
@@ -102,20 +103,20 @@ def test_the_interval_of_a_viscosity_that_may_be_nothing_has_its_shelf():
 def test_failed_simulations_are_counted_and_survived(monkeypatch):
     solve = experiment.simulate
 
-    def fails_often(material, **options):
-        run = solve(material, **options)
-        broken = material.viscous.viscosity < 0.03
-        return replace(run, status="broken", radius=np.full_like(run.radius, np.nan)) if broken else run
+    def answered(least):
+        def broken_below(material, **options):
+            run = solve(material, **options)
+            broken = material.viscous.viscosity < least
+            return replace(run, status="broken", radius=np.full_like(run.radius, np.nan)) if broken else run
 
-    monkeypatch.setattr(experiment, "simulate", fails_often)
-    answer = fit(shot(noise=0.003))
+        monkeypatch.setattr(experiment, "simulate", broken_below)
+        return fit(shot(noise=0.003))
+
+    answer, nothing = answered(0.03), answered(np.inf)
     assert answer.checks.verdict == "ok"
     assert answer.diagnostics.failed_simulations > 5
     assert answer.median("viscosity") == pytest.approx(0.05, rel=0.03)
-    monkeypatch.setattr(experiment, "simulate", lambda m, **o: replace(solve(m, **o), status="broken"))
-    nothing = fit(shot(noise=0.003))
-    assert nothing.checks.verdict == "failed"
-    assert nothing.best == {}
+    assert (nothing.checks.verdict, nothing.best) == ("failed", {})
 
 
 def test_windows():
@@ -124,27 +125,21 @@ def test_windows():
     assert len(rough.collapse_times()) > 3
     assert answer.checks.collapses == 3
     assert list(answer.windows) == ["1", "2", "3"]
-    ends = [window.t_star_end for window in answer.windows.values()]
-    assert ends == sorted(ends)
     assert [window.best["viscosity"] for window in answer.windows.values()] == pytest.approx([0.05] * 3, rel=0.03)
-    assert fit(rough, window=1).checks.collapses == 1
     assert fit(rough, window="all").checks.collapses == len(rough.collapse_times())
     timed = fit(rough, end=40e-6)
     assert timed.checks.t_star_end == pytest.approx(40e-6 / WATER.time_scale(R_MAX), rel=1e-3)
 
 
-def test_the_stretch_is_given_fitted_or_known_by_the_plateau():
+def test_the_stretch_is_given_fitted_or_known_by_the_plateau_or_its_prior_stated_in_the_file():
     curve = shot(NeoHookeanKelvinVoigt(8e3, 0.2), frames=150)
     answer, given = (fit(curve, window=1, stretch=stretch) for stretch in ("plateau", 7.0))
     assert "plateau" in answer.diagnostics.stretch_source
     assert answer.median("stretch") == pytest.approx(7.0, rel=0.02)
     assert given.diagnostics.stretch_source == "given"
     assert "stretch" not in given.names
-    assert fit(shot(frames=40), window=1, stretch="plateau").checks.messages  # it has none
-
-
-def test_a_stretch_that_the_file_states_is_a_prior():
     early = shot(frames=40, noise=0.02)
+    assert fit(early, window=1, stretch="plateau").checks.messages  # it has none
     free, known = fit(early), fit(replace(early, meta={"stretch": 7.0, "stretch_std": 0.05}))
     assert np.ptp(known.interval("stretch")) < 0.8 * np.ptp(free.interval("stretch"))
     assert known.interval("stretch")[0] > free.interval("stretch")[0] + 0.2
@@ -209,8 +204,7 @@ def test_command_line(run, tmp_path):
     """A curve that cannot be fitted is a failed row beside the others."""
     write_csv(tmp_path / "gel.csv", shot(frames=60))
     (tmp_path / "three.csv").write_text("time_us,radius_um\n0,100\n1,90\n2,80\n")
-    status, _, err = run("fit", "gel.csv", "three.csv", "--free", "t0", "-o", "out")
-    assert status == 1, err
+    assert run("fit", "gel.csv", "three.csv", "--free", "t0", "-o", "out")[0] == 1
     record, failed = load(tmp_path / "out" / "result.json").curves
     assert (record.method, failed.verdict) == ("least_squares", "failed")
     assert record.shear_modulus_Pa.q05 < record.shear_modulus_Pa.median < record.shear_modulus_Pa.q95

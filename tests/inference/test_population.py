@@ -2,14 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
+from shutil import copy
 
 import numpy as np
 import pytest
-from answers import CENTRE, FLAT, NAMES, answer, bubble, seen, shots
-from conftest import ROOT, refused
+from answers import CENTRE, FLAT, NAMES, answer, bubble, empty, seen, shots
+from conftest import EXAMPLE, done, refusal, refused
 from scipy.stats import norm
 
-from cavirheo import RadiusCurve, load, population
+from cavirheo import load, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import OUTLIERS, SPREAD, WIDE
 from cavirheo.inference.verify.evidence import ranked
@@ -118,23 +119,18 @@ def test_what_does_not_count_is_counted():
     ]
     found = population([*good, *others])
     assert found.shots == ("shot 1", "shot 2", "shot 3", "shot 4")
-    reasons = ("no_interval", "failed", "model_does_not_fit", "other_model", "copy")
-    assert found.left_out == dict.fromkeys(reasons, 1)
+    assert found.left_out == dict.fromkeys(("no_interval", "failed", "model_does_not_fit", "other_model", "copy"), 1)
     assert len(population(good + others[2:3], only_trusted=False).shots) == 5
-    two = population(shots(2))  # are no population
-    assert (two.centre.size, bool(two.doubts)) == (0, True)
-    with refused("population.no_draws"):
-        two.interval("shear_modulus")
+    assert population(shots(2)).doubts  # they are no population
 
 
 def test_two_materials_are_told_apart_and_one_is_not():
     soft, same = population(shots(10, seed=1)), population(shots(10, seed=5), seed=1)
     stiff = population(shots(10, seed=3, centre=CENTRE + np.array([0.3, 0.0])), seed=2)
-    apart = stiff.against(soft)
-    low, middle, high = apart["shear_modulus"].ratio
+    apart = stiff.against(soft)["shear_modulus"]
+    low, middle, high = apart.ratio
     assert low < 2.0 < high
-    assert apart["shear_modulus"].probability_higher > 0.99
-    assert apart["shear_modulus"].probability_differs > 0.99
+    assert min(apart.probability_higher, apart.probability_differs) > 0.99
     assert soft.against(stiff)["shear_modulus"].ratio[1] == pytest.approx(1.0 / middle)
     assert same.against(soft)["shear_modulus"].probability_differs < 0.5
     low, _, high = same.against(soft)["viscosity"].ratio
@@ -233,15 +229,16 @@ def test_a_bound_from_below_mirrors_one_from_above():
 @pytest.mark.parametrize(
     ("answers", "how", "code"),
     [
-        ([], {}, "population.none"),
-        (shots(3), {"names": ["a"]}, "population.names"),
-        (shots(3), {"along": [1.0, 2.0]}, "population.along"),
-        (shots(3), {"along": [1.0, 1.0, 1.0]}, "population.along"),
+        ([], {}, "none"),
+        (shots(2), {}, "no_draws"),
+        (shots(3), {"names": ["a"]}, "names"),
+        (shots(3), {"along": [1.0, 2.0]}, "along"),
+        (shots(3), {"along": [1.0, 1.0, 1.0]}, "along"),
     ],
 )
 def test_what_cannot_be_is_refused(answers, how, code):
-    with refused(code):
-        population(answers, **how)
+    with refused(f"population.{code}"):
+        population(answers, **how).interval("shear_modulus")
 
 
 def test_a_group_says_its_material():
@@ -257,9 +254,9 @@ def test_a_group_says_its_material():
     found = population([one for _, one in pairs[:6]], names=[curve.name for curve, _ in pairs[:6]])
     assert soft.shear_modulus_Pa.q05 == pytest.approx(found.interval("shear_modulus")[0])
     assert soft.spreads_decades["viscosity"].median == pytest.approx(found.scatter("viscosity")[1])
-    common = soft.common["shear_modulus"]
+    common, all_of_it = soft.common["shear_modulus"], soft.shear_modulus_Pa
     assert (common.q05, common.median, common.q95) == pytest.approx(found.if_common("shear_modulus"))
-    assert common.q95 / common.q05 < soft.shear_modulus_Pa.q95 / soft.shear_modulus_Pa.q05
+    assert common.q95 / common.q05 < all_of_it.q95 / all_of_it.q05
     assert soft.log_evidence == pytest.approx(60.0 + found.gain.log)
     (apart,) = document.differences
     assert (apart.first, apart.second) == ("stiff", "soft")
@@ -288,44 +285,48 @@ def with_slopes(curves, slopes, *, seed=3) -> list[Posterior]:
 
 def test_a_declared_column_gives_the_group_its_slope(tmp_path):
     curves = declared(tmp_path / "c.csv")
-    values = np.array([one.column["concentration"] for one in curves])
-    assert values.tolist() == [0.5 * (i // 3) for i in range(12)]
-    made = result(list(zip(curves, with_slopes(curves, [0.3, 0.0]), strict=True)), "x")
+    values = [one.column["concentration"] for one in curves]
+    assert values == [0.5 * (i // 3) for i in range(12)]
+    answers = with_slopes(curves, [0.3, 0.0])
+    made = result(list(zip(curves, answers, strict=True)), "x")
     found = made.groups[0].population
     slope = found.slopes_decades
     assert slope["shear_modulus"].q05 < 0.3 < slope["shear_modulus"].q95 < slope["shear_modulus"].q05 + 0.15
     assert slope["viscosity"].q05 < 0.0 < slope["viscosity"].q95
-    assert (found.column, found.column_at) == ("concentration", pytest.approx(values.mean()))
+    assert (found.column, found.column_at) == ("concentration", pytest.approx(np.mean(values)))
     assert np.log10(found.shear_modulus_Pa.median) == pytest.approx(CENTRE[0], abs=0.04)
     assert found.spreads_decades["shear_modulus"].median < 0.06  # what the slope explains is no scatter
-    without = population(with_slopes(curves, [0.3, 0.0]))
+    without = population(answers)
     assert without.scatter("shear_modulus")[1] > 0.13
     with refused("population.along"):
         without.trend("viscosity")
     assert [one.column["c"] for one in declared(tmp_path / "d.csv", "shot,c\ngel,1\nshot 2,5\n", 4)] == [1, 1, 5, 1]
     write_json(tmp_path / "result.json", made)
     assert load(tmp_path / "result.json").curves[4].column == {"concentration": 0.5}
+    weighed = [replace(one, evidence=Evidence(0.0, 0.1)) for one in answers]
+    _, (group,) = ranked(curves, {"nhkv": weighed})  # which-law gives each law its slope
+    assert (group.column, group.populations["nhkv"].trend("shear_modulus")[1]) == (
+        found.column,
+        pytest.approx(0.3, abs=0.1),
+    )
 
 
 def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
     """Truth: the viscosity rises as the square root of R_max."""
     monkeypatch.chdir(tmp_path)
-    sizes = np.geomspace(1e-4, 4e-4, 12)
-    curves = [bubble(f"shot {i}", top=size).with_group("gel", "in") for i, size in enumerate(sizes)]
-    found = with_column(curves, "R_max")
-    logs = np.array([one.column[LOG_SIZE] for one in found])
-    assert logs == pytest.approx(np.log10([1e6 * one.max_radius for one in curves]))
-    about = result(list(zip(found, with_slopes(found, [0.0, 0.5]), strict=True)), "x").groups[0].population
+    sizes = enumerate(np.geomspace(1e-4, 4e-4, 12))
+    curves = [bubble(f"shot {i}", top=size).with_group("gel", "in") for i, size in sizes]
+    found = with_column([*curves, empty()], "R_max")
+    assert [one.column.get(LOG_SIZE) for one in found] == [*(np.log10(1e6 * one.max_radius) for one in curves), None]
+    pairs = list(zip(found[:12], with_slopes(found[:12], [0.0, 0.5]), strict=True))
+    about = result(pairs, "x").groups[0].population
     assert about.slopes_decades["viscosity"].q05 < 0.5 < about.slopes_decades["viscosity"].q95
-    assert (about.column, about.column_at) == (LOG_SIZE, pytest.approx(logs.mean()))
-    nothing = RadiusCurve([], [], meta={"name": "shot 12"}, unusable="no frame was read")
-    assert [bool(one.column) for one in with_column([*curves[:3], nothing], "R_max")] == [True] * 3 + [False]
+    assert about.column == LOG_SIZE
     apart = [one.with_group(one.name, "in") for one in curves]
     for given, word, code in ((apart, "R_max", "column.constant"), (curves, Path("R_max"), "column.size")):
         with refused(code):
             with_column(given, word)
         (tmp_path / "R_max").write_text(TABLE)
-    assert with_column(curves, tmp_path / "R_max")[4].column == {"concentration": 0.5}  # by its path, a table as ever
 
 
 @pytest.mark.parametrize(
@@ -347,20 +348,16 @@ def test_a_column_that_is_not_theirs_is_refused(tmp_path, code, text, group):
         declared(tmp_path / "c.csv", text, group=group)
 
 
-QUICK = ("--material", "nhkv", "--bubble", "field", "--no-pictures")
-
-
 def test_a_column_reaches_the_answer_and_is_refused_before_it_is_computed(run, tmp_path):
-    (tmp_path / "gel.csv").write_text((ROOT / "examples" / "soft_gel.csv").read_text())
-    names = "".join(f"gel[{k}];{k}\n" for k in range(1, 4))
-    (tmp_path / "age.csv").write_text("shot;age (h)\n" + names)
-    assert run("infer", "gel.csv", "--shots", "1-3", "--column", "age.csv", *QUICK, "-o", "r")[0] == 0
+    copy(EXAMPLE, tmp_path / "gel.csv")
+    (tmp_path / "age.csv").write_text("shot;age (h)\ngel[1];1\ngel[2];2\ngel[3];3\n")
+    quick = ("--shots", "1-3", "--material", "nhkv", "--bubble", "field", "--no-pictures")
+    done(run("infer", "gel.csv", "--column", "age.csv", *quick, "-o", "r"))
     (group,) = load(tmp_path / "r" / "result.json").groups
     assert set(group.population.slopes_decades) == {"shear_modulus", "viscosity"}
     (tmp_path / "age.csv").write_text("shot,age\nnobody,1\n")
     for verb in ("infer", "fit", "which-law"):
-        status, out, err = run(verb, "gel.csv", "--column", "age.csv", "-o", "s")
-        assert (status, out, "nobody" in err) == (2, "", True)
+        refusal(run(verb, "gel.csv", "--column", "age.csv", "-o", "s"), "nobody")
 
 
 def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_are():
@@ -376,12 +373,3 @@ def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_ar
     assert np.allclose(found.share @ found.mean, mean, atol=1e-3)
     assert np.allclose(whole, covariance, rtol=0.01)
     assert len(likelihood(theta[:400], np.zeros(400), np.zeros(400)).share) == 1
-
-
-def test_which_law_gives_each_law_its_slope(tmp_path):
-    curves = declared(tmp_path / "c.csv")
-    answers = [replace(one, evidence=Evidence(0.0, 0.1)) for one in with_slopes(curves, [0.3, 0.0])]
-    _, (group,) = ranked(curves, {"nhkv": answers})
-    low, _, high = group.populations["nhkv"].trend("shear_modulus")
-    assert low < 0.3 < high
-    assert group.column == "concentration"

@@ -1,17 +1,26 @@
-"""One battery for every instantaneous law, and what each law reduces to. docs/method/physics.md, section 4."""
+"""Laws: one battery for every instantaneous law, what each reduces to (docs/method/physics.md, section 4), the notation
+for sums of them, and a clear word for every mistake of whoever simulates."""
 
 import re
-from math import inf
+from dataclasses import is_dataclass, replace
+from inspect import signature
+from math import inf, nan
 
 import numpy as np
 import pytest
+from conftest import refused
 from scipy.integrate import quad
 
-from cavirheo import Newtonian, SolverError, simulate
-from cavirheo.physics import elastic, viscous
+from cavirheo import Bubble, Medium, Newtonian, SolverError, simulate, simulate_many
+from cavirheo.parameters import PARAMETERS
+from cavirheo.physics import elastic, materials, viscous
+from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.bubble import Damage
+from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.elastic import Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
-from cavirheo.physics.law import SHEAR, Elastic, Viscous
-from cavirheo.physics.materials import Material, Viscoelastic
+from cavirheo.physics.law import SHEAR, Arm, Elastic, Viscous
+from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse, summary, usage
+from cavirheo.physics.media import WATER, medium
 from cavirheo.physics.table import read
 from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, PowerLaw, Viscosity
 
@@ -102,11 +111,19 @@ def test_the_closed_form_of_fungs_stress(stiffening, ratio):
         (Ogden([3e3], [2.0]), NeoHookean(3e3)),
         (Ogden((2e3, -1e3), (2.0, -2.0)), MooneyRivlin(1e3, 500.0)),
         (StrainEnergy(gent_energy), Gent(3e3, 60.0)),
+        (PowerLaw(0.3, 1.0), Newtonian(0.3)),
+        (HerschelBulkley(0.0, 0.3, 1.0), Newtonian(0.3)),
+        (CarreauYasuda(0.3, 0.1, 1e-4, 1.0), Newtonian(0.3)),
+        (CarreauYasuda(0.3, 0.1, 0.0, 0.5), Newtonian(0.3)),
+        (Cross(0.3, 0.3, 1e-4, 0.8), Newtonian(0.3)),
+        (viscous.PowellEyring(0.3, 0.1, 0.0), Newtonian(0.3)),
+        (Viscosity(lambda s: 0.3), Newtonian(0.3)),
     ],
     ids=str,
 )
-def test_elastic_law_reduces_to_its_parent(law, parent):
-    assert law.stress(RATIOS) == pytest.approx(parent.stress(RATIOS), rel=1e-7)
+def test_a_law_reduces_to_its_parent(law, parent):
+    at, close = (RATIOS, 1e-7) if isinstance(law, Elastic) else (RATES, 1e-10)
+    assert law.stress(at) == pytest.approx(parent.stress(at), rel=close)
 
 
 @pytest.mark.parametrize("law", VISCOUS, ids=str)
@@ -141,24 +158,7 @@ def test_viscous_closed_forms():
     assert HerschelBulkley(50.0, 0.0, 1.0, 3.0).stress(g) == pytest.approx(bingham, rel=1e-8)
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        PowerLaw(0.3, 1.0),
-        HerschelBulkley(0.0, 0.3, 1.0),
-        CarreauYasuda(0.3, 0.1, 1e-4, 1.0),
-        CarreauYasuda(0.3, 0.1, 0.0, 0.5),
-        Cross(0.3, 0.3, 1e-4, 0.8),
-        viscous.PowellEyring(0.3, 0.1, 0.0),
-        Viscosity(lambda s: 0.3),
-    ],
-    ids=str,
-)
-def test_viscous_law_reduces_to_newtonian(law):
-    assert law.stress(RATES) == pytest.approx(Newtonian(0.3).stress(RATES), rel=1e-10)
-
-
-GEL = dict(max_radius=150e-6, stretch=5.0, time=np.linspace(0, 100e-6, 101))
+WAY = dict(max_radius=150e-6, stretch=5.0, time=np.linspace(0, 100e-6, 101))
 PARTS = [Viscoelastic(law, Newtonian(0.05)) for law, _ in ELASTIC if not isinstance(law, Gent | StrainEnergy)]
 PARTS += [Viscoelastic(Gent(2e4, 100.0), Newtonian(0.3)), StrainEnergy(lambda a, b, c: 5e2 * (a**2 + b**2 + c**2 - 3))]
 PARTS += [*VISCOUS, *(Viscoelastic(NeoHookean(2e3), law) for law in VISCOUS)]
@@ -167,7 +167,7 @@ PARTS += [*VISCOUS, *(Viscoelastic(NeoHookean(2e3), law) for law in VISCOUS)]
 @pytest.mark.parametrize("material", PARTS, ids=str)
 def test_every_law_simulates(material):
     assert isinstance(material, Material)
-    run = simulate(material, **GEL)
+    run = simulate(material, **WAY)
     assert run.ok
     assert abs(run.stats["gas_drift"]) < 1e-11
     assert 0 < run.radius.min() < run.radius.max() <= 150e-6 * (1 + 1e-9)
@@ -176,13 +176,188 @@ def test_every_law_simulates(material):
 def test_lock_up_is_a_status():
     law = Gent(3e3, 20.0)
     with pytest.raises(SolverError, match=re.escape(str(law))):
-        simulate(Viscoelastic(law, Newtonian(0.01)), **GEL | {"stretch": 3.0})
-    run = simulate(Viscoelastic(law, Newtonian(0.01)), **GEL | {"stretch": 3.0}, throw=False)
+        simulate(Viscoelastic(law, Newtonian(0.01)), **WAY | {"stretch": 3.0})
+    run = simulate(Viscoelastic(law, Newtonian(0.01)), **WAY | {"stretch": 3.0}, throw=False)
     assert np.isfinite(run.radius[:5]).all()  # it starts, and locks when the collapse has squeezed the gel
     assert np.isnan(run.radius[-1])
     taut = law.table()[[0, -1], 0]
     assert all(f"{ratio:.4g}" in run.status for ratio in taut)
     assert taut**-4 + 2 * taut**2 - 3 == pytest.approx(20.0, rel=1e-6)
-    at_once = simulate(law, **GEL | {"stretch": 5.0}, throw=False)
+    at_once = simulate(law, **WAY | {"stretch": 5.0}, throw=False)
     assert at_once.stats["steps"] == 0
     assert "t = 0 us" in at_once.status
+
+
+# --- the registry and the notation
+
+THIN = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
+FLUIDS = materials.Maxwell(0.1, 2e-6), materials.UpperConvectedMaxwell(0.2, 1e-5)
+ARMS = Viscoelastic(NeoHookean(1e3), Newtonian(0.01), FLUIDS)
+QSLS = [TotalRelaxation(0.1, 2e-6, grown=False)]
+
+
+@pytest.mark.parametrize(
+    ("text", "material"),
+    [
+        ("gent(shear_modulus=2e3, limit=40) + carreau-yasuda(0.5, 0.01, 1e-4, 0.4)", THIN),
+        ("carreau_yasuda(0.5, 0.01, time=1e-4, exponent=.4)+gent(limit=40, shear-modulus=2e+3)", THIN),
+        (" gent(2_000, 40)\n + (carreau-yasuda(0.5, 0.01, 1e-4, 0.4)) ", THIN),
+        ("ogden((2e3, -500), (2.5, -2))", Ogden((2e3, -500.0), (2.5, -2.0))),
+        ("ogden(moduli=2e3, exponents=(2,))", Ogden((2e3,), (2.0,))),
+        ("qsls(7e3, 0.1, 2e-6, 0.3) + newtonian(0.01)", Viscoelastic(Quadratic(7e3, 0.3), Newtonian(0.01), QSLS)),
+        ("maxwell(0.1, 2e-6) + nhkv(1e3, 0.01) + ucm(0.2, 1e-5)", ARMS),
+    ],
+)
+def test_what_is_read(text, material):
+    assert parse(text) == material
+    assert repr(parse(text)) == repr(material)  # also 40 as 40.0
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_by_position_and_by_name_and_described(name):
+    law, takes = LAWS[name], signature(LAWS[name]).parameters
+    values = [1.5 - 0.25 * k for k in range(len(takes))]
+    given = {
+        key: (value, 2 * value) if "tuple" in str(parameter.annotation) else value
+        for value, (key, parameter) in zip(values, takes.items(), strict=True)
+    }
+    expected = law(**given)
+    assert isinstance(expected, Material)
+    assert parse(f"{name}({', '.join(map(str, given.values()))})") == expected
+    assert parse(f"{name}({', '.join(f'{key}={value}' for key, value in given.items())})") == expected
+    assert {key: getattr(expected, key) for key in given} == given
+    assert takes.keys() <= PARAMETERS.keys()  # which have units
+    assert [key for key in takes if f"{key} [" not in usage(name)] == []
+    assert not summary(name).startswith(f"{law.__name__}(")  # which Python writes where there is no docstring
+
+
+def test_no_law_is_forgotten():
+    """All but the two that hold a Python function, the one that holds others, the arm that takes the elastic part of
+    its material along, and a base."""
+    unnamed = {elastic.StrainEnergy, Viscosity, Viscoelastic, TotalRelaxation, Arm}
+    here = {
+        law
+        for module in (elastic, viscous, materials)
+        for law in vars(module).values()
+        if is_dataclass(law) and law.__module__ == module.__name__
+    }
+    assert {law for law in here if law.__name__[0] != "_"} - unnamed == set(LAWS.values())
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "named"),
+    [
+        ("", "laws.empty", EXAMPLE),
+        ("glass(1)", "laws.unknown", "'glass'; known: linear, neo-hookean, "),
+        ("gnet(1, 2)", "laws.unknown", "gent?"),
+        ("Carreau-Yasuda(1, 1, 1, 1)", "laws.unknown", "carreau-yasuda?"),
+        ("gent", "laws.parameters", "gent(shear_modulus [Pa], limit [-])"),
+        ("gent()", "laws.parameters", "'shear_modulus'"),
+        ("gent(2e3, 40, stiffening=1)", "laws.parameters", "'stiffening'"),
+        ("gent(2e3, 40, limit=40)", "laws.parameters", "'limit'"),
+        ("gent(*(2e3, 40), 40)", "laws.number", "*(2000.0, 40)"),
+        ("gent(2e3, soft)", "laws.number", "gent: limit"),
+        ("gent(2e3, __import__('os').getpid())", "laws.number", "__import__('os').getpid()"),
+        ("gent(1" + 400 * "0" + ", 40)", "laws.number", "shear_modulus"),
+        ("ogden((2e3, 'a'), (2, 2))", "laws.number", "ogden: moduli"),
+        ("ogden((2e3, 1), 2)", "physics.terms", "ogden"),
+        ("gent(-1, 40)", "physics.shear_modulus", "-1.0"),
+        ("mooney-rivlin(1e3, -2e3)", "physics.C1", ""),
+        ("yeoh(1e3, 1e999)", "physics.C2", ""),
+        ("fung(1e3, -1)", "physics.stiffening", ""),
+        ("gent(1e3, 0)", "physics.limit", ""),
+        ("arruda-boyce(1e3, 0)", "physics.segments", ""),
+        ("ogden((1e3,), (2, 3))", "physics.terms", ""),
+        ("ogden(1e3, 1e999)", "physics.exponent", ""),
+        ("ogden(1e3, -2)", "physics.unstable", ""),
+        ("newtonian(-0.1)", "physics.viscosity", ""),
+        ("power-law(1, 0)", "physics.exponent", ""),
+        ("herschel-bulkley(-1, 1, 1)", "physics.yield_stress", ""),
+        ("carreau-yasuda(0.1, 0.1, 1e-4, 0.5, 0)", "physics.transition", ""),
+        ("cross(0.1, -0.1, 1e-4)", "physics.infinite_rate", ""),
+        ("powell-eyring(0.1, 0.1, -1e-4)", "physics.time", ""),
+        ("qkv(1e3, 0.1, -0.1)", "physics.stiffening", ""),
+        ("maxwell(-1, 1e-6)", "physics.viscosity", ""),
+        ("oldroyd-b(1, 1e-6, 2e-6)", "physics.retardation_time", ""),
+        ("zener(-1, 1, 1e-6)", "physics.shear_modulus", ""),
+        ("qsls(1e3, 0, 1e-6, 0.1)", "physics.viscosity", ""),
+        ("gent(2e3, 40) +", "laws.syntax", EXAMPLE),
+        ("gent(2e3, 40)\0", "laws.syntax", EXAMPLE),
+        ("2 * gent(2e3, 40)", "laws.no_law", "'2 * gent(2000.0, 40)'"),
+        ("os.getpid()", "laws.no_law", "'os.getpid()'"),
+        ("gent(2e3, 40) + linear(2)", "laws.elastic_twice", "gent and linear"),
+        ("newtonian(1) + cross(1, 1, 1)", "laws.viscous_twice", "newtonian and cross"),
+    ],
+)
+def test_every_mistake_is_named(text, code, named):
+    with refused(code, named):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    ("make", "code"),
+    [
+        (lambda: NeoHookean(nan), "shear_modulus"),
+        (lambda: StrainEnergy(lambda a, b, c: np.abs(a - 1) * 1e3 + b).table(), "not_analytic"),
+        (lambda: Viscosity(lambda s: 1 - 1e-5 * s).table(), "negative_viscosity"),
+        (lambda: Viscosity(lambda s: np.random.default_rng(0).uniform(size=s.shape)).table(), "rough"),
+        (lambda: Viscoelastic(NeoHookean(1e3), None, 2 * [TotalRelaxation(0.1, 1e-6)]), "followed_twice"),
+        (lambda: Viscoelastic(None, None, [Newtonian(1.0)]), "not_Arm"),
+        (lambda: Viscoelastic(Newtonian(1.0), NeoHookean(1e3)), "not_Elastic"),
+        (lambda: Viscoelastic(), "no_law"),
+        (lambda: replace(WATER, temperature=400.0), "boiling"),
+        (lambda: replace(WATER, density=0.0), "density"),
+        (lambda: medium("honey"), "unknown_medium"),
+        (lambda: Damage(-0.1), "modulus"),
+        (lambda: Damage(1.1), "modulus"),
+        (lambda: Damage(0.5, 0.9), "radius"),
+        (lambda: Damage(0.5, nan), "radius"),
+        (lambda: Damage(0.5, 2.0, "age"), "by"),
+        (lambda: Damage(0.0, 2.0, "strain"), "modulus"),
+        (lambda: Pulse(nan, 1e6, 0.0), "amplitude"),
+        (lambda: Pulse(1e6, 0.0, 0.0), "frequency"),
+        (lambda: Pulse(1e6, 1e6, 0.0, 0.5), "exponent"),
+        (lambda: Trace([0, 1], [1]), "trace_shape"),
+        (lambda: Trace([0, 0], [1, 2]), "trace_values"),
+        (lambda: Accuracy(relative_error=0.5), "relative_error"),
+        (lambda: Accuracy(4), "cells"),
+        (lambda: simulate_many(2 * [NeoHookean(1e3)], **WAY | {"max_radius": [1e-4] * 3}), "shapes"),
+    ],
+)
+def test_what_cannot_be(make, code):
+    with refused(f"physics.{code}"):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"max_radius": -1e-4}, "max_radius"),
+        ({"stretch": 0.5}, "stretch"),
+        ({"time": [0, 2e-6, 1e-6]}, "times_descend"),
+        ({"time": [0, nan]}, "times"),
+        ({"bubble": Bubble(exponent=1.4), "fields": True}, "no_fields"),
+        ({"bubble": Bubble(motion="gilmore"), "medium": Medium(sound_speed=inf)}, "sound_speed"),
+        ({"bubble": {"exponent": 0.0}}, "exponent"),
+        ({"bubble": {"motion": "rayleigh"}}, "motion"),
+        ({"bubble": {"contents": "frozen"}}, "contents"),
+        ({"bubble": {"contents": "kinetic", "accommodation": 0.0}}, "accommodation"),
+        ({"bubble": {"contents": "kinetic", "accommodation": 0.07, "exponent": 1.4}}, "contents_twice"),
+        ({"bubble": {"confinement_inertia": -1.0}}, "confinement_inertia"),
+        ({"bubble": {"wall_distance": 100e-6}}, "wall_too_near"),
+        ({"bubble": {"wall_distance": 1e-3, "confinement_inertia": 0.1}}, "two_walls"),
+        ({"bubble": {"vapour_excess": -1.0}}, "vapour_excess"),
+        ({"bubble": {"confinement_damping": -0.1}}, "confinement_damping"),
+        ({"bubble": {"confinement_damping": None}}, "confinement_damping"),
+        ({"bubble": {"contents": "kinetic", "accommodation": "some"}}, "accommodation"),
+        ({"bubble": {"vapour_excess": "free", "exponent": 1.4}}, "contents_twice"),
+        ({"bubble": {"contents": "kinetic"}}, "free_bubble"),
+        ({"bubble": {"damage": "strain"}}, "free_bubble"),
+    ],
+    ids=str,
+)
+def test_simulations_that_cannot_be(change, code):
+    way = WAY | change
+    with refused(f"physics.{code}"):
+        bubble = way.pop("bubble", Bubble())
+        simulate(NeoHookean(1e3), bubble=Bubble(**bubble) if isinstance(bubble, dict) else bubble, **way)

@@ -1,25 +1,121 @@
-"""Training sets: the same bytes however they are made, nothing lost, nothing mixed."""
+"""The training problem: prior, identity, and the way between a shot and the reference scale. Training sets: the same
+bytes however they are made, nothing lost, nothing mixed. Thousands of recordings and large sets stay on the disk, and
+nothing is unpickled."""
 
+import os
+import pickle
+import re
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
-from conftest import code_of, refused
+from answers import KnownAnalysis
+from conftest import EXAMPLE, ROOT, code_of, refused
 
+from cavirheo import InputError, Posterior, read_curves
 from cavirheo.inference.bins import END, SCALARS
 from cavirheo.inference.latent import COORDINATES
-from cavirheo.prior import Prior
-from cavirheo.problem import TrainingProblem
-from cavirheo.training import dataset
+from cavirheo.parallel import Threads
+from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
+from cavirheo.physics.media import BU2026, WATER
+from cavirheo.posterior import Checks
+from cavirheo.prior import Prior, uniforms
+from cavirheo.problem import FrameGrid, TrainingProblem, natural_values
 from cavirheo.training.camera import film
 from cavirheo.training.curves import NODES, STEPS, TOP, CurveStore
-from cavirheo.training.dataset import generate, load
+from cavirheo.training.dataset import generate, load, survey
+from cavirheo.training.shards import write_hdf5
+from cavirheo.workflow import analyse
+from cavirheo.workflow.analyse import Unfinished
+from cavirheo.workflow.store import keep, read_kept
+
+RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
+LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}
+GEL = TrainingProblem("nhkv", Prior.uniform(RANGES))
+PROBLEM = TrainingProblem("newtonian", Prior.uniform(LIQUID))
 
 
-@pytest.fixture
-def problem() -> TrainingProblem:
-    return TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
+def test_draws_are_fixed_for_all_time():
+    """A change would silently change every training set."""
+    np.testing.assert_allclose(uniforms(1, 0, 2), [0.3035680343067586, 0.8487087496857769], rtol=1e-15)
+
+
+def test_prior_is_uniform_and_independent():
+    theta = GEL.prior.sample(4000, seed=3)
+    unit = (theta - GEL.prior.low) / (GEL.prior.high - GEL.prior.low)
+    assert 0 <= unit.min() < unit.max() <= 1
+    for column in unit.T:
+        counts, _ = np.histogram(column, bins=10, range=(0, 1))
+        assert np.sum((counts - 400) ** 2 / 400) < 27.9  # chi-square, 9 degrees of freedom: 0.1 %
+    assert np.abs(np.corrcoef(unit.T) - np.eye(3)).max() < 0.06
+
+
+def of(material="nhkv", **ranges) -> TrainingProblem:
+    return TrainingProblem(material, Prior.uniform(RANGES | ranges))
+
+
+@pytest.mark.parametrize(
+    ("call", "code"),
+    [
+        (lambda: of(stretch=[11.0, 3.0]), "prior.range"),
+        (lambda: of(stretch=[3.0, np.inf]), "prior.range"),
+        (lambda: of(stretch=[3.0]), "prior.range"),
+        (lambda: of(density=[900.0, 1100.0]), "prior.name"),
+        (lambda: TrainingProblem("nhkv", Prior.uniform(LIQUID)), "problem.prior"),
+        (lambda: of("newtonian"), "problem.prior"),
+        (lambda: of("x"), "problem.material"),
+        (lambda: TrainingProblem.from_dict(GEL.to_dict() | {"medium": {"wetness": 1.0}}), "problem.unreadable"),
+        (lambda: GEL.material([4.0, -1.0]), "problem.theta"),
+        (lambda: GEL.grid_step(float("nan")), "problem.max_radius"),
+    ],
+)
+def test_what_is_not_of_a_problem_is_refused(call, code):
+    with refused(code):
+        call()
+
+
+def test_material_from_theta():
+    assert GEL.material([4.0, -1.0, 7.0]) == NeoHookeanKelvinVoigt(1e4, 0.1)
+    assert PROBLEM.material([-2.0, 7.0]) == Newtonian(0.01)
+    assert natural_values(GEL.prior.names, [4.0, -1.0, 7.0])["stretch"] == 7.0
+
+
+def test_identity_changes_with_every_part():
+    assert TrainingProblem.from_dict(GEL.to_dict()).id == GEL.id
+    others = [
+        replace(GEL, medium=BU2026),
+        replace(GEL, medium=replace(WATER, conductivity_slope=5.4e-5)),
+        replace(GEL, grid=FrameGrid(frames=101)),
+        replace(GEL, reference_max_radius=246e-6),
+        of(stretch=[3.0, 10.0]),
+        replace(GEL, prior=Prior.uniform(dict(reversed(RANGES.items())))),
+    ]
+    assert len({GEL.id, *(other.id for other in others)}) == 7
+
+
+def test_scale_keeps_cauchy_and_reynolds():
+    medium, shot = replace(WATER, density=1060.0, pressure=90e3), 80e-6
+    found = GEL.to_shot({"shear_modulus": 5e3, "viscosity": 0.05, "stretch": 7.0}, shot, medium)
+
+    def numbers(g, mu, radius, m):  # Ca = p/G, Re = p t_c/mu
+        return m.pressure / g, m.pressure * radius * np.sqrt(m.density / m.pressure) / mu
+
+    of_shot = numbers(found["shear_modulus"], found["viscosity"], shot, medium)
+    np.testing.assert_allclose(of_shot, numbers(5e3, 0.05, 245e-6, WATER), rtol=1e-12)
+    assert found["stretch"] == 7.0
+
+
+def test_simulations_run_at_the_reference():
+    (one,) = GEL.simulate_many([[5.0, 0.0, 4.0]])
+    again, other = GEL.simulate_many([[5.0, 0.0, 4.0], [4.5, 0.0, 4.0]], workers=2)
+    assert (one.ok, one.radius[0]) == (True, pytest.approx(245e-6))
+    np.testing.assert_array_equal(one.time, GEL.grid.time)
+    np.testing.assert_array_equal(again.radius, one.radius)
+    assert not np.array_equal(other.radius, one.radius)
 
 
 def violent(theta: np.ndarray) -> np.ndarray:
@@ -30,40 +126,30 @@ def files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-def test_failures_are_kept_and_counted(problem, instant, tmp_path):
+def test_failures_are_kept_and_counted(instant, tmp_path):
     instant.fails = violent
-    made = generate(problem, 90, tmp_path, seed=3, progress=False)
+    made = generate(PROBLEM, 90, tmp_path, seed=3, progress=False)
     data = load(tmp_path)
     failed = violent(data.theta)
     assert 10 < failed.sum() < 40  # the test would prove nothing otherwise
     assert made.failures == data.failures == {"the step size went to zero": failed.sum()}
     assert made.curves == len(data.theta) == 90
-    np.testing.assert_array_equal(data.theta, problem.prior.sample(90, 3))
+    np.testing.assert_array_equal(data.theta, PROBLEM.prior.sample(90, 3))
     np.testing.assert_array_equal(data.ok, ~failed)
-    assert np.isnan(data.radius[failed, 50:]).all()
-    assert np.isfinite(data.radius[failed, :50]).all()
-    assert data.radius[0, 0] == 1.0
-    assert data.problem.id == problem.id
+    np.testing.assert_array_equal(np.isnan(data.radius[failed]), np.arange(100) >= np.full((failed.sum(), 1), 50))
+    assert (data.radius[0, 0], data.problem.id) == (1.0, PROBLEM.id)
     assert code_of(load, tmp_path.parent) == "dataset.none"
-    assert code_of(generate, problem, 30, tmp_path, shard=(0, 2), progress=False) == "dataset.shard"
+    assert code_of(generate, PROBLEM, 30, tmp_path, shard=(0, 2), progress=False) == "dataset.shard"
 
 
-def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(problem, monkeypatch, tmp_path):
+def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(monkeypatch, tmp_path):
     broken = SimpleNamespace(radius=np.r_[np.inf, np.ones(99)], status="ok")
     monkeypatch.setattr(TrainingProblem, "simulate_many", lambda self, theta, workers: [broken] * len(theta))
-    assert list(generate(problem, 3, tmp_path, progress=False).failures.values()) == [3]
+    assert list(generate(PROBLEM, 3, tmp_path, progress=False).failures.values()) == [3]
 
 
-def test_same_bytes_for_any_partition(problem, instant, tmp_path):
-    generate(problem, 90, tmp_path / "one", seed=3, progress=False)
-    for part in (3, 1, 2):
-        generate(problem, 90, tmp_path / "three", seed=3, shard=(part, 3), progress=False)
-    assert files(tmp_path / "one") == files(tmp_path / "three")
-    assert len(files(tmp_path / "one")) == 5
-
-
-def test_a_killed_run_goes_on_to_the_same_bytes(problem, instant, monkeypatch, tmp_path):
-    generate(problem, 90, tmp_path / "whole", seed=3, progress=False)
+def test_a_killed_run_goes_on_to_the_same_bytes(instant, monkeypatch, tmp_path):
+    generate(PROBLEM, 90, tmp_path / "whole", seed=3, progress=False)
     simulate = TrainingProblem.simulate_many
     instant.clear()
 
@@ -75,29 +161,29 @@ def test_a_killed_run_goes_on_to_the_same_bytes(problem, instant, monkeypatch, t
     with monkeypatch.context() as patch:
         patch.setattr(TrainingProblem, "simulate_many", killed_in_the_third_file)
         with pytest.raises(KeyboardInterrupt):
-            generate(problem, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
+            generate(PROBLEM, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
     (tmp_path / "cut" / ".shard-00002.h5.part.h5").write_bytes(b"half a file")
     with refused("dataset.incomplete"):
         load(tmp_path / "cut")
     instant.clear()
-    made = generate(problem, 90, tmp_path / "cut", seed=3, progress=False)
+    made = generate(PROBLEM, 90, tmp_path / "cut", seed=3, progress=False)
     assert (made.written, made.skipped, made.simulated, sum(instant)) == (3, 2, 50, 50)
     assert files(tmp_path / "cut") == files(tmp_path / "whole")
     assert made.failures == load(tmp_path / "whole").failures
 
 
-def test_other_settings_do_not_mix(problem, instant, tmp_path):
-    generate(problem, 30, tmp_path, seed=3, progress=False)
-    other = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 10.0]}))
+def test_other_settings_do_not_mix(instant, tmp_path):
+    generate(PROBLEM, 30, tmp_path, seed=3, progress=False)
+    other = TrainingProblem("newtonian", Prior.uniform(LIQUID | {"stretch": [3.0, 10.0]}))
     before = files(tmp_path)
-    for what, n, seed, wanted in (("seed", 30, 4, problem), ("total", 31, 3, problem), ("problem", 30, 3, other)):
+    for what, n, seed, wanted in (("seed", 30, 4, PROBLEM), ("total", 31, 3, PROBLEM), ("problem", 30, 3, other)):
         with refused(f"dataset.another_{what}"):
             generate(wanted, n, tmp_path, seed=seed, progress=False)
         assert files(tmp_path) == before
 
 
-def test_split_is_a_partition_that_no_parameter_decides(problem, instant, tmp_path):
-    generate(problem, 400, tmp_path, seed=3, progress=False)
+def test_split_is_a_partition_that_no_parameter_decides(instant, tmp_path):
+    generate(PROBLEM, 400, tmp_path, seed=3, progress=False)
     data = load(tmp_path)
     parts = data.split(seed=3)  # the seed of the data on purpose
     together = np.sort(np.concatenate(list(parts.values())))
@@ -110,19 +196,19 @@ def test_split_is_a_partition_that_no_parameter_decides(problem, instant, tmp_pa
     np.testing.assert_array_equal(parts["test"], data.split(seed=3)["test"])
 
 
-def test_a_set_is_surveyed_while_it_grows(problem, instant, tmp_path):
+def test_a_set_grows_in_parts_to_the_same_bytes_and_is_surveyed(instant, tmp_path):
     instant.fails = violent
-    generate(problem, 90, tmp_path, seed=3, shard=(1, 2), progress=False)
-    half = dataset.survey(tmp_path)
+    generate(PROBLEM, 90, tmp_path / "one", seed=3, workers=1, progress=False)
+    generate(PROBLEM, 90, tmp_path / "two", seed=3, shard=(1, 2), progress=False)
+    half = survey(tmp_path / "two")
     assert (half.curves, half.total, half.files, half.lacking) == (50, 90, 3, 2)
-    generate(problem, 90, tmp_path, seed=3, progress=False)
-    whole = dataset.survey(tmp_path)
-    assert (whole.curves, whole.lacking, sum(whole.statuses.values())) == (90, 0, 90)
-    assert whole.statuses["ok"] == 90 - sum(load(tmp_path).failures.values()) < 90
-    assert whole.size == sum(map(len, files(tmp_path).values()))
+    generate(PROBLEM, 90, tmp_path / "two", seed=3, shard=(2, 2), progress=False)
+    assert files(tmp_path / "one") == files(tmp_path / "two")
+    whole = survey(tmp_path / "two")
+    assert (whole.curves, whole.files, whole.lacking, sum(whole.statuses.values())) == (90, 5, 0, 90)
+    assert whole.statuses["ok"] == 90 - sum(load(tmp_path / "two").failures.values()) < 90
+    assert whole.size == sum(map(len, files(tmp_path / "two").values()))
     assert whole.sha256 != half.sha256
-    generate(problem, 90, tmp_path / "again", seed=3, workers=1, progress=False)
-    assert dataset.survey(tmp_path / "again").sha256 == whole.sha256
 
 
 def test_an_exposure_does_not_move_the_clock():
@@ -138,3 +224,97 @@ def test_an_exposure_does_not_move_the_clock():
     origin = seen.z[(late == 0) & (exposure > 0.3), COORDINATES.index("time_origin")]
     assert len(origin) > 200
     assert abs(np.mean(origin)) < 0.1  # 0.02 is its standard error
+
+
+# --- what stays on the disk
+
+
+def test_a_set_on_the_disk_is_the_set_in_memory_and_a_single_bit_that_changed_is_noticed(tmp_path):
+    generate(PROBLEM, 6, tmp_path / "set", seed=1, progress=False)
+    here, there = load(tmp_path / "set"), load(tmp_path / "set", tmp_path)
+    assert not there.radius.flags.owndata  # mapped to a file without a name
+    assert [path.name for path in tmp_path.iterdir()] == ["set"]
+    assert here.sha256 == there.sha256
+    np.testing.assert_array_equal(here.radius, there.radius[:])
+    np.testing.assert_array_equal(here.theta, there.theta)
+    (path,) = tmp_path.glob("set/*.h5")
+    with h5py.File(path) as file:
+        place = file["radius"].id.get_chunk_info(0).byte_offset
+    content = bytearray(path.read_bytes())
+    content[place + 5] ^= 1
+    path.write_bytes(content)
+    for read in (load, survey):
+        with refused("dataset.unreadable", "delete it and generate again"):
+            read(path.parent)
+
+
+def known(curve, begun=None, failing=()):
+    verdict = "failed" if curve.name in failing else "ok"
+    theta = np.full((3 if verdict == "ok" else 0, 1), curve.max_radius) + (begun.theta if begun else 0.0)
+    return Posterior(("stretch",), ("1",), theta, Checks(verdict), "nhkv", "verified")
+
+
+@pytest.mark.parametrize("executor", [None, Threads(2)])
+def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypatch, executor):
+    curves = read_curves(EXAMPLE)
+    analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
+    few = Unfinished(tmp_path / "few", visible=False, executor=executor).answers(curves, analysis)
+    monkeypatch.setattr(analyse, "HELD", 3)
+    kept = Unfinished(tmp_path / "many", visible=False, executor=executor)
+    many = kept.answers(curves, analysis)
+    assert many.indices == few.indices == list(range(len(curves)))
+    assert [i for i in many.indices if many[i] is many[i]] == [2]  # the failed one, which has no file
+    for mine, theirs in zip(many, few, strict=True):
+        np.testing.assert_array_equal(mine.theta, theirs.theta)
+    kept.remove()
+    with refused("unfinished.gone"):
+        many[0]
+
+
+def test_answers_begin_with_those_that_are_kept(tmp_path):
+    curves = read_curves(EXAMPLE)
+    two = Unfinished(tmp_path, visible=False)
+    begun = two.answers(curves, KnownAnalysis(of=known))
+    for curve, answer in zip(curves, two.answers(curves, KnownAnalysis(of=known, seed=1), begun), strict=True):
+        np.testing.assert_array_equal(answer.theta, np.full((3, 1), 2.0 * curve.max_radius))
+
+
+class Trap:
+    """Whose pickle makes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def test_nothing_is_unpickled_from_a_kept_answer_or_a_training_set(tmp_path):
+    sprung = tmp_path / "sprung"
+    pickle.loads(pickle.dumps(Trap(sprung)))
+    assert sprung.is_dir()  # as it would be
+    sprung.rmdir()
+    answer = Posterior(("stretch",), ("1",), np.ones((3, 1)), Checks("ok"), "nhkv", "verified")
+    keep(tmp_path / "a.npz", answer)
+    with np.load(tmp_path / "a.npz") as file:
+        first = file[file.files[0]]
+    np.savez(tmp_path / "a.npz", first, np.array([Trap(sprung)] * 3, dtype=object), allow_pickle=True)
+    assert read_kept(tmp_path / "a.npz", Posterior) is None
+    generate(PROBLEM, 3, tmp_path / "set", seed=1, progress=False)
+    (path,) = (tmp_path / "set").glob("*.h5")
+    with h5py.File(path) as file:
+        head, radius = dict(file.attrs), {"data": file["radius"][:]}
+        status = {"data": file["status"][:], "dtype": h5py.string_dtype()}
+    theta = {"data": np.frombuffer(pickle.dumps(Trap(sprung)), np.uint8)}
+    write_hdf5(path, head, {"theta": theta, "radius": radius, "status": status})
+    with pytest.raises(InputError):
+        load(tmp_path / "set")
+    assert not sprung.exists()
+
+
+@pytest.mark.repository
+def test_only_what_this_machine_compiled_itself_is_unpickled():
+    """dask does so between driver and workers, which trust each other."""
+    words = r"\b(import|from) (pickle|cloudpickle|dill|joblib|shelve|marshal)\b|allow_pickle=True|torch\.load"
+    sources = (ROOT / "src").rglob("*.py")
+    assert [path.name for path in sources if re.search(words, path.read_text("utf-8"))] == ["cache.py"]

@@ -48,23 +48,20 @@ def files(folder: Path) -> list[Path]:
     return sorted(folder.rglob("kernel.*.nbc"))
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda content: b"",
-        lambda content: content[:20],
-        lambda content: content[:-1],
-        lambda content: content[: len(content) // 2] + bytes(len(content) // 2),
-        lambda content: content[:5000] + bytes([content[5000] ^ 1]) + content[5001:],
-    ],
-    ids=["empty", "cut in its checksum", "cut", "zeros", "a bit"],
-)
-def test_a_damaged_file_is_made_anew(start, tmp_path, damage):
+DAMAGE = {
+    "empty": lambda content: b"",
+    "cut in its checksum": lambda content: content[:20],
+    "cut": lambda content: content[:-1],
+    "a bit": lambda content: content[:5000] + bytes([content[5000] ^ 1]) + content[5001:],
+}
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_a_damaged_file_is_made_anew(start, tmp_path, name):
     start()
     for file in files(tmp_path):
-        file.write_bytes(damage(file.read_bytes()))
-    assert not start()
-    assert start()
+        file.write_bytes(DAMAGE[name](file.read_bytes()))
+    assert (start(), start()) == (False, True)
 
 
 def test_code_of_another_source_is_not_used_and_removed(start, tmp_path):
@@ -78,8 +75,7 @@ def test_code_of_another_source_is_not_used_and_removed(start, tmp_path):
 
 def test_without_a_folder_beside_the_source_that_of_the_user_is_used(start, tmp_path):
     (tmp_path / "__pycache__").write_text("a file, where the folder would be")
-    assert not start()
-    assert start()
+    assert (start(), start()) == (False, True)
     assert len(files(tmp_path / "home")) == 2
 
 
@@ -88,27 +84,23 @@ def test_no_place_to_write_is_said_once(start, tmp_path, capsys):
     (tmp_path / "home").write_text("")
     assert not start()
     said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "NUMBA_CACHE_DIR" in said
+    assert (said.count("\n"), "NUMBA_CACHE_DIR" in said) == (1, True)
+
+
+def failing(*_, **__):
+    raise PermissionError(13, "Permission denied")
 
 
 def test_a_full_disk_leaves_no_half_file(start, tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(cache.os, "replace", full)
+    monkeypatch.setattr(cache.os, "replace", failing)
     assert not start()
     assert not list((tmp_path / "__pycache__").glob("kernel.*nbc*"))
 
 
-def test_whole_files_in_a_folder_that_cannot_be_written_are_used(start, tmp_path, monkeypatch, capsys):
+def test_whole_files_in_a_folder_that_cannot_be_written_are_used(start, monkeypatch, capsys):
     start()
-
-    def denied(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    for name in ("write_bytes", "mkdir"):
-        monkeypatch.setattr(Path, name, denied)
+    monkeypatch.setattr(Path, "write_bytes", failing)
+    monkeypatch.setattr(Path, "mkdir", failing)
     assert start()
     assert capsys.readouterr().err == ""
 
