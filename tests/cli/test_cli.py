@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import BDT, EXAMPLE, ROOT, done, refusal
+from conftest import BDT, EXAMPLE, ROOT, done
 
 from cavirheo import Bubble, read_curves, simulate
 from cavirheo.io import write_csv
@@ -129,30 +129,6 @@ def test_each_option_matters(run, tmp_path, way):
     tables = (tmp_path / name / "simulation.csv" for name in "ab")
     one, two = (np.genfromtxt(table, delimiter=",", names=True)["radius_um"] for table in tables)
     assert np.abs(one - two).max() > 0.1
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("newtonian --shear-modulus 5 --viscosity 1", "shear_modulus"),
-        ("nhkv --viscosity 1", "shear_modulus"),
-        ("gent(2e3,40", "gent(2e3,40"),
-        ("gent --shear-modulus 2e3", "gent(shear_modulus [Pa], limit [-])"),
-        ("gent(2e3,40)+linear(1)", "gent and linear"),
-        ("nhkv(2e3,0.1) --viscosity 0.1 --stiffening 1", "--viscosity, --stiffening"),
-        ("newtonian(1) --fps 1e15", "frames"),
-        ("newtonian(1) --pulse 1 1 1 --driving p.csv", "--pulse"),
-        ("newtonian(1) --driving p.csv", "p.csv"),
-        ("newtonian(1) --polytropic 1 --fields", "--fields"),
-        ("newtonian(1) --polytropic 1 --contents kinetic", "leave out --polytropic"),
-        ("newtonian(1) --accommodation 0.1", "--contents kinetic"),
-        ("newtonian(1) --wall-distance-um 80", "wall_distance"),
-        ("newtonian(1) --damage 0.2 2", "damage"),
-    ],
-)
-def test_simulate_refuses(run, tmp_path, words, named):
-    refusal(run(*f"simulate --rmax-um 90 --stretch 5 -o x --material {words}".split()), named)
-    assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.slow
