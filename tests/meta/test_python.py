@@ -1,15 +1,10 @@
 """The face of the package in Python: names, options, and one sentence for each wrong call."""
 
 import dataclasses
-import importlib
 import inspect
-import json
-import os
 import subprocess
 import sys
 from importlib.metadata import version
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +14,6 @@ import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, RadiusCurve
 from cavirheo.inference.verify import Verification, VerificationOptions, verify
 from cavirheo.inference.verify.evidence import rank_laws
-from cavirheo.loading import KINDS
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.media import MEDIA, medium
@@ -190,54 +184,3 @@ def test_options_are_told_to_type_checkers_as_the_function_has_them(told, functi
 def test_a_misspelt_option_is_refused(function, given):
     with pytest.raises(TypeError, match="unexpected keyword argument"):
         function(*given, stretsh=6.0)
-
-
-def pyright(*words: str, cwd: Path | None = None) -> dict[str, Any]:
-    """What it reports, in a program that uses the package."""
-    pytest.importorskip("pyright")
-    surroundings = os.environ | {"PYTHONPATH": str(Path(cavirheo.__file__).parents[1])}
-    command = [sys.executable, "-m", "pyright", *words, "--outputjson", "--pythonpath", sys.executable]
-    done = subprocess.run(command, env=surroundings, cwd=cwd, capture_output=True, text=True, timeout=900)
-    if not done.stdout.startswith("{"):
-        pytest.skip(f"pyright does not run here: {done.stderr.strip()[-200:]}")  # it fetches its program when first run
-    return json.loads(done.stdout)
-
-
-@pytest.mark.slow
-def test_all_public_types_are_known():
-    symbols = pyright("--verifytypes", "cavirheo", "--ignoreexternal")["typeCompleteness"]["symbols"]
-    documents = [getattr(importlib.import_module(f"cavirheo.{one.module}"), one.name) for one in KINDS.values()]
-    objects = [*(getattr(cavirheo, name) for name in cavirheo.__all__), *documents]
-    names = {f"cavirheo.{name}" for name in cavirheo.__all__}
-    names |= {f"{one.__module__}.{one.__qualname__}" for one in objects}
-    ours = [one for one in symbols if any(f"{one['name']}.".startswith(f"{name}.") for name in names)]
-    assert [one["name"] for one in ours if not one["isTypeKnown"] or one["isTypeAmbiguous"]] == []
-    assert len(ours) > 400
-
-
-MISTAKES = """# pyright: strict
-import cavirheo
-from cavirheo.reporting.laws import Laws
-
-curve = cavirheo.read_curves("gel.csv", shots="1,4-7")[0]
-low, high = cavirheo.infer(curve, material="nhkv", verify="none").interval("shear_modulus") or (0.0, 0.0)
-print(low, high, cavirheo.fit(curve=curve, window=3, free=("t0",), medium="water").best["viscosity"])
-cavirheo.fit(curve, windou=3)  # wrong
-cavirheo.fit(curve, window=3.5)  # wrong
-cavirheo.infer(curve, materail="nhkv")  # wrong
-cavirheo.measure("bubble.mp4", framerate=5e5)  # wrong
-gel = cavirheo.Newtonian(0.05)
-cavirheo.simulate_many([gel], max_radius=2e-4, stretch=6.0, time=[0.0], relaxed=True)
-cavirheo.simulate_many([gel], max_radius=2e-4, stretch=6.0, time=[0.0], nonsense=1)  # wrong
-print(curve.radii)  # wrong
-print(cavirheo.load("result.json").shots)  # wrong
-print(cavirheo.load("laws.json", Laws).parameters)  # wrong
-"""
-
-
-@pytest.mark.slow
-def test_a_strict_program_is_told_of_its_mistakes_and_of_nothing_else(tmp_path):
-    (tmp_path / "program.py").write_text(MISTAKES, encoding="utf-8")
-    errors = pyright("program.py", cwd=tmp_path)["generalDiagnostics"]
-    wrong = {number for number, line in enumerate(MISTAKES.split("\n")) if line.endswith("# wrong")}
-    assert {one["range"]["start"]["line"] for one in errors} == wrong, [one["message"] for one in errors]
