@@ -95,10 +95,9 @@ def test_code_is_compared_wherever_the_package_lies(tmp_path):
 def begin(module: str, *words: object, cwd: Path, path: object = ROOT / "src", **more: str) -> subprocess.Popen[bytes]:
     """A module of Python in a process of its own, whose output goes to said.log."""
     about = os.environ | {"PYTHONPATH": str(path), "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"} | more
+    command = [sys.executable, "-m", module, *map(str, words)]
     with (cwd / "said.log").open("ab") as log:
-        return subprocess.Popen(
-            [sys.executable, "-m", module, *map(str, words)], cwd=cwd, env=about, stdout=log, stderr=log
-        )
+        return subprocess.Popen(command, cwd=cwd, env=about, stdout=log, stderr=log)
 
 
 @contextmanager

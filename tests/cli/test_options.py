@@ -193,34 +193,28 @@ def test_h_is_help(lab, verb):
 
 
 def test_json_is_the_document_and_quiet_says_errors_alone(lab):
-    words = ("collapse-time", "times.csv", "--no-pictures")
-    status, out, err = lab(*words, "--json", "-o", "r")
-    assert (status, err) == (0, "")
-    assert out == Path("r", "collapse-time.json").read_text(encoding="utf-8")
+    words, written = ("collapse-time", "times.csv", "--no-pictures"), Path("r", "collapse-time.json")
+    called = lab(*words, "--json", "-o", "r")
+    assert called == (0, written.read_text(encoding="utf-8"), "")
     refusal(lab(*words, "nowhere.csv", "--json", "-o", "s"), "error: nowhere.csv")
     assert lab(*words, "--quiet", "-o", "q") == (0, "", "")
     assert Path("q", "collapse-time.json").exists()
-    called = lab(*words, "nowhere.csv", "--quiet", "-o", "t")
-    refusal(called, "nowhere.csv")
-    assert called[1] == ""
+    refused_cleanly(lab(*words, "nowhere.csv", "--quiet", "-o", "t"), "nowhere.csv")
 
 
-def test_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
+def test_what_is_asked_reaches_the_answers_and_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
     monkeypatch.setattr("cavirheo.writing.style.new_figure", lambda _: pytest.fail("it draws"))
-    assert run("infer", "shot.csv", *BDT, "--no-pictures", "-o", "r")[0] == 0
-    assert {path.name for path in Path("r").glob("[!.]*")} == {"result.json", "result.csv", "report.html"}
-
-
-def test_what_is_asked_reaches_the_answers(run, lab_answers):
-    words = ("infer", "shot.csv", *BDT, "--no-pictures", "--json", "--replace", "-o", "r")
+    words = ("infer", "shot.csv", *BDT, "--no-pictures", "--replace", "-o", "r")
     for more in ([], ["--seed", 7, "--trust-input", "--group", "folder"]):
-        run(*words, *more)
+        assert run(*words, *more)[0] == 0
     assert [(one.seed, one.trust_input) for one in lab_answers] == [(0, False), (7, True)]
+    assert {path.name for path in Path("r").glob("[!.]*")} == {"result.json", "result.csv", "report.html"}
     (group,) = json.loads(Path("r", "result.json").read_text())["groups"]
     assert group["name"] == Path.cwd().name
 
 
 BUBBLES = {  # options, and the bubbles that they ask for
+    "": (REAL,),
     "--bubble real": (REAL,),
     "--bubble field": (FIELD,),
     "--bubble auto": (FIELD, REAL),
@@ -233,20 +227,16 @@ BUBBLES = {  # options, and the bubbles that they ask for
     "--vapour-excess 2000 --damage strain": (replace(REAL, vapour_excess=2e3, damage="strain"),),
 }
 SEVERAL = {  # of which-law
+    "": (REAL,),
     "--bubble real,field": (REAL, FIELD),
     "--bubble field --damage none,strain": (FIELD, Bubble(damage="strain")),
     "--bubble real,field --confinement-damping 0": (Bubble("kinetic"), FIELD),
 }
+TABLES = {"infer": BUBBLES, "fit": BUBBLES, "which-law": SEVERAL}
+ASKED = [(verb, words, bubbles) for verb, table in TABLES.items() for words, bubbles in table.items()]
 
 
-@pytest.mark.parametrize(
-    ("verb", "words", "asked"),
-    [
-        *((verb, "", (REAL,)) for verb in ("infer", "fit", "which-law")),
-        *((verb, words, asked) for verb in ("infer", "fit") for words, asked in BUBBLES.items()),
-        *(("which-law", words, asked) for words, asked in SEVERAL.items()),
-    ],
-)
+@pytest.mark.parametrize(("verb", "words", "asked"), ASKED)
 def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, asked):
     calls = []
 

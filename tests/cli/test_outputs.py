@@ -60,9 +60,6 @@ def inputs(tmp_path, monkeypatch):
     return tmp_path
 
 
-# -------------------------------------------------------------------------------------------------- files of the user's
-
-
 def leaves_all(folder: Path, run, name: str, out: str, *named: str) -> None:
     """A verb ends with status 2 and one line that names these, and no file of the folder has changed."""
     before = contents(folder)
@@ -150,9 +147,6 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
     Outputs(tmp_path / "out", "r")
 
 
-# ------------------------------------------------------------------------------------------------- nothing half-written
-
-
 @pytest.mark.needs("matplotlib")
 def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch, solved):
     write_report(tmp_path, solved[:1], "first", ("png",))
@@ -164,9 +158,6 @@ def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, mo
     assert after["report.html"] == before["report.html"]
     assert "second" in after["result.json"].decode()
     assert set(after) == set(before)
-
-
-# --------------------------------------------------------------------------------------------------------- kept answers
 
 
 @pytest.fixture(scope="module")
@@ -229,19 +220,14 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):
     assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
 
 
-# --------------------------------------------------------------------------------------------------------- as a program
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_writes_what_was_answered(tmp_path, number):
-    (curve,) = read_curves(EXAMPLE)[:1]
+    curve = read_curves(EXAMPLE)[0]
     for k in range(40):
         write_csv(tmp_path / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
-    call = subprocess.Popen(
-        [sys.executable, "-m", "cavirheo", "infer", "--verify", "none", ".", "-o", "out"],
-        cwd=tmp_path, text=True, stderr=subprocess.PIPE, stdout=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # fmt: skip
+    words = [sys.executable, "-m", "cavirheo", "infer", "--verify", "none", ".", "-o", "out"]
+    how = {"cwd": tmp_path, "text": True, "stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
+    call = subprocess.Popen(words, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **how)
     out, end = tmp_path / "out", time.monotonic() + 120.0
     while len(list(out.glob("unfinished/[!.]*.npz"))) < 2:
         assert call.poll() is None, call.communicate()
@@ -262,25 +248,16 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
 
 def test_blas_has_one_thread_until_the_last_leaves():
     """Else the last bits of an answer depend on what else goes on in the process."""
-    first, left = threading.Barrier(3), threading.Event()
 
     def blas() -> set[int]:
         return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
 
-    def work(stays: bool) -> set[int]:
-        with one_blas_thread:
-            first.wait(10)
-            if stays:
-                left.wait(10)
-            return blas()
-
     usual = blas()
-    with ThreadPoolExecutor(2) as pool:
-        stays, leaves = pool.submit(work, True), pool.submit(work, False)
-        first.wait(10)
-        assert leaves.result() == {1}
-        left.set()
-        assert stays.result() == {1}
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(one_blas_thread.__enter__).result()
+        with one_blas_thread:
+            pool.submit(one_blas_thread.__exit__).result()
+            assert blas() == pool.submit(blas).result() == {1}
     assert blas() == usual
 
 

@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from answers import same, shots
-from conftest import EXAMPLE, messages, refused
+from answers import same, shots, unanswered
+from conftest import EXAMPLE, refused
 
 import cavirheo
 from cavirheo import InputError, Medium, SolverError
-from cavirheo.physics import elastic, viscous
 from cavirheo.physics.driving import Pulse, Trace
-from cavirheo.physics.materials import LAWS, Material, Viscoelastic
-from cavirheo.posterior import Bubble, Checks, Evidence, Posterior, WindowAnswer
+from cavirheo.physics.materials import LAWS, Material, parse
+from cavirheo.posterior import Bubble, Evidence, WindowAnswer
 from cavirheo.reporting import result
 from cavirheo.reporting.table import write_csv
 
@@ -36,18 +35,13 @@ def law_of(name: str) -> Material:
 def held() -> dict[str, Any]:
     """An object of every public kind."""
     curve, time = cavirheo.read_curves(EXAMPLE)[0], np.linspace(0.0, 5e-5, 20)
-    answers = shots(4)
+    answers, gel = shots(4), parse("neo-hookean(8e3)+newtonian(0.05)")
     curves = [curve, *(curve.with_notes(str(k)) for k in range(3))]
-    nothing = Posterior(
-        ("log10_viscosity",), ("Pa s",), np.empty((0, 1)), Checks("failed", messages("why")), "newtonian", "fit"
-    )
     seen = {name: Medium(temperature=300.0) if name == "medium" else law_of(name) for name in ("medium", *LAWS)}
     return seen | {
-        "curve": curve, "answer": answers[0], "failed answer": nothing,
+        "curve": curve, "answer": answers[0], "failed answer": unanswered(),
         "population": cavirheo.population(answers), "empty population": cavirheo.population(answers[:1]),
-        "simulation": cavirheo.simulate(
-            Viscoelastic(elastic.NeoHookean(8e3), viscous.Newtonian(0.05)), max_radius=2e-4, stretch=6.0, time=time
-        ),
+        "simulation": cavirheo.simulate(gel, max_radius=2e-4, stretch=6.0, time=time),
         "pulse": Pulse(1e5, 1e6, 1e-6), "trace": Trace(time, 1e5 * time), "bubble": Bubble("kinetic"),
         "rig": cavirheo.Rig(frames=64),
         "evidence": Evidence(-3.0, 0.1), "window": WindowAnswer({"viscosity": 0.1}, 3.0, 0.01),

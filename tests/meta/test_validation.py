@@ -25,8 +25,7 @@ def test_recordings_are_read_and_are_of_their_truth(made):
     for recording, row in zip(answers.read(made / "recordings"), rows, strict=True):
         (curve,) = read_curves(recording.path)
         assert recording.name == row["name"]
-        assert curve.max_radius == pytest.approx(float(row["R_max"]), rel=0.1)
-        assert recording.max_radius == pytest.approx(float(row["R_max"]), rel=0.1)
+        assert [curve.max_radius, recording.max_radius] == pytest.approx([float(row["R_max"])] * 2, rel=0.1)
         assert recording.density == pytest.approx(float(row["density"]), rel=0.01)
         assert recording.time[-1] - float(row["origin_us"]) * 1e-6 > 1.5 * curve.max_radius / 10.0
 
