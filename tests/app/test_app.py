@@ -33,15 +33,10 @@ from cavirheo.workflow.store import Store
 SOFT = examples()["soft_gel.csv"]
 
 
-@pytest.fixture(scope="session")
-def running():
+@pytest.fixture(scope="module")
+def served():
     from cavirheo.app.server import running  # gradio takes seconds, which collecting tests need not wait for
 
-    return running
-
-
-@pytest.fixture(scope="module")
-def served(running):
     with running(limits=VisitorLimits(file_mb=0.5, files=3)) as (address, visitors):
         yield address, visitors
 
@@ -139,19 +134,17 @@ def upload(address, content):
     return httpx.post(f"{address}gradio_api/upload", files={"files": ("sent.csv", content)})
 
 
-@pytest.mark.parametrize("place", ["http://192.0.2.1/x.csv", "/etc/hostname"])
-def test_nothing_is_fetched_and_no_file_of_the_machine_is_read(client, place):
-    with told():
-        client.predict([{"path": place, "meta": {"_type": "gradio.FileData"}}], api_name="/infer")
-
-
-def test_only_the_endpoint_is_public_and_pages_may_ask_nobody_else(served, client):
+def test_only_the_endpoint_is_public_and_nothing_is_fetched(served, client):
+    """Neither by a page, from elsewhere, nor by the server: no address and no file of the machine."""
     api = client.view_api(return_format="dict")
     assert (list(api["named_endpoints"]), api["unnamed_endpoints"]) == (["/infer"], {})
     policy = httpx.get(served[0]).headers["content-security-policy"]
     assert "default-src 'self'" in policy
     assert "http" not in policy
     assert upload(served[0], b"1" * 600_000).status_code == 413
+    for place in ("http://192.0.2.1/x.csv", "/etc/hostname"):
+        with told():
+            client.predict([{"path": place, "meta": {"_type": "gradio.FileData"}}], api_name="/infer")
 
 
 def test_only_what_was_uploaded_is_read_and_removed(tmp_path, monkeypatch):
@@ -184,9 +177,12 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
         visitors.leave("one")
         gone(visitors, "one")  # left twice, forgotten once
         until(lambda: forgotten == ["other", "one"])
-        last = visitors.of("one").folder
-        assert visitors.of("one").curves == []
-    assert not last.exists()
+        last = visitors.of("one")
+        assert last.curves == []
+        assert visitors.back("reloaded", last.link) is visitors.of("reloaded") is last
+        assert visitors.back("stranger", "") is visitors.back("stranger", last.link + "x") is None
+        assert visitors.of("stranger") is not last
+    assert not last.folder.exists()
 
 
 def until(fine, seconds=10.0):
@@ -363,8 +359,7 @@ def test_the_fields_of_the_page_are_settings_or_say_why_not(typed, wrong):
     usual = {field.name: getattr(PageSettings, field.name) for field in fields(PageSettings)}
     settings, problems = PageSettings.of([*(usual | {"density": "", "window": 0} | typed).values()])
     assert list(problems) == wrong
-    if not wrong:
-        assert settings.density == float(typed["density"])
+    assert wrong or settings.density == float(typed["density"])
 
 
 @contextmanager
@@ -435,14 +430,6 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     assert '<path class="what-if"' not in words.checked(session, "soft_gel[1]")
 
 
-def test_a_link_leads_back_to_a_session_and_no_other_word_does():
-    with closing(Visitors(VisitorLimits())) as visitors:
-        one = visitors.of("page")
-        assert visitors.back("reloaded", one.link) is visitors.of("reloaded") is one
-        assert visitors.back("stranger", "") is visitors.back("stranger", one.link + "x") is None
-        assert visitors.of("stranger") is not one
-
-
 def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path, monkeypatch):
     hold, begun, real = Event(), Event(), Analysis.answer
 
@@ -461,7 +448,9 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path
     assert len(long.result()["curves"]) == 1
 
 
-def test_a_port_that_is_taken_is_said(running, served):
+def test_a_port_that_is_taken_is_said(served):
+    from cavirheo.app.server import running
+
     port = int(served[0].rstrip("/").rpartition(":")[2])
     with refused("app.port_taken", str(port)), running(port=port):
         pass

@@ -125,7 +125,10 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page.wait_for_selector("#check-plot svg")
     page.wait_for_selector("#facts article")
     assert "what-if" not in layers(page)
+    drag(page, "viscosity", 0.2)
+    first = page.inner_text("#trial")
     drag(page, "viscosity", 0.6)
+    assert page.inner_text("#trial") != first
     page.click("#fit")
     page.wait_for_selector("#stop-fit", state="visible")
     page.wait_for_selector("#stop-fit", state="hidden")

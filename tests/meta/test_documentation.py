@@ -23,7 +23,7 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.workflow.store import Store
 
 PAGES = sorted(
-    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("validation/**/*.md")]
+    path for where in ("", "docs/**/", "benchmarks/", "validation/**/") for path in ROOT.glob(f"{where}*.md")
 )
 FOLDERS = "src|tests|docs|benchmarks|validation|examples|recipes|packaging"
 COMMAND: Any = typer.main.get_command(verbs.app)  # type: ignore[attr-defined]
@@ -131,10 +131,7 @@ def test_every_page_begins_with_its_title_and_the_page_of_commands_has_every_ver
 
 
 SNIPPET = re.compile(r"^```python\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)  # with its output
-SNIPPETS = [(page, *found) for page in PAGES for found in SNIPPET.findall(page.read_text("utf-8"))]
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-
-
 STORE = Store()  # several pages ask the same of the same file
 
 
@@ -147,24 +144,24 @@ def first_shot(*words, **options):
     return read_curves(*words, **options)[:1]
 
 
-FIVE_FITS = "docs/coming-from.md"
-CASES = [
-    pytest.param(*case, id=name(case[0]), marks=[pytest.mark.slow] * (name(case[0]) == FIVE_FITS)) for case in SNIPPETS
-]
+def snippets() -> Iterator[Any]:
+    """But for one that needs a running app, which test_documented_commands.py starts."""
+    for page in PAGES:
+        slow = [pytest.mark.slow] * (name(page) == "docs/coming-from.md")  # five fits
+        for code, shown in SNIPPET.findall(page.read_text("utf-8")):
+            if "Client(" not in code:
+                yield pytest.param(code, shown, id=name(page), marks=slow)
 
 
-@pytest.mark.parametrize(("page", "code", "shown"), CASES)
-def test_snippets_run(page, code, shown, monkeypatch):
+@pytest.mark.parametrize(("code", "shown"), snippets())
+def test_snippets_run(code, shown, monkeypatch):
     """As they stand; where a page shows no output, with the first shot of a file."""
     monkeypatch.setattr(Analysis, "answer", answer_once)
     if not shown:
         monkeypatch.setattr(cavirheo, "read_curves", first_shot)
-    program = compile(code, name(page), "exec", dont_inherit=True)
-    if "Client(" in code:
-        pytest.skip("needs a running app; tests/meta/test_documented_commands.py starts it")
     monkeypatch.chdir(ROOT)
     with contextlib.redirect_stdout(io.StringIO()) as said:
-        exec(program, {})
+        exec(compile(code, "snippet", "exec", dont_inherit=True), {})
     if shown:  # the page shows what it printed
         assert NUMBER.sub("0", said.getvalue()) == NUMBER.sub("0", shown)
         numbers = [[float(one) for one in NUMBER.findall(text)] for text in (said.getvalue(), shown)]

@@ -1,5 +1,6 @@
 """The commands of every page run as they stand, in a folder with files of the names that the page uses."""
 
+import contextlib
 import csv
 import os
 import re
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from files import cells
 from scipy.io import savemat
-from test_documentation import COMMAND, PAGES, ROOT, blocks, name
+from test_documentation import COMMAND, NUMBER, PAGES, ROOT, blocks, name
 
 import cavirheo
 from cavirheo.physics.media import MEDIA
@@ -34,7 +35,6 @@ FIRST = re.compile(r"(cavirheo|make|pip|python3?|cd|dask|AT=\S+)\b")  # word of 
 PLACES = re.compile(
     r"^```\n(.*?)^```$|^```python\n(.*?)^```$|((?:^    [^\n]+\n)+)|`(cavirheo [^`\n]+)`", re.DOTALL | re.MULTILINE
 )
-BARE = {"models", "laws"}  # verbs that are a whole command alone; `cavirheo design` is a name
 
 
 def commands(text: str) -> list[str]:
@@ -55,11 +55,10 @@ def whole(words: list[str]) -> bool:
     verb = COMMAND.commands.get(words[0])
     if verb is None or "--help" in words:
         return True
-    try:
+    with contextlib.suppress(Exception):
         verb.make_context(words[0], words[1:])
-    except Exception:
-        return False
-    return len(words) > 1 or words[0] in BARE
+        return len(words) > 1 or words[0] in ("models", "laws")  # `cavirheo design` is a name
+    return False
 
 
 SCRIPTS = {
@@ -208,13 +207,10 @@ def run_page(scripts: list[str], kit: Path, folder: Path) -> str:
 
 def printed(shown: str, said: str) -> bool:
     """Whether this was printed: the same words in the same order, and numbers that differ by a tenth at most."""
-    number = r"\d+(?:\.\d+)?"
-    words = (re.sub(number, "#", word) for word in shown.replace("─", "").split())
-    pattern = r"\s+".join(re.escape(word).replace(r"\#", f"({number})") for word in words)
-    there = re.search(pattern, said.replace("─", ""))
-    return there is not None and [float(one) for one in there.groups()] == pytest.approx(
-        [float(one) for one in re.findall(number, shown)], rel=0.1
-    )
+    words = (re.escape(NUMBER.sub("#", word)) for word in shown.replace("─", "").split())
+    there = re.search(r"\s+".join(words).replace(r"\#", f"({NUMBER.pattern})"), said.replace("─", ""))
+    numbers = [float(one) for one in NUMBER.findall(shown)]
+    return there is not None and [*map(float, there.groups())] == pytest.approx(numbers, rel=0.1)
 
 
 @pytest.mark.parametrize("page", SCRIPTS)
