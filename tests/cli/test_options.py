@@ -100,8 +100,8 @@ which-law missing.csv --laws nhkv,foo | foo
 fit missing.csv --material foo | foo
 fit missing.csv --window-us -1 | end
 infer missing.csv --model foo | foo
-infer missing.csv --stretch 0.5 --verify map | 0.5
-infer missing.csv --rmax-um -5 | -5
+infer missing.csv --stretch 0.5 --verify map | got 0.5
+infer missing.csv --rmax-um -5 | got '-5'
 simulate -o o --rmax-um 90 --stretch 5 --material newtonian --shear-modulus 5 --viscosity 1 | shear_modulus
 simulate -o o --rmax-um 90 --stretch 5 --material nhkv --viscosity 1 | shear_modulus
 simulate -o o --rmax-um 90 --stretch 5 --material gent(2e3,40 | gent(2e3,40
