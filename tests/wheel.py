@@ -20,15 +20,9 @@ QUIET = ("--quiet", "--disable-pip-version-check")
 
 
 def interpreter(version: str) -> str | None:
-    """The program of this Python ("3.12"), on the path or among those of pyenv; None where there is none that runs."""
+    """The program of this Python ("3.12"), of pyenv or on the path; None where there is none."""
     pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
-    found = [shutil.which(f"python{version}"), *sorted(pyenv.glob(f"{version}.*/bin/python"))]
-    for program in filter(None, found):
-        code = "import sys; print(*sys.version_info[:2], sep='.')"
-        said = subprocess.run([str(program), "-c", code], capture_output=True, text=True, check=False)
-        if said.stdout.strip() == version:
-            return str(program)
-    return None
+    return next(map(str, sorted(pyenv.glob(f"{version}.*/bin/python"))), shutil.which(f"python{version}"))
 
 
 def build(folder: Path) -> tuple[Path, Path]:

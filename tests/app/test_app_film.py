@@ -5,6 +5,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 import tifffile
+from answers import same
 from conftest import refused
 from recordings import RATE, SCALE, film
 
@@ -22,19 +23,17 @@ TYPED = (str(RATE), str(SCALE), "")
 
 @pytest.fixture(scope="module")
 def reader():
-    one = Reader(seconds=60.0)
-    yield one
-    one.close()
+    with closing(Reader(seconds=60.0)) as one:
+        yield one
 
 
 @pytest.fixture
 def session(reader, tmp_path):
     """With shot.tif loaded."""
-    one = Session(VisitorLimits(), reader)
-    film().save(tmp_path / "shot.tif")
-    one.add([tmp_path / "shot.tif"], PageSettings(), copy=True)
-    yield one
-    one.close()
+    with closing(Session(VisitorLimits(), reader)) as one:
+        film().save(tmp_path / "shot.tif")
+        one.add([tmp_path / "shot.tif"], PageSettings(), copy=True)
+        yield one
 
 
 @pytest.fixture
@@ -48,20 +47,16 @@ def silent(*_):
     pass
 
 
-def test_a_recording_waits_until_it_is_confirmed(session):
+def test_the_confirmed_curve_is_that_of_the_command_line(session, tmp_path):
     assert (session.waiting, session.curves, session.files) == (["shot.tif"], [], [])
     with refused("app.not_measured"):
         step.confirm(session)
-
-
-def test_the_confirmed_curve_is_that_of_the_command_line(session, seen, tmp_path):
-    step.unlisted(seen, "6, 12-14")
+    step.measure(session, CAMERA, silent)
+    step.unlisted(session.current, "6, 12-14")
     step.confirm(session)
     (mine,) = session.curves
     (theirs,) = read_curves(tmp_path / "shot.tif", frame_rate_hz=RATE, um_per_px=SCALE, exclude="6,12-14")
-    for name in ("time", "radius", "radius_std"):
-        assert np.array_equal(getattr(mine, name), getattr(theirs, name), equal_nan=True)
-    assert "excluded by hand: frames 6, 12-14" in mine.notes
+    assert same([mine.time, mine.radius, mine.radius_std], [theirs.time, theirs.radius, theirs.radius_std])
     assert mine.notes == theirs.notes
     assert session.waiting == []
     expected = f"cavirheo infer shot.tif --fps {RATE:g} --um-per-px 5.5 --exclude 6,12-14"
@@ -97,23 +92,17 @@ def test_frames_are_left_out_and_brought_back(seen):
     assert not step.excluded(seen).any()
 
 
-@pytest.mark.parametrize(
-    ("texts", "field", "why"),
-    [
+def test_what_is_missing_or_must_be_measured_again_is_said_at_its_field(session, seen):
+    assert step.camera_of(seen, TYPED) == (CAMERA, ["", "", ""])
+    for texts, field, why in (
         (("", "5.5", ""), 0, "missing"),
         (("500,000", "5.5", ""), 0, "two ways"),
         (("5e5", "-1", ""), 1, "positive"),
         (("5e5", "5.5", "x"), 2, "number"),
-    ],
-)
-def test_what_is_missing_is_said_at_its_field(seen, texts, field, why):
-    wrong = step.camera_of(seen, texts)[1]
-    assert why in wrong[field]
-    assert [bool(one) for one in wrong] == [k == field for k in range(3)]
-
-
-def test_what_changed_must_be_measured_again(session, seen):
-    assert step.camera_of(seen, TYPED) == (CAMERA, ["", "", ""])
+    ):
+        wrong = step.camera_of(seen, texts)[1]
+        assert why in wrong[field]
+        assert [bool(one) for one in wrong] == [k == field for k in range(3)]
     assert step.unready(seen, *TYPED, "6") == ["", "", "", ""]
     assert "measure again" in step.unready(seen, str(RATE), "6", "", "")[1]
     assert "1 to 34" in step.unready(seen, *TYPED, "0")[3]
@@ -146,12 +135,11 @@ def test_too_much_is_refused(reader, tmp_path):
             session.add([tmp_path / "more.mp4"], PageSettings())
 
 
-@pytest.mark.parametrize(("text", "value"), [("", None), ("1050", 1050.0), ("0,07", 0.07), ("1.050", 1.05)])
-def test_numbers_are_read_as_they_are_typed(text, value):
-    assert number_of(text, "density") == value
+NUMBERS = {"": None, "1050": 1050.0, "0,07": 0.07, "1.050": 1.05}
 
 
-@pytest.mark.parametrize(("text", "code"), [("1,050", "input.which_number"), ("x", "input.not_a_number")])
-def test_what_is_no_number_or_has_two_ways_is_refused(text, code):
-    with refused(code, "density"):
-        number_of(text, "density")
+def test_numbers_are_read_as_they_are_typed_if_there_is_one_way():
+    assert {text: number_of(text, "density") for text in NUMBERS} == NUMBERS
+    for text, code in (("1,050", "input.which_number"), ("x", "input.not_a_number")):
+        with refused(code, "density"):
+            number_of(text, "density")

@@ -5,7 +5,7 @@ from answers import COMMAND, answer, bubble, unanswered
 
 from cavirheo.reporting import write_report
 
-SIZES = {"wide": (1440, 900), "phone": (390, 844)}
+SIZES = {"wide": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
 EVIL = "</script><img src=x onerror=alert(1)>"
 
 
@@ -13,20 +13,17 @@ EVIL = "</script><img src=x onerror=alert(1)>"
 def report(tmp_path_factory):
     """Of seven curves, of which one has no answer and one is to be checked."""
     folder = tmp_path_factory.mktemp("report")
-    curves = [bubble(f"shot[{k}]", group=f"g{k % 2}", source=f"g{k % 2}.csv") for k in range(5)]
-    moduli = [5e3, 9e3, 1e3, 7e3, 3e3]
-    pairs = [(curve, answer(curve, G)) for curve, G in zip(curves, moduli, strict=True)]
-    doubtful = bubble(f"shot[5] {EVIL}")
-    pairs.append((doubtful, answer(doubtful, 4e3, verdict="check_input", message="the frame rate is odd")))
-    pairs.append((bubble("shot[6]"), unanswered("cell 3 is empty")))
+    moduli = enumerate([5e3, 9e3, 1e3, 7e3, 3e3])
+    pairs = [(bubble(f"shot[{k}]", f"g{k % 2}", f"g{k % 2}.csv"), answer(bubble(), G)) for k, G in moduli]
+    doubtful = answer(bubble(), 4e3, verdict="check_input", message="the frame rate is odd")
+    pairs += [(bubble(f"shot[5] {EVIL}"), doubtful), (bubble("shot[6]"), unanswered("cell 3 is empty"))]
     write_report(folder, pairs, COMMAND)
     return (folder / "report.html").as_uri()
 
 
 @pytest.fixture(params=SIZES)
 def page(request, chromium, report):
-    width, height = SIZES[request.param]
-    made, asked, failed = chromium.new_page(viewport={"width": width, "height": height}), [], []
+    made, asked, failed = chromium.new_page(viewport=SIZES[request.param]), [], []
     made.on("request", lambda one: asked.append(one.url))
     made.on("pageerror", lambda error: failed.append(str(error)))
     made.on("console", lambda said: failed.append(said.text) if said.type == "error" else None)
@@ -37,38 +34,35 @@ def page(request, chromium, report):
     assert failed == []
 
 
-def names(page):
-    return [text.split()[0] for text in page.locator("table.curves a:visible").all_inner_texts()]
+def shown(page):
+    """Numbers of the shots in the table, which are those of the articles."""
+    lists = [page.locator(f"{where}:visible").all_inner_texts() for where in ("table.curves a", "#articles summary")]
+    names, articles = [[text.split()[0] for text in texts] for texts in lists]
+    assert names == articles
+    return [int(name[len("shot[") : -1]) for name in names]
 
 
 def test_rows_and_articles_are_sorted_by_each_column_and_those_without_a_number_come_last(page):
     head = page.locator("table.curves th").nth(2)
     head.locator("button").focus()
     page.keyboard.press("Enter")
-    ascending = [f"shot[{k}]" for k in (2, 4, 5, 0, 3, 1, 6)]
-    articles = page.locator("#articles summary:visible")
-    assert names(page) == [text.split()[0] for text in articles.all_inner_texts()] == ascending
+    assert shown(page) == [2, 4, 5, 0, 3, 1, 6]
     assert head.get_attribute("aria-sort") == "ascending"
     below = page.locator("table.curves tbody tr", has=page.locator("a", has_text="shot[5]")).locator("+ tr")
     assert "the frame rate is odd" in below.inner_text()  # a doubt goes with its row
     page.keyboard.press("Enter")
-    assert names(page) == [f"shot[{k}]" for k in (1, 3, 0, 5, 4, 2, 6)]
+    assert shown(page) == [1, 3, 0, 5, 4, 2, 6]
     page.locator("table.curves th").nth(0).locator("button").click()
-    assert names(page) == [f"shot[{k}]" for k in range(7)]
+    assert shown(page) == [*range(7)]
 
 
 def test_rows_and_articles_are_filtered_by_verdict_and_by_any_word(page):
-    articles = page.locator("#articles summary:visible")
-    for verdict, words, shots in (
-        ("!ok", "", [5, 6]),
-        ("", "EMPTY", [6]),
-        ("", "g1.csv shot", [1, 3]),
-        ("", "nothing like this", []),
-    ):
+    cases = (("!ok", "", [5, 6]), ("", "EMPTY", [6]), ("", "g1.csv shot", [1, 3]), ("", "nothing like this", []))
+    for verdict, words, shots in cases:
         page.locator("#verdict").select_option(verdict)
         page.locator("#words").fill(words)
         page.wait_for_function(f"document.querySelector('#shown').value === '{len(shots)} of 7 curves'")
-        assert names(page) == [text.split()[0] for text in articles.all_inner_texts()] == [f"shot[{k}]" for k in shots]
+        assert shown(page) == shots
 
 
 def test_a_link_opens_its_curve_with_its_picture_and_print_opens_all(page):

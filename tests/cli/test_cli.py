@@ -1,12 +1,13 @@
 """The command line: the main job on the shipped examples, and every bad input refused."""
 
 import json
+import re
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from conftest import BDT, EXAMPLE, ROOT, done, refusal
+from conftest import BDT, EXAMPLE, ROOT, done
 
 from cavirheo import Bubble, read_curves, simulate
 from cavirheo.io import write_csv
@@ -31,33 +32,21 @@ def shot(tmp_path) -> Path:
 
 
 @pytest.mark.needs("matplotlib")
-def test_the_main_job(run, tmp_path):
-    done(run("infer", EXAMPLE, *BDT, "-o", "result"))
-    result = json.loads((tmp_path / "result" / "result.json").read_text())
-    assert (result["kind"], result["schema"], len(result["curves"])) == ("result", 1, 5)
-    row = result["curves"][0]
-    assert (row["verdict"], row["medium"]["density"]) == ("ok", 998.0)
-    assert row["shear_modulus_Pa"]["q05"] is None
-    assert result["groups"][0]["n"] == result["groups"][0]["n_trusted"] == 5
-    page = (tmp_path / "result" / "report.html").read_text()
-    assert page.count("<svg") == 5 + 3  # the group's shots and answers
-    assert not list((tmp_path / "result").glob("*.png"))
+def test_the_main_job(run):
+    curves, (group,), _ = infer(run, EXAMPLE)
+    assert [(row["verdict"], row["medium"]["density"]) for row in curves] == [("ok", 998.0)] * 5
+    assert group["n"] == group["n_trusted"] == 5
+    assert Path("r", "report.html").read_text().count("<svg") == 5 + 3  # the group's shots and answers
+    assert not list(Path("r").glob("*.png"))
 
 
 def test_options_reach_the_answer(run, shot):
-    def answer(*options: object) -> dict:
-        ((row,), _, _) = infer(run, shot, *options)
-        return row
-
-    plain = answer()
-    dense = answer("--density", 1040)
+    words = ("--medium", "zhu2025", "--stretch", 9, "--window", 1, "--rmax-um", 200)
+    plain, dense, other = (infer(run, shot, *more)[0][0] for more in ((), ("--density", 1040), words))
     assert dense["medium"]["density"] == 1040
     assert dense["shear_modulus_Pa"]["median"] > plain["shear_modulus_Pa"]["median"]  # the same clock, a slower liquid
-    other = answer("--medium", "zhu2025", "--stretch", 9, "--window", 1, "--rmax-um", 200)
-    assert other["medium"]["name"] == "zhu2025"
-    assert other["stretch"]["median"] == 9
-    assert other["window"]["collapses"] == 1
-    assert other["max_radius_m"] == pytest.approx(200e-6)
+    found = (other["medium"]["name"], other["stretch"]["median"], other["window"]["collapses"], other["max_radius_m"])
+    assert found == ("zhu2025", 9, 1, pytest.approx(200e-6))
     assert len(other["notes"]) == len(plain["notes"]) + 1  # that R_max was set
 
 
@@ -100,8 +89,6 @@ def test_simulate_all_options(run, tmp_path):
         fields=True,
         accuracy=PRECISE,
     )
-    (curve,) = read_curves(tmp_path / "a" / "simulation.csv")
-    assert curve.radius == pytest.approx(expected.radius, rel=1e-8)
     there = np.genfromtxt(tmp_path / "a" / "simulation.csv", delimiter=",", names=True)
     assert there["radius_um"] == pytest.approx(expected.radius * 1e6, rel=1e-8)
     assert there["stress_Pa"] == pytest.approx(expected.stress, rel=1e-8)
@@ -126,33 +113,8 @@ def test_each_option_matters(run, tmp_path, way):
     words = "simulate --material neo-hookean(2e3)+ucm(0.05,3e-6) --rmax-um 100 --stretch 5 --duration-us 30 -o {}"
     for name, more in (("a", ""), ("b", way)):
         done(run(*words.format(name).split(), *more.split()))
-    tables = (tmp_path / name / "simulation.csv" for name in "ab")
-    one, two = (np.genfromtxt(table, delimiter=",", names=True)["radius_um"] for table in tables)
-    assert np.abs(one - two).max() > 0.1
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("newtonian --shear-modulus 5 --viscosity 1", "shear_modulus"),
-        ("nhkv --viscosity 1", "shear_modulus"),
-        ("gent(2e3,40", "gent(2e3,40"),
-        ("gent --shear-modulus 2e3", "gent(shear_modulus [Pa], limit [-])"),
-        ("gent(2e3,40)+linear(1)", "gent and linear"),
-        ("nhkv(2e3,0.1) --viscosity 0.1 --stiffening 1", "--viscosity, --stiffening"),
-        ("newtonian(1) --fps 1e15", "frames"),
-        ("newtonian(1) --pulse 1 1 1 --driving p.csv", "--pulse"),
-        ("newtonian(1) --driving p.csv", "p.csv"),
-        ("newtonian(1) --polytropic 1 --fields", "--fields"),
-        ("newtonian(1) --polytropic 1 --contents kinetic", "leave out --polytropic"),
-        ("newtonian(1) --accommodation 0.1", "--contents kinetic"),
-        ("newtonian(1) --wall-distance-um 80", "wall_distance"),
-        ("newtonian(1) --damage 0.2 2", "damage"),
-    ],
-)
-def test_simulate_refuses(run, tmp_path, words, named):
-    refusal(run(*f"simulate --rmax-um 90 --stretch 5 -o x --material {words}".split()), named)
-    assert not (tmp_path / "x").exists()
+    one, two = (read_curves(tmp_path / name / "simulation.csv")[0].radius for name in "ab")
+    assert np.abs(one - two).max() > 1e-7
 
 
 @pytest.mark.slow
@@ -176,5 +138,5 @@ def test_an_empty_folder_takes_no_other_file_with_it(run, tmp_path):
     (tmp_path / "empty").mkdir()
     status, out, err = run("rheometer", "empty", "*.xlsx", EXAMPLE.with_name("soft_gel_strain_sweep.csv"))
     assert status == 2
-    assert [line.split(":")[1].strip() for line in err.splitlines() if line.startswith("error:")] == ["empty", "*.xlsx"]
+    assert re.findall(r"^error: ([^:]+):", err, re.MULTILINE) == ["empty", "*.xlsx"]
     assert "soft_gel_strain_sweep" in out

@@ -45,7 +45,7 @@ def odd_values() -> list[tuple[str, str, str]]:
     return found
 
 
-ODD = """
+ODD = """ a call | what its refusal must name
 nothing
 infer
 infer shot.csv --windo 3
@@ -70,7 +70,7 @@ fit shot.csv --free t1
 fit shot.csv --window 0
 fit shot.csv --scale-percent 200
 compare .
-compare . --references nowhere.csv
+compare . --references nowhere.csv | nowhere.csv
 compare . --references refs.csv --material foo
 rheometer
 rheometer shot.csv
@@ -96,7 +96,27 @@ measure shot.csv --fps 1e5
 measure film.mraw
 measure film.mraw --frames 3:1
 measure film.mraw --roi 0,0,99,99
-""".strip().splitlines()
+which-law missing.csv --laws nhkv,foo | foo
+fit missing.csv --material foo | foo
+fit missing.csv --window-us -1 | end
+infer missing.csv --model foo | foo
+infer missing.csv --stretch 0.5 --verify map | got 0.5
+infer missing.csv --rmax-um -5 | got '-5'
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian --shear-modulus 5 --viscosity 1 | shear_modulus
+simulate -o o --rmax-um 90 --stretch 5 --material nhkv --viscosity 1 | shear_modulus
+simulate -o o --rmax-um 90 --stretch 5 --material gent(2e3,40 | gent(2e3,40
+simulate -o o --rmax-um 90 --stretch 5 --material gent --shear-modulus 2e3 | gent(shear_modulus [Pa], limit [-])
+simulate -o o --rmax-um 90 --stretch 5 --material gent(2e3,40)+linear(1) | gent and linear
+simulate -o o --rmax-um 90 --stretch 5 --material nhkv(2e3,0.1) --viscosity 0.1 --stiffening 1 | --viscosity, --stiff
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --fps 1e15 | frames
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --pulse 1 1 1 --driving p.csv | --pulse
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --driving p.csv | p.csv
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 1 --fields | --fields
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --polytropic 1 --contents kinetic | out --polytropic
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --accommodation 0.1 | --contents kinetic
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --wall-distance-um 80 | wall_distance
+simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --damage 0.2 2 | damage
+""".splitlines()[1:]
 
 
 @pytest.fixture
@@ -118,9 +138,9 @@ def lab(run, tmp_path, monkeypatch):
     return run
 
 
-def refused_cleanly(called: tuple[int, str, str]) -> None:
+def refused_cleanly(called: tuple[int, str, str], named: str = "") -> None:
     """At status 2, with one short line without control characters."""
-    err = refusal(called)
+    err = refusal(called, named)
     assert called[1] == ""
     assert err.startswith("error: ")
     assert len(err) < 500
@@ -140,8 +160,26 @@ def test_an_odd_value_is_refused_in_one_line(lab, verb, option, value):
 
 
 @pytest.mark.parametrize("call", ODD)
-def test_an_odd_call_is_refused_in_one_line(lab, call):
-    refused_cleanly(lab(*call.split()))
+def test_an_odd_call_is_refused_in_one_line_and_leaves_nothing(lab, tmp_path, call):
+    words, _, named = call.partition(" | ")
+    before = sorted(tmp_path.rglob("*"))
+    refused_cleanly(lab(*words.split()), named)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("extra", "library", "call"),
+    [
+        ("app", "gradio", "app --no-browser"),
+        ("video", "av", f"measure {EXAMPLE.with_name('bubble.mp4')} --fps 5e5"),
+        ("cluster", "distributed", "generate recipe.toml -n 2 -o d --scheduler tcp://127.0.0.1:1"),
+        ("cluster", "dask_jobqueue", "generate recipe.toml -n 2 -o d --scheduler slurm:no.toml"),
+    ],
+)
+def test_without_an_extra_a_command_says_what_to_install(lab, monkeypatch, extra, library, call):
+    monkeypatch.setitem(sys.modules, library, None)
+    monkeypatch.delitem(sys.modules, "cavirheo.app.server", raising=False)
+    refused_cleanly(lab(*call.split()), f"cavirheo[{extra}]")
 
 
 # --- options that every verb reads alike ------------------------------------------------------------------------------
@@ -155,34 +193,28 @@ def test_h_is_help(lab, verb):
 
 
 def test_json_is_the_document_and_quiet_says_errors_alone(lab):
-    words = ("collapse-time", "times.csv", "--no-pictures")
-    status, out, err = lab(*words, "--json", "-o", "r")
-    assert (status, err) == (0, "")
-    assert out == Path("r", "collapse-time.json").read_text(encoding="utf-8")
+    words, written = ("collapse-time", "times.csv", "--no-pictures"), Path("r", "collapse-time.json")
+    called = lab(*words, "--json", "-o", "r")
+    assert called == (0, written.read_text(encoding="utf-8"), "")
     refusal(lab(*words, "nowhere.csv", "--json", "-o", "s"), "error: nowhere.csv")
     assert lab(*words, "--quiet", "-o", "q") == (0, "", "")
     assert Path("q", "collapse-time.json").exists()
-    called = lab(*words, "nowhere.csv", "--quiet", "-o", "t")
-    refusal(called, "nowhere.csv")
-    assert called[1] == ""
+    refused_cleanly(lab(*words, "nowhere.csv", "--quiet", "-o", "t"), "nowhere.csv")
 
 
-def test_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
+def test_what_is_asked_reaches_the_answers_and_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
     monkeypatch.setattr("cavirheo.writing.style.new_figure", lambda _: pytest.fail("it draws"))
-    assert run("infer", "shot.csv", *BDT, "--no-pictures", "-o", "r")[0] == 0
-    assert {path.name for path in Path("r").glob("[!.]*")} == {"result.json", "result.csv", "report.html"}
-
-
-def test_what_is_asked_reaches_the_answers(run, lab_answers):
-    words = ("infer", "shot.csv", *BDT, "--no-pictures", "--json", "--replace", "-o", "r")
+    words = ("infer", "shot.csv", *BDT, "--no-pictures", "--replace", "-o", "r")
     for more in ([], ["--seed", 7, "--trust-input", "--group", "folder"]):
-        run(*words, *more)
+        assert run(*words, *more)[0] == 0
     assert [(one.seed, one.trust_input) for one in lab_answers] == [(0, False), (7, True)]
+    assert {path.name for path in Path("r").glob("[!.]*")} == {"result.json", "result.csv", "report.html"}
     (group,) = json.loads(Path("r", "result.json").read_text())["groups"]
     assert group["name"] == Path.cwd().name
 
 
 BUBBLES = {  # options, and the bubbles that they ask for
+    "": (REAL,),
     "--bubble real": (REAL,),
     "--bubble field": (FIELD,),
     "--bubble auto": (FIELD, REAL),
@@ -195,20 +227,16 @@ BUBBLES = {  # options, and the bubbles that they ask for
     "--vapour-excess 2000 --damage strain": (replace(REAL, vapour_excess=2e3, damage="strain"),),
 }
 SEVERAL = {  # of which-law
+    "": (REAL,),
     "--bubble real,field": (REAL, FIELD),
     "--bubble field --damage none,strain": (FIELD, Bubble(damage="strain")),
     "--bubble real,field --confinement-damping 0": (Bubble("kinetic"), FIELD),
 }
+TABLES = {"infer": BUBBLES, "fit": BUBBLES, "which-law": SEVERAL}
+ASKED = [(verb, words, bubbles) for verb, table in TABLES.items() for words, bubbles in table.items()]
 
 
-@pytest.mark.parametrize(
-    ("verb", "words", "asked"),
-    [
-        *((verb, "", (REAL,)) for verb in ("infer", "fit", "which-law")),
-        *((verb, words, asked) for verb in ("infer", "fit") for words, asked in BUBBLES.items()),
-        *(("which-law", words, asked) for words, asked in SEVERAL.items()),
-    ],
-)
+@pytest.mark.parametrize(("verb", "words", "asked"), ASKED)
 def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, asked):
     calls = []
 

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from answers import KnownAnalysis, fit, same
 from conftest import EXAMPLE, ROOT, refusal, refused
 from threadpoolctl import threadpool_info
 
-from cavirheo import read_curves
+from cavirheo import RadiusCurve, read_curves
 from cavirheo.companions import comparison
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
@@ -47,31 +46,24 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def put(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
+def stopped(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
 
 
 @pytest.fixture
 def inputs(tmp_path, monkeypatch):
     """shot.csv and references.csv; nothing may be computed."""
-
-    def computed(*_: object, **__: object) -> None:
-        raise AssertionError("the outputs were not tried before")
-
     write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
-    put(tmp_path / "references.csv", "set,files\ngel,shot.csv\n")
+    (tmp_path / "references.csv").write_text("set,files\ngel,shot.csv\n")
     for module in (simulate, comparison):  # which has the name from there
-        monkeypatch.setattr(module, "load_solver", computed)
+        monkeypatch.setattr(module, "load_solver", lambda *_, **__: pytest.fail("the outputs were not tried before"))
     return tmp_path
 
 
-# -------------------------------------------------------------------------------------------------- files of the user's
-
-
-def leaves_all(folder: Path, run, *words: object, named: Iterable[str] = ()) -> None:
-    """A command ends with status 2 and one line that names these, and no file of the folder has changed."""
+def leaves_all(folder: Path, run, name: str, out: str, *named: str) -> None:
+    """A verb ends with status 2 and one line that names these, and no file of the folder has changed."""
     before = contents(folder)
-    refusal(run(*words), *named)
+    refusal(run(*VERBS[name].split(), "-o", out), *named)
     assert contents(folder) == before
 
 
@@ -80,47 +72,27 @@ def test_what_is_not_this_runs_is_not_replaced(run, inputs, name):
     """A file of the user's, a link, the answers of another run, and a folder that another run holds."""
     out = inputs / "out"
     out.mkdir()
-    put(out / name, "measured with care")
-    leaves_all(inputs, run, *VERBS[name].split(), "-o", "out", named=[f"out/{name}"])
+    (out / name).write_text("measured with care")
+    leaves_all(inputs, run, name, "out", f"out/{name}")
     (out / name).unlink()
     (out / name).symlink_to(inputs / "nowhere")
-    leaves_all(inputs, run, *VERBS[name].split(), "-o", "out", named=[f"out/{name}"])
+    leaves_all(inputs, run, name, "out", f"out/{name}")
     (out / name).unlink()
     with claimed(Claim("cavirheo elsewhere", {})):
         Outputs(out, "r")
-        leaves_all(inputs, run, *VERBS[name].split(), "-o", "out", named=["cavirheo elsewhere"])
+        leaves_all(inputs, run, name, "out", "cavirheo elsewhere")
     with claimed(Claim("cavirheo of yesterday", {})):
         Outputs(out, name).write(name, Path.write_text, "answers")
-    leaves_all(inputs, run, *VERBS[name].split(), "-o", "out", named=["cavirheo of yesterday", "-o", "--replace"])
+    leaves_all(inputs, run, name, "out", "cavirheo of yesterday", "-o", "--replace")
 
 
 @pytest.mark.parametrize("out", ["/dev/full", "shot.csv/y", "a" * 300, "/proc/x", ""])
 @pytest.mark.parametrize("name", VERBS)
 def test_a_place_that_cannot_be_written_is_refused_at_once(run, inputs, name, out):
-    leaves_all(inputs, run, *VERBS[name].split(), "-o", out)
+    leaves_all(inputs, run, name, out)
 
 
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("which-law --laws nhkv,foo", "foo"),
-        ("fit --material foo", "foo"),
-        ("fit --window-us -1", "end"),
-        ("infer --model foo", "foo"),
-        ("infer --stretch 0.5 --verify map", "0.5"),
-        ("infer --rmax-um -5", "-5"),
-        ("compare --references nowhere.csv", "nowhere.csv"),
-    ],
-)
-def test_options_are_refused_before_files_are_read(run, inputs, words, named):
-    """The file is not there, the option is what is spoken of, and no folder is left behind."""
-    verb, *options = words.split()
-    file = "." if verb == "compare" else "missing.csv"
-    leaves_all(inputs, run, verb, file, *options, "-o", "new/deep", named=[named])
-    assert not (inputs / "new").exists()
-
-
-def test_a_run_knows_its_own_answers_again(run, tmp_path):
+def test_a_run_knows_its_own_answers_again_and_leaves_those_of_others(run, tmp_path, monkeypatch):
     for name, curve in zip(("a.csv", "b.csv"), read_curves(EXAMPLE), strict=False):
         write_csv(tmp_path / name, curve)
     words = ["--model", "bdt-viscoelastic", "--no-pictures", "--quiet"]
@@ -128,38 +100,26 @@ def test_a_run_knows_its_own_answers_again(run, tmp_path):
     before = contents(tmp_path)
     for other in (["b.csv"], ["a.csv", "--density", 1050], ["a.csv", "b.csv"]):
         assert run("infer", *other, *words)[0] == 2
+    with monkeypatch.context() as interrupted:
+        interrupted.setattr(Analysis, "answer", stopped)
+        for more in ([], ["--seed", 1, "--replace"]):
+            status, _, err = run("infer", "a.csv", *words[:-1], *more)
+            assert (status, "earlier answers stay" in err) == (130, True)
     assert contents(tmp_path) == before
     assert run("infer", tmp_path / "a.csv", *words, "--json")[0] == 0
     assert run("infer", "b.csv", *words, "--replace")[0] == 0
     assert read_json(tmp_path / "cavirheo-result" / "result.json").curves[0].name == "b"
 
 
-def test_an_interrupted_run_leaves_the_earlier_answers(run, tmp_path, monkeypatch):
-    def stopped(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    write_csv(tmp_path / "a.csv", read_curves(EXAMPLE)[0])
-    words = ["infer", "a.csv", "--model", "bdt-viscoelastic", "--no-pictures"]
-    assert run(*words)[0] == 0
-    before = contents(tmp_path)
-    monkeypatch.setattr(Analysis, "answer", stopped)
-    for again in (words, [*words, "--seed", 1, "--replace"]):
-        status, _, err = run(*again)
-        assert status == 130
-        assert "earlier answers stay" in err
-    assert contents(tmp_path) == before
-
-
-@pytest.mark.parametrize("other", ["another command", "another file"])
-def test_a_call_from_python_keeps_the_answers_of_another(tmp_path, other):
-    one, two = ([(curve, fit(curve, window=1))] for curve in read_curves(EXAMPLE)[:2])
+def test_a_call_from_python_keeps_the_answers_of_another(tmp_path, solved):
+    one, two = [solved[0]], [solved[1]]
     written = write_report(tmp_path, one, "one")
     assert write_report(tmp_path, one, "one").curves == written.curves
-    given = (one, "two") if other == "another command" else (two, "one")
-    with refused("document.other_run"):
-        write_report(tmp_path, *given)
+    for given in ((one, "two"), (two, "one")):
+        with refused("document.other_run"):
+            write_report(tmp_path, *given)
     assert read_json(tmp_path / "result.json").curves == written.curves
-    write_report(tmp_path, *given, replace=True)
+    write_report(tmp_path, two, "one", replace=True)
     assert LOCK not in [path.name for path in tmp_path.iterdir()]
 
 
@@ -176,9 +136,10 @@ def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
 
 @pytest.mark.parametrize("line", ["{", "[]", '{"kind": "r", "name": "../secret", "sha256": "%s"}', "\xff"])
 def test_a_strange_list_does_no_harm(tmp_path, line):
-    put(tmp_path / "secret", "x")
+    (tmp_path / "secret").write_text("x")
     (tmp_path / "out").mkdir()
-    put(tmp_path / "out" / LIST, line.replace("%s", hashlib.sha256(b"x").hexdigest()) + '\n{"kind"')
+    content = line.replace("%s", hashlib.sha256(b"x").hexdigest()) + '\n{"kind"'
+    (tmp_path / "out" / LIST).write_text(content, encoding="utf-8")
     outputs = Outputs(tmp_path / "out", "r")
     outputs.write("r", Path.write_text, "new")
     outputs.finish()
@@ -186,40 +147,35 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
     Outputs(tmp_path / "out", "r")
 
 
-# ------------------------------------------------------------------------------------------------- nothing half-written
-
-
 @pytest.mark.needs("matplotlib")
-def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch):
-    curve = read_curves(EXAMPLE)[0]
-    pairs = [(curve, fit(curve, window=1))]
-    write_report(tmp_path, pairs, "first", ("png",))
+def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch, solved):
+    write_report(tmp_path, solved[:1], "first", ("png",))
     before = contents(tmp_path)
-
-    def stopped(*_: object) -> None:
-        raise KeyboardInterrupt
-
     monkeypatch.setattr(figures, "curve_figure", stopped)
     with pytest.raises(KeyboardInterrupt):
-        write_report(tmp_path, pairs, "second", ("png",), replace=True)
+        write_report(tmp_path, solved[:1], "second", ("png",), replace=True)
     after = contents(tmp_path)
     assert after["report.html"] == before["report.html"]
     assert "second" in after["result.json"].decode()
     assert set(after) == set(before)
 
 
-# --------------------------------------------------------------------------------------------------------- kept answers
+@pytest.fixture(scope="module")
+def solved() -> list[tuple[RadiusCurve, Posterior]]:
+    """Two curves and their fits."""
+    return [(curve, fit(curve, window=1)) for curve in read_curves(EXAMPLE)[:2]]
 
 
-def answered() -> Posterior:
-    found = fit(read_curves(EXAMPLE)[1], window=2)
+@pytest.fixture
+def answer(solved) -> Posterior:
+    """With all that an answer may hold."""
+    _, found = solved[1]
     more = {"nothing": None, "infinite": float("inf"), "pair": (1, 2.5), "list": [True, "µ"], 3: {"x": {}}}
     weights = np.linspace(-3, 0, len(found.theta))
     return replace(found, provenance=found.provenance | more, evidence=Evidence(1.25), log_weight=weights)
 
 
-def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path):
-    answer = answered()
+def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path, answer):
     keep(tmp_path / "a.npz", answer)
     assert same(read_kept(tmp_path / "a.npz", Posterior), answer)
     content = (tmp_path / "a.npz").read_bytes()
@@ -229,8 +185,8 @@ def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path):
     assert read_kept(tmp_path / "nothing.npz", Posterior) is None
 
 
-def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
-    curves, answer, asked, until = read_curves(EXAMPLE), answered(), [], 2
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):
+    curves, asked, until = read_curves(EXAMPLE), [], 2
 
     def of(curve):
         if len(asked) == until:
@@ -264,19 +220,14 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
 
 
-# --------------------------------------------------------------------------------------------------------- as a program
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_writes_what_was_answered(tmp_path, number):
-    (curve,) = read_curves(EXAMPLE)[:1]
+    curve = read_curves(EXAMPLE)[0]
     for k in range(40):
         write_csv(tmp_path / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
-    call = subprocess.Popen(
-        [sys.executable, "-m", "cavirheo", "infer", "--verify", "none", ".", "-o", "out"],
-        cwd=tmp_path, text=True, stderr=subprocess.PIPE, stdout=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )  # fmt: skip
+    words = [sys.executable, "-m", "cavirheo", "infer", "--verify", "none", ".", "-o", "out"]
+    how = {"cwd": tmp_path, "text": True, "stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
+    call = subprocess.Popen(words, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **how)
     out, end = tmp_path / "out", time.monotonic() + 120.0
     while len(list(out.glob("unfinished/[!.]*.npz"))) < 2:
         assert call.poll() is None, call.communicate()
@@ -297,25 +248,16 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
 
 def test_blas_has_one_thread_until_the_last_leaves():
     """Else the last bits of an answer depend on what else goes on in the process."""
-    first, left = threading.Barrier(3), threading.Event()
 
     def blas() -> set[int]:
         return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
 
-    def work(stays: bool) -> set[int]:
-        with one_blas_thread:
-            first.wait(10)
-            if stays:
-                left.wait(10)
-            return blas()
-
     usual = blas()
-    with ThreadPoolExecutor(2) as pool:
-        stays, leaves = pool.submit(work, True), pool.submit(work, False)
-        first.wait(10)
-        assert leaves.result() == {1}
-        left.set()
-        assert stays.result() == {1}
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(one_blas_thread.__enter__).result()
+        with one_blas_thread:
+            pool.submit(one_blas_thread.__exit__).result()
+            assert blas() == pool.submit(blas).result() == {1}
     assert blas() == usual
 
 

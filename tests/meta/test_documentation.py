@@ -1,14 +1,15 @@
 """Every command, path, link, name and snippet of the documentation exists and works."""
 
 import contextlib
-import importlib
 import io
+import pkgutil
 import re
 import runpy
 import shlex
 import tomllib
 from collections.abc import Iterator
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.workflow.store import Store
 
 PAGES = sorted(
-    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("validation/**/*.md")]
+    path for where in ("", "docs/**/", "benchmarks/", "validation/**/") for path in ROOT.glob(f"{where}*.md")
 )
 FOLDERS = "src|tests|docs|benchmarks|validation|examples|recipes|packaging"
 COMMAND: Any = typer.main.get_command(verbs.app)  # type: ignore[attr-defined]
@@ -50,28 +51,24 @@ def blocks(text: str, *languages: str) -> list[str]:
     return [content for language, content in found if language in languages]
 
 
-def broken_command(line: str) -> Iterator[str]:
-    """A whole command line of a block: it must be accepted as it stands, but for its files."""
-    words = shlex.split(line, comments=True)
-    if words[:1] == ["make"]:
-        yield from (f"make {word}" for word in words[1:] if word not in TARGETS)
-    elif words[:2] == ["pip", "install"]:
-        yield from (f"extra [{extra}]" for extra in re.findall(r"\[(\w+)\]", line) if extra not in EXTRAS)
-    elif words[:2] == ["python", "-m"]:
-        places = [ROOT / word.replace(".", "/") for word in words[2:3]]
-        runs = [place.with_suffix(".py").exists() or (place / "__main__.py").exists() for place in places]
-        yield from (f"module {word}" for word, here in zip(words[2:3], runs, strict=True) if not here)
-    elif words[:1] == ["python"]:
-        places = (ROOT, ROOT / "packaging" / "space")
-        yield from (f"script {word}" for word in words[1:2] if not any((place / word).exists() for place in places))
-    elif words[:1] == ["cavirheo"]:
-        if words[1] not in OPTIONS:
-            yield f"verb {words[1]}"
-            return
-        try:
-            COMMAND.commands[words[1]].make_context(words[1], words[2:])
-        except Exception as error:
-            yield f"{line}: {error}"
+def broken_command(line: str) -> str:
+    """What is wrong with a whole command line of a block, which must be accepted as it stands, but for its files."""
+    unknown: Any = ""
+    match shlex.split(line, comments=True):
+        case ["make", *targets]:
+            unknown = {*targets} - TARGETS
+        case ["pip", "install", *_]:
+            unknown = {*re.findall(r"\[(\w+)\]", line)} - EXTRAS
+        case ["python", "-m", module, *_]:
+            unknown = find_spec(module) is None
+        case ["python", script, *_]:
+            unknown = not any((place / script).exists() for place in (ROOT, ROOT / "packaging" / "space"))
+        case ["cavirheo", verb, *words]:
+            try:
+                COMMAND.commands[verb].make_context(verb, words)
+            except Exception as error:
+                unknown = error
+    return f"{line}: {unknown}" if unknown else ""
 
 
 def broken_code(code: str) -> Iterator[str]:
@@ -80,42 +77,27 @@ def broken_code(code: str) -> Iterator[str]:
     if code.startswith("cavirheo ") and words[0] not in {*OPTIONS, *HELP}:
         yield f"verb {words[0]}"
     if code.startswith(("make ", "pip ", "python ")):
-        yield from broken_command(code)
+        yield broken_command(code)
     known = OPTIONS.get(words[0] if words else "") or set().union(*OPTIONS.values(), OF_BENCHMARKS)
-    for word in words:
-        if re.match(r"--[a-z]", word) and word.partition("=")[0] not in known:
-            yield f"option {word} in {code}"
+    yield from (f"option {word} in {code}" for word in re.findall(r"--[a-z][\w-]*", code) if word not in known)
     is_path = re.fullmatch(r"[\w.-]+/[\w./-]+\.(py|toml|md|css|js)", code)
     if is_path and not any((folder / code).exists() for folder in (ROOT, ROOT / "src" / "cavirheo")):
         yield f"path {code}"
     for dotted in re.findall(r"(?<![\w/.-])cavirheo(?:\.[A-Za-z_]\w*)+", code):
-        if not resolves(dotted):
+        try:
+            pkgutil.resolve_name(dotted)
+        except (ImportError, AttributeError):
             yield f"name {dotted}"
-
-
-def resolves(dotted: str) -> bool:
-    here: Any = importlib.import_module("cavirheo")
-    for part in dotted.split(".")[1:]:
-        if not hasattr(here, part):
-            try:
-                importlib.import_module(f"{here.__name__}.{part}")
-            except (ImportError, AttributeError):
-                return False
-        here = getattr(here, part)
-    return True
 
 
 def problems(text: str) -> list[str]:
     """What a page says that does not exist; broken links end the build of the site (test_site.py)."""
     prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
-    found: list[str] = []
-    for line in "".join(blocks(text, "")).splitlines():
-        found += broken_command(line) if re.match(r"(cavirheo|make|pip|python) ", line) else ()
-    for code in re.findall(r"`([^`\n]+)`", prose):
-        found += broken_code(code)
+    lines = re.findall(r"^(?:cavirheo|make|pip|python) .*", "".join(blocks(text, "")), re.MULTILINE)
+    found = [*map(broken_command, lines), *re.findall(r"^(?:<{7}|>{7}) .*", text, re.MULTILINE)]  # an unfinished merge
+    found += [wrong for code in re.findall(r"`([^`\n]+)`", prose) for wrong in broken_code(code)]
     paths = re.findall(rf"(?<![\w/.-])(?:{FOLDERS})/[\w./-]*\w", text)
-    found += [f"merge that nobody ended: {line}" for line in re.findall(r"^(?:<{7}|>{7}) .*", text, re.MULTILINE)]
-    return found + [f"path {path}" for path in paths if not (ROOT / path).exists()]
+    return [wrong for wrong in (*found, *(path for path in paths if not (ROOT / path).exists())) if wrong]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
@@ -123,23 +105,23 @@ def test_what_a_page_names_exists(page):
     assert problems(page.read_text("utf-8")) == []
 
 
-@pytest.mark.parametrize(
-    "planted",
-    [
-        "`cavirheo guess FILE`",
-        "`fit --laws nhkv`",
-        "`cavirheo.posterior.Posteriors`",
-        "`physics/nothing.py`",
-        "src/cavirheo/gone.py",
-        "`make nothing`",
-        "```\ncavirheo infer a.csv --windows 2\n```",
-        "```\ncavirheo infer a.csv --window two\n```",
-        "```\npip install '.[nothing]'\n```",
-        "```\npython -m validation.nothing\n```",
-    ],
-)
+MISTAKES = """
+`cavirheo guess FILE`
+`fit --laws nhkv`
+`cavirheo.posterior.Posteriors`
+`physics/nothing.py`
+src/cavirheo/gone.py
+`make nothing`
+$ cavirheo infer a.csv --windows 2
+$ cavirheo infer a.csv --window two
+$ pip install '.[nothing]'
+$ python -m validation.nothing
+""".strip().splitlines()
+
+
+@pytest.mark.parametrize("planted", MISTAKES)
 def test_a_planted_mistake_is_found(planted):
-    assert len(problems(f"# Page\n{planted}\n")) >= 1
+    assert problems(re.sub(r"^\$ (.*)", r"```\n\1\n```", planted))
 
 
 def test_every_page_begins_with_its_title_and_the_page_of_commands_has_every_verb():
@@ -149,10 +131,7 @@ def test_every_page_begins_with_its_title_and_the_page_of_commands_has_every_ver
 
 
 SNIPPET = re.compile(r"^```python\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)  # with its output
-SNIPPETS = [(page, *found) for page in PAGES for found in SNIPPET.findall(page.read_text("utf-8"))]
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-
-
 STORE = Store()  # several pages ask the same of the same file
 
 
@@ -165,24 +144,24 @@ def first_shot(*words, **options):
     return read_curves(*words, **options)[:1]
 
 
-FIVE_FITS = "docs/coming-from.md"
-CASES = [
-    pytest.param(*case, id=name(case[0]), marks=[pytest.mark.slow] * (name(case[0]) == FIVE_FITS)) for case in SNIPPETS
-]
+def snippets() -> Iterator[Any]:
+    """But for one that needs a running app, which test_documented_commands.py starts."""
+    for page in PAGES:
+        slow = [pytest.mark.slow] * (name(page) == "docs/coming-from.md")  # five fits
+        for code, shown in SNIPPET.findall(page.read_text("utf-8")):
+            if "Client(" not in code:
+                yield pytest.param(code, shown, id=name(page), marks=slow)
 
 
-@pytest.mark.parametrize(("page", "code", "shown"), CASES)
-def test_snippets_run(page, code, shown, monkeypatch):
+@pytest.mark.parametrize(("code", "shown"), snippets())
+def test_snippets_run(code, shown, monkeypatch):
     """As they stand; where a page shows no output, with the first shot of a file."""
     monkeypatch.setattr(Analysis, "answer", answer_once)
     if not shown:
         monkeypatch.setattr(cavirheo, "read_curves", first_shot)
-    program = compile(code, name(page), "exec", dont_inherit=True)
-    if "Client(" in code:
-        pytest.skip("needs a running app; tests/meta/test_documented_commands.py starts it")
     monkeypatch.chdir(ROOT)
     with contextlib.redirect_stdout(io.StringIO()) as said:
-        exec(program, {})
+        exec(compile(code, "snippet", "exec", dont_inherit=True), {})
     if shown:  # the page shows what it printed
         assert NUMBER.sub("0", said.getvalue()) == NUMBER.sub("0", shown)
         numbers = [[float(one) for one in NUMBER.findall(text)] for text in (said.getvalue(), shown)]

@@ -1,5 +1,6 @@
 """The commands of every page run as they stand, in a folder with files of the names that the page uses."""
 
+import contextlib
 import csv
 import os
 import re
@@ -11,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from files import cells
 from scipy.io import savemat
-from test_documentation import COMMAND, PAGES, ROOT, blocks, name
+from test_documentation import COMMAND, NUMBER, PAGES, ROOT, blocks, name
 
 import cavirheo
 from cavirheo.physics.media import MEDIA
@@ -33,8 +35,6 @@ FIRST = re.compile(r"(cavirheo|make|pip|python3?|cd|dask|AT=\S+)\b")  # word of 
 PLACES = re.compile(
     r"^```\n(.*?)^```$|^```python\n(.*?)^```$|((?:^    [^\n]+\n)+)|`(cavirheo [^`\n]+)`", re.DOTALL | re.MULTILINE
 )
-BARE = {"models", "laws"}  # verbs that are a whole command alone; `cavirheo design` is a name
-LONGEST = 600.0  # s, of a page
 
 
 def commands(text: str) -> list[str]:
@@ -55,11 +55,10 @@ def whole(words: list[str]) -> bool:
     verb = COMMAND.commands.get(words[0])
     if verb is None or "--help" in words:
         return True
-    try:
+    with contextlib.suppress(Exception):
         verb.make_context(words[0], words[1:])
-    except Exception:
-        return False
-    return len(words) > 1 or words[0] in BARE
+        return len(words) > 1 or words[0] in ("models", "laws")  # `cavirheo design` is a name
+    return False
 
 
 SCRIPTS = {
@@ -79,12 +78,11 @@ SMALL_NETWORK = {"n": 400, "samples": 2048, "width": 32, "depth": 2, "hidden": 1
 def shot(path: Path, curve: cavirheo.RadiusCurve, medium: cavirheo.Medium | None = None) -> None:
     """A .mat file as IMR writes it, in m and s, or BDT's cells, whose times are those of a medium."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    if medium is None:
-        savemat(path, {"Rnew": curve.radius, "t": curve.time})
-        return
-    one: dict[str, np.ndarray] = {key: np.empty((1, 1), object) for key in ("R_nondim_All", "t_nondim_All")}
-    one["t_nondim_All"][0, 0], one["R_nondim_All"][0, 0] = (row[None] for row in curve.normalised(medium))
-    savemat(path, one | {"RmaxList": curve.max_radius})
+    content = {"Rnew": curve.radius, "t": curve.time}
+    if medium is not None:
+        time, radius = map(cells, curve.normalised(medium))
+        content = {"t_nondim_All": time, "R_nondim_All": radius, "RmaxList": curve.max_radius}
+    savemat(path, content)
 
 
 def video(path: Path, rate: float, scale: float) -> None:
@@ -136,16 +134,9 @@ def write_shots(folder: Path) -> None:
 
 
 def write_tables(folder: Path) -> None:
-    """Collapse times, simulated; and the tables that pages show."""
-    gel, shots = cavirheo.NeoHookeanKelvinVoigt(8e3, 0.05), []
-    for size, stretch in ((180e-6, 5.0), (220e-6, 7.0), (260e-6, 6.0), (300e-6, 8.0)):
-        times = np.linspace(0.0, 60e-6, 6001)
-        radius = cavirheo.simulate(gel, max_radius=size, stretch=stretch, time=times).radius
-        fall = int(np.argmax(np.diff(radius) > 0))
-        shots.append((size, stretch, times[fall]))
-    savemat(folder / "TABLE.mat", {"pIMR_array": np.array(shots)})
-    lines = [f"{1e6 * size},{stretch},{1e6 * first:.3f}\n" for size, stretch, first in shots]
-    (folder / "TABLE.csv").write_text("rmax_um,stretch,t1_us\n" + "".join(lines), "utf-8")
+    """Collapse times of a gel, and the tables that pages show."""
+    times = shutil.copy(ROOT / "tests/meta/golden/times.csv", folder / "TABLE.csv")
+    savemat(folder / "TABLE.mat", {"pIMR_array": np.loadtxt(times, delimiter=",", skiprows=1) * [1e-6, 1.0, 1e-6]})
     for page, table in (("docs/how-to/compare.md", "REF.csv"), ("docs/method/population.md", "concentration.csv")):
         text = next(text for text in blocks((ROOT / page).read_text("utf-8"), "") if text.startswith(("set,", "shot,")))
         (folder / table).write_text(text, "utf-8")
@@ -166,12 +157,8 @@ def kit(tmp_path_factory) -> Path:
 
 
 def surroundings(folder: Path) -> dict[str, str]:
-    """The program on the path under its name, a home of its own, and no browser."""
-    program = folder / ".bin" / "cavirheo"
-    program.parent.mkdir(exist_ok=True)
-    program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m cavirheo "$@"\n', "utf-8")
-    program.chmod(0o755)
-    path = os.pathsep.join([str(program.parent), str(Path(sys.executable).parent), os.environ["PATH"]])
+    """The program on the path, a home of its own, and no browser."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     here = {"PATH": path, "PYTHONPATH": str(ROOT / "src"), "HOME": str(folder), "BROWSER": "true", "COLUMNS": "100"}
     return os.environ | here
 
@@ -211,14 +198,8 @@ def run_page(scripts: list[str], kit: Path, folder: Path) -> str:
         rest = [line for line in lines if line not in staying]
         program += [*map(background, staying), *(["(", *rest, ")"] if "".join(rest).strip() else [])]
     program += ["end $cavirheo_watch", "end $cavirheo_app", "kill $dask_worker $dask_scheduler 2> /dev/null || :"]
-    done = subprocess.run(
-        ["bash", "-e", "-o", "pipefail", "-c", "\n".join(program)],
-        cwd=folder,
-        env=surroundings(folder),
-        capture_output=True,
-        text=True,
-        timeout=LONGEST,
-    )
+    how = {"cwd": folder, "env": surroundings(folder), "capture_output": True, "text": True, "timeout": 600.0}
+    done = subprocess.run(["bash", "-e", "-o", "pipefail", "-c", "\n".join(program)], **how)
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
     assert [output for output in made if not any(folder.rglob(output))] == []
     return done.stdout
@@ -226,13 +207,10 @@ def run_page(scripts: list[str], kit: Path, folder: Path) -> str:
 
 def printed(shown: str, said: str) -> bool:
     """Whether this was printed: the same words in the same order, and numbers that differ by a tenth at most."""
-    number = r"\d+(?:\.\d+)?"
-    words = (re.sub(number, "#", word) for word in shown.replace("─", "").split())
-    pattern = r"\s+".join(re.escape(word).replace(r"\#", f"({number})") for word in words)
-    there = re.search(pattern, said.replace("─", ""))
-    return there is not None and [float(one) for one in there.groups()] == pytest.approx(
-        [float(one) for one in re.findall(number, shown)], rel=0.1
-    )
+    words = (re.escape(NUMBER.sub("#", word)) for word in shown.replace("─", "").split())
+    there = re.search(r"\s+".join(words).replace(r"\#", f"({NUMBER.pattern})"), said.replace("─", ""))
+    numbers = [float(one) for one in NUMBER.findall(shown)]
+    return there is not None and [*map(float, there.groups())] == pytest.approx(numbers, rel=0.1)
 
 
 @pytest.mark.parametrize("page", SCRIPTS)

@@ -1,16 +1,10 @@
 """The face of the package in Python: names, options, and one sentence for each wrong call."""
 
 import dataclasses
-import importlib
 import inspect
-import json
-import os
 import subprocess
 import sys
 from importlib.metadata import version
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,12 +14,12 @@ import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, RadiusCurve
 from cavirheo.inference.verify import Verification, VerificationOptions, verify
 from cavirheo.inference.verify.evidence import rank_laws
-from cavirheo.loading import KINDS
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.media import MEDIA, medium
 from cavirheo.physics.simulate import SimulationOptions
 from cavirheo.posterior import Checks
+from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.video.measurement import MeasureOptions, measure
 
@@ -135,32 +129,26 @@ def test_a_constant_in_another_unit_is_refused_and_can_be_insisted_on(name, give
 
 
 def test_a_problem_of_an_unusual_medium_is_read_back():
-    problem = TrainingProblem.from_dict({
-        "material": "nhkv", "medium": {"density": 13534.0, "surface_tension": 0.485, "name": "mercury"},
-        "prior": {"log10_shear_modulus": [3, 5], "log10_viscosity": [-3, 0], "stretch": [3, 9]},
-        "camera": {}, "reference_max_radius": 2e-4,
-    })  # fmt: skip
+    prior = Prior.uniform({"log10_viscosity": [-3, 0], "stretch": [3, 9]})
+    problem = TrainingProblem("newtonian", prior, medium=Medium(13534.0, surface_tension=0.485, unusual=True))
     assert TrainingProblem.from_dict(problem.to_dict()).id == problem.id
 
 
-def test_a_medium_may_be_named_and_lists_do_for_arrays():
+def test_what_may_be_given_otherwise_is_taken():
+    """A medium by its name, lists for arrays; a curve without a scale is not asked for one."""
     ours = [simulate(medium=kind).radius for kind in ("bu2026", MEDIA["bu2026"])]
     np.testing.assert_array_equal(*ours)
     assert simulate().radius[-1] != ours[0][-1]
     assert RadiusCurve(TIME.tolist(), RADIUS.tolist()).max_radius == CURVE.max_radius
     assert simulate(time=TIME[:3].tolist()).radius.tolist() == simulate().radius.tolist()
-
-
-def test_curves_without_a_scale_are_not_asked_for_one():
     assert RadiusCurve(TIME, 1e6 * RADIUS, unscaled="pixels").with_max_radius(2e-4).max_radius == 2e-4
     stars = RadiusCurve(TIME / 2e-5 * 0.1, RADIUS / 2e-4, unscaled="no R_max", time_unscaled=True)
     assert np.median(np.diff(stars.with_max_radius(2e-4).time)) == pytest.approx(1e-6)
 
 
 def test_a_file_in_other_units_than_it_says_leaves_its_other_curves(tmp_path):
-    slow, fast = (1e6 * TIME * factor for factor in (1e6, 1.0))
-    shots = [(k, row) for k, clock in ((1, slow), (2, fast)) for row in np.column_stack([clock, 1e6 * RADIUS])]
-    rows = [f"{k},{t:.9g},{r:.9g}" for k, (t, r) in shots]
+    frames = [(k, *row) for k, clock in ((1, 1e12), (2, 1e6)) for row in np.column_stack([clock * TIME, 1e6 * RADIUS])]
+    rows = [f"{k},{t:.9g},{r:.9g}" for k, t, r in frames]
     (tmp_path / "two.csv").write_text("\n".join(["shot,time_us,radius_um", *rows]))
     wrong, right = cavirheo.read_curves(tmp_path / "two.csv")
     assert "us" in wrong.unusable
@@ -177,14 +165,14 @@ def test_dir_shows_the_public_names_alone():
 # --- options that are told to type checkers apart from the function that takes them -----------------------------------
 
 
-@pytest.mark.parametrize(
-    ("told", "function", "also"),
-    [
-        (SimulationOptions, cavirheo.simulate, {"material", "max_radius", "stretch", "time", "throw"}),
-        (MeasureOptions, measure, {"path"}),
-        (VerificationOptions, Verification, {"workers"}),
-    ],
-)
+TOLD = [
+    (SimulationOptions, cavirheo.simulate, {"material", "max_radius", "stretch", "time", "throw"}),
+    (MeasureOptions, measure, {"path"}),
+    (VerificationOptions, Verification, {"workers"}),
+]
+
+
+@pytest.mark.parametrize(("told", "function", "also"), TOLD)
 def test_options_are_told_to_type_checkers_as_the_function_has_them(told, function, also):
     options = {name: one.annotation for name, one in inspect.signature(function).parameters.items()}
     assert {*options} == {*told.__annotations__} | also
@@ -196,58 +184,3 @@ def test_options_are_told_to_type_checkers_as_the_function_has_them(told, functi
 def test_a_misspelt_option_is_refused(function, given):
     with pytest.raises(TypeError, match="unexpected keyword argument"):
         function(*given, stretsh=6.0)
-
-
-SOURCE = Path(cavirheo.__file__).parents[1]
-
-
-def pyright(*words: str, cwd: Path | None = None) -> dict[str, Any]:
-    """What it reports, in a program that uses the package."""
-    if find_spec("pyright") is None:
-        pytest.skip("pyright is not installed")
-    surroundings = os.environ | {"PYTHONPATH": str(SOURCE)}
-    command = [sys.executable, "-m", "pyright", *words, "--outputjson", "--pythonpath", sys.executable]
-    done = subprocess.run(command, env=surroundings, cwd=cwd, capture_output=True, text=True, timeout=900)
-    if not done.stdout.startswith("{"):
-        pytest.skip(f"pyright does not run here: {done.stderr.strip()[-200:]}")  # it fetches its program when first run
-    return json.loads(done.stdout)
-
-
-@pytest.mark.slow
-def test_all_public_types_are_known():
-    symbols = pyright("--verifytypes", "cavirheo", "--ignoreexternal")["typeCompleteness"]["symbols"]
-    documents = [getattr(importlib.import_module(f"cavirheo.{one.module}"), one.name) for one in KINDS.values()]
-    objects = [*(getattr(cavirheo, name) for name in cavirheo.__all__), *documents]
-    names = {f"cavirheo.{name}" for name in cavirheo.__all__}
-    names |= {f"{one.__module__}.{one.__qualname__}" for one in objects}
-    ours = [one for one in symbols if any(f"{one['name']}.".startswith(f"{name}.") for name in names)]
-    assert [one["name"] for one in ours if not one["isTypeKnown"] or one["isTypeAmbiguous"]] == []
-    assert len(ours) > 400
-
-
-MISTAKES = """# pyright: strict
-import cavirheo
-from cavirheo.reporting.laws import Laws
-
-curve = cavirheo.read_curves("gel.csv", shots="1,4-7")[0]
-low, high = cavirheo.infer(curve, material="nhkv", verify="none").interval("shear_modulus") or (0.0, 0.0)
-print(low, high, cavirheo.fit(curve=curve, window=3, free=("t0",), medium="water").best["viscosity"])
-cavirheo.fit(curve, windou=3)  # wrong
-cavirheo.fit(curve, window=3.5)  # wrong
-cavirheo.infer(curve, materail="nhkv")  # wrong
-cavirheo.measure("bubble.mp4", framerate=5e5)  # wrong
-gel = cavirheo.Newtonian(0.05)
-cavirheo.simulate_many([gel], max_radius=2e-4, stretch=6.0, time=[0.0], relaxed=True)
-cavirheo.simulate_many([gel], max_radius=2e-4, stretch=6.0, time=[0.0], nonsense=1)  # wrong
-print(curve.radii)  # wrong
-print(cavirheo.load("result.json").shots)  # wrong
-print(cavirheo.load("laws.json", Laws).parameters)  # wrong
-"""
-
-
-@pytest.mark.slow
-def test_a_strict_program_is_told_of_its_mistakes_and_of_nothing_else(tmp_path):
-    (tmp_path / "program.py").write_text(MISTAKES, encoding="utf-8")
-    errors = pyright("program.py", cwd=tmp_path)["generalDiagnostics"]
-    wrong = {number for number, line in enumerate(MISTAKES.split("\n")) if line.endswith("# wrong")}
-    assert {one["range"]["start"]["line"] for one in errors} == wrong, [one["message"] for one in errors]

@@ -8,7 +8,7 @@ import tomllib
 
 import jinja2
 import pytest
-from conftest import ROOT, refusal
+from conftest import ROOT
 
 import cavirheo
 from cavirheo import verbs
@@ -23,29 +23,25 @@ in_repository = pytest.mark.repository
 
 
 @in_repository
-def test_the_version_is_written_once():
-    folders = ("src", "docs", "packaging", "recipes", "benchmarks", "examples", ".")
-    files = [path for folder in folders for path in (ROOT / folder).glob("*" if folder == "." else "**/*")]
+def test_the_version_is_written_once_and_the_citation_is_of_it_and_its_authors():
+    folders = ("src", "docs", "packaging", "recipes", "benchmarks", "examples")
+    files = [*ROOT.glob("*"), *(path for folder in folders for path in (ROOT / folder).glob("**/*"))]
     kinds = (".py", ".md", ".toml", ".yaml", ".yml", ".cff", ".txt", ".html", "")
+    texts = [
+        (path.name, path.read_text("utf-8", "replace")) for path in files if path.is_file() and path.suffix in kinds
+    ]
     written = rf"\bversion\b\W{{1,9}}{re.escape(PROJECT['version'])}\b"
-    found = {path.name for path in files if path.is_file() and path.suffix in kinds and path.name != "CHANGELOG.md"
-             and re.search(written, path.read_text("utf-8", errors="replace"))}  # fmt: skip
-    assert found == {"pyproject.toml", "CITATION.cff"}  # of the latter, the next test
+    found = {name for name, text in texts if re.search(written, text)}
+    assert found - {"CHANGELOG.md"} == {"pyproject.toml", "CITATION.cff"}
     assert cavirheo.__version__ == PROJECT["version"]
-
-
-@in_repository
-def test_the_citation_is_of_this_version_and_its_authors():
-    yaml = pytest.importorskip("yaml")
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
-    assert citation["version"] == PROJECT["version"]
-    assert citation["license"] == PROJECT["license"]
-    assert citation["authors"] == PROJECT["authors"]
+    citation = pytest.importorskip("yaml").safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert [citation[key] for key in ("version", "license", "authors")] == [
+        PROJECT[key] for key in ("version", "license", "authors")
+    ]
     assert {*citation["keywords"]} <= {*PROJECT["keywords"]}
-    sources = {source["title"]: source for source in (references()[key].fields for key in ("Estrada2018", "Bu2025"))}
-    assert {one["title"]: str(one["year"]) for one in citation["references"]} == {
-        title: source["year"] for title, source in sources.items()
-    }
+    sources = [references()[key].fields for key in ("Estrada2018", "Bu2025")]
+    cited = {(one["title"], str(one["year"])) for one in citation["references"]}
+    assert cited == {(source["title"], source["year"]) for source in sources}
 
 
 def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch):
@@ -142,8 +138,3 @@ def test_the_pythons_of_the_package_are_those_that_are_tried():
     known = [one.rpartition(" ")[2] for one in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", one)]
     assert f"tests/wheel.py {' '.join(known)}\n" in (ROOT / "Makefile").read_text("utf-8")
     assert PROJECT["requires-python"] == f">={known[0]}"
-
-
-def test_measuring_without_the_extra_says_what_to_install(run, monkeypatch):
-    monkeypatch.setattr("cavirheo.video.frames.find_spec", lambda _: None)
-    refusal(run("measure", "nowhere.mp4"), 'pip install "cavirheo[video]"')

@@ -4,6 +4,7 @@
 be held against it whatever the name is made of.
 """
 
+import contextlib
 import json
 import os
 import socket
@@ -58,12 +59,8 @@ add(
 
 
 def bound(path: Path) -> None:
-    here = os.getcwd()
-    os.chdir(path.parent)  # the path of a socket may have 107 bytes
-    try:
+    with contextlib.chdir(path.parent):  # the path of a socket may have 107 bytes
         socket.socket(socket.AF_UNIX).bind(path.name)
-    finally:
-        os.chdir(here)
 
 
 def link(target: str) -> Make:

@@ -1,12 +1,11 @@
 """Errors that are planted in a copy of the package, one at a time: each must be caught by the tests that are named.
 
-python tests/nightly/planted_errors.py [words of names ...] [--tests tests/test_x.py ...]
+python tests/nightly/planted_errors.py [words of names or tests ...]
 
 Signs, units, steps too far and guards that are missing, over all rooms of the package. The exit status is the number of
 errors that no test caught.
 """
 
-import argparse
 import os
 import shutil
 import subprocess
@@ -123,46 +122,34 @@ PLANTED = (
 )  # fmt: skip
 
 
-def caught(error: Planted, copy: Path, tests: list[Path]) -> list[str]:
+def caught(error: Planted, copy: Path) -> list[str]:
     """Stems of the test files that fail with this error in the copy of src."""
     path = copy / "cavirheo" / error.file
     right = path.read_text(encoding="utf-8")
     if right.count(error.old) != 1:
         raise SystemExit(f"{error.name}: {error.file} has {right.count(error.old)} times {error.old!r}, not once")
-    found = []
-    try:
-        path.write_text(right.replace(error.old, error.new), encoding="utf-8")
-        for test in tests:
-            words = [sys.executable, "-m", "pytest", "-q", "--maxfail=1", "-p", "no:cacheprovider", str(test)]
-            words += ["-m", "not slow and not hostile"]
-            done = subprocess.run(
-                words, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(copy)}, capture_output=True, text=True
-            )
-            if done.returncode == 1:
-                found.append(test.stem)
-            elif done.returncode not in (0, 5):  # 5: its tests are slow ones
-                raise SystemExit(f"{test} did not run: {done.stdout[-500:]}{done.stderr[-500:]}")
-    finally:
-        path.write_text(right, encoding="utf-8")
-    return found
+    words = [sys.executable, "-m", "pytest", "--maxfail=1", "-p", "no:cacheprovider", "-m", "not slow and not hostile"]
+    how = {"cwd": ROOT, "env": os.environ | {"PYTHONPATH": str(copy)}, "capture_output": True, "text": True}
+    path.write_text(right.replace(error.old, error.new), encoding="utf-8")
+    ended = {stem: subprocess.run([*words, *ROOT.glob(f"tests/**/{stem}.py")], **how) for stem in error.tests}
+    path.write_text(right, encoding="utf-8")
+    for stem, done in ended.items():
+        if done.returncode not in (0, 1, 5):  # 5: its tests are slow ones
+            raise SystemExit(f"{stem} did not run: {done.stdout[-500:]}{done.stderr[-500:]}")
+    return [stem for stem, done in ended.items() if done.returncode == 1]
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help="words: errors alone whose name or test has one of them")
-    parser.add_argument("--tests", nargs="*", type=Path, help="instead of the named ones")
-    given = parser.parse_args()
-    chosen = [one for one in PLANTED if not given.names or any(w in (one.name, *one.tests) or w in one.name
-                                                               for w in given.names)]  # fmt: skip
+    wanted = sys.argv[1:]
+    chosen = [one for one in PLANTED if not wanted or any(w in one.tests or w in one.name for w in wanted)]
     missed = 0
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "src"
         shutil.copytree(ROOT / "src", copy)
         for error in chosen:
-            tests = given.tests or [path for stem in error.tests for path in sorted(ROOT.glob(f"tests/**/{stem}.py"))]
-            began, found = time.monotonic(), caught(error, copy, tests)
+            began, found = time.monotonic(), caught(error, copy)
             missed += not found
-            said = f"caught by {', '.join(found)}" if found else f"MISSED by {', '.join(one.stem for one in tests)}"
+            said = f"caught by {', '.join(found)}" if found else f"MISSED by {', '.join(error.tests)}"
             print(f"{error.name}: {said} ({time.monotonic() - began:.0f} s)", flush=True)
     print(f"{len(chosen) - missed} of {len(chosen)} caught")
     return missed

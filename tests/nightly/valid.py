@@ -1,31 +1,27 @@
 """Small files of every kind that the program reads, all of them valid: what mutated and damaged ones are made from."""
 
 import json
-import sys
+import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
+from answers import answer, bubble, laws_of, sweeps_of, times_of
+from broken_recipes import RIGHT
+from files import cells, ods_row, save_v73, write_ods, write_xls, write_xlsx
+from files import lines as rows
 from scipy.io import savemat
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests"))
-from answers import answer, bubble, laws_of, sweeps_of, times_of  # noqa: E402
-from broken_recipes import RIGHT  # noqa: E402
-from files import cells, ods_row, save_v73, write_ods, write_xls, write_xlsx  # noqa: E402
-from files import lines as rows  # noqa: E402
-
-from cavirheo.reporting import result  # noqa: E402
-from cavirheo.training.recipe import Recipe  # noqa: E402
-from cavirheo.writing.document import as_json  # noqa: E402
+from cavirheo.reporting import result
+from cavirheo.training.recipe import Recipe
+from cavirheo.writing.document import as_json
 
 TIME = np.arange(-8.0, 92.0)  # us
 RADIUS = 250 * (0.12 + 0.88 * np.abs(np.cos(np.pi * TIME / 46)) * np.exp(-np.maximum(TIME, 0) / 70))  # um
 SECONDS, METRES = TIME * 1e-6, RADIUS * 1e-6
 STAR = 250e-6 * np.sqrt(998 / 101325)  # s per unit of t*
-
 
 OMEGA = np.geomspace(0.1, 100, 13)
 STORAGE, LOSS, ONE = 5000 + 30 * OMEGA, 200 + 25 * OMEGA, np.ones(13)
@@ -83,14 +79,8 @@ def hdf5_packed(path: Path) -> None:
 
 def grid(text: str) -> list[list[object]]:
     """The cells of a text table, numbers as numbers."""
-
-    def value(cell: str) -> object:
-        try:
-            return float(cell)
-        except ValueError:
-            return cell
-
-    return [[value(cell) for cell in line.split(",")] for line in text.splitlines()]
+    number = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
+    return [[float(cell) if number.fullmatch(cell) else cell for cell in line.split(",")] for line in text.splitlines()]
 
 
 def xlsx(*names: str) -> Callable[[Path], object]:
@@ -141,10 +131,5 @@ def content(name: str, folder: Path) -> bytes:
 def documents() -> dict[str, str]:
     """One document of each kind, as the program writes it."""
     shots = [(bubble(f"shot[{k}]"), answer(bubble(), 6e3 + 100 * k, draws=40)) for k in range(3)]
-    made = {
-        "result": result(shots, "x"),
-        "laws": laws_of("a"),
-        "collapse-time": times_of("a"),
-        "rheometer": sweeps_of("a"),
-    }
-    return {f"{name}.json": as_json(one) for name, one in made.items()}
+    made = {"laws": laws_of("a"), "collapse-time": times_of("a"), "rheometer": sweeps_of("a")}
+    return {f"{name}.json": as_json(one) for name, one in {"result": result(shots, "x"), **made}.items()}
