@@ -16,9 +16,8 @@ from cavirheo.inference.what_if import band, compared_window
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
-from cavirheo.reporting.curve_panels import curve_panels, preview_panels
-from cavirheo.reporting.group_panels import overview_panels
 from cavirheo.reporting.input_remarks import causes, notes, pooled, summary_cells, warnings
+from cavirheo.reporting.panels import curve_panels, overview_panels, preview_panels
 from cavirheo.reporting.record import result_of
 from cavirheo.reporting.svg import curve_svg, overlay_svg
 from cavirheo.video.picture import COLOURS

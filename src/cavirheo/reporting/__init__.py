@@ -10,10 +10,12 @@ from itertools import chain, count
 from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.reporting.group import REFERENCES, Published
+from cavirheo.posterior import Posterior
+from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
 from cavirheo.writing import claim
-from cavirheo.writing.document import Outputs, drawing, short_name, write_json
+from cavirheo.writing.document import Outputs, drawn, short_name, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -106,34 +108,33 @@ def write_report(
 def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
     """SVG of each curve, or why there is none; of very many curves the radius alone, half as high."""
     from cavirheo.reporting import html, svg
-    from cavirheo.reporting.curve_panels import answer_panels
+    from cavirheo.reporting.panels import answer_panels
 
     shown, height = (1, svg.HEIGHT / 2) if len(pairs) > html.DETAILED else (2, svg.HEIGHT)
-    points, pictures = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1)), []
-    for (curve, answer), row in zip(pairs, document.curves, strict=True):
-        picture = ""
-        with drawing(f"picture of {row.name}", document.notes):
-            panels = answer_panels(curve, answer.checks, row)
-            picture = svg.curve_svg(panels[:shown], height=height, points=points)
-        pictures.append(picture or document.notes[-1])
-    return pictures
+    points = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))
+
+    def draw(pair: tuple[RadiusCurve, Posterior], row: CurveRecord) -> str:
+        panels = answer_panels(pair[0], pair[1].checks, row)
+        return svg.curve_svg(panels[:shown], height=height, points=points)
+
+    notes, rows = document.notes, zip(pairs, document.curves, strict=True)
+    return [drawn(f"picture of {row.name}", notes, draw, pair, row) or notes[-1] for pair, row in rows]
 
 
 def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str]:
     """SVG of each group of several answered shots, or why there is none, which becomes one of the notes; of the first
     groups where they are many."""
     from cavirheo.reporting import svg
-    from cavirheo.reporting.group_panels import group_panels, shots_of
+    from cavirheo.reporting.panels import group_panels, shots_of
 
     members = [(group, indices) for group, indices in document.members() if group.n > 1][:GROUPS]
-    points, pictures = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1))), []
-    for group, indices in members:
-        picture = ""
-        with drawing(f"picture of {group.name}", notes):
-            shots = shots_of(pairs, document.curves, indices)
-            picture = svg.group_svg(group_panels(shots, group, document.modulus_unit), points)
-        pictures.append(picture or notes[-1])
-    return pictures
+    points = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
+
+    def draw(group: GroupRecord, indices: list[int]) -> str:
+        shots = shots_of(pairs, document.curves, indices)
+        return svg.group_svg(group_panels(shots, group, document.modulus_unit), points)
+
+    return [drawn(f"picture of {of[0].name}", notes, draw, *of) or notes[-1] for of in members]
 
 
 def file_names(names: Sequence[str]) -> list[str]:

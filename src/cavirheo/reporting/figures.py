@@ -7,18 +7,16 @@ caption.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cavirheo.errors import require
-from cavirheo.reporting.curve_panels import Axis, Layer, Panel, answer_panels
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.group_panels import group_panels, shots_of
+from cavirheo.reporting.panels import Axis, Layer, Panel, answer_panels, group_panels, shots_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import style
-from cavirheo.writing.document import Outputs, drawing
+from cavirheo.writing.document import Outputs, drawn
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,25 +74,23 @@ def write(
     """
     if not style.available():
         return [style.NO_PICTURES]
-    rows, unit, failed = document.curves, document.modulus_unit, list[str]()
+    rows, failed = document.curves, list[str]()
 
-    def of_curve(index: int) -> Figure | None:
-        curve, answer = pairs[index]
-        row = rows[index]
-        return curve_figure(answer_panels(curve, answer.checks, row)) if row.has_answer else None
+    def save(stem: str, group: GroupRecord | None, indices: Sequence[int]) -> None:
+        shots, figure = shots_of(pairs, rows, indices), None
+        if group and len(shots) > 1:
+            figure = group_figure(group_panels(shots, group, document.modulus_unit))
+        elif shots and not group:
+            figure = curve_figure(answer_panels(*shots[0]))
+        for kind in figures if figure else ():
+            folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
 
-    def of_group(group: GroupRecord, indices: list[int]) -> Figure | None:
-        shots = shots_of(pairs, rows, indices)
-        return group_figure(group_panels(shots, group, unit)) if len(shots) > 1 else None
-
-    drawings = [(row.name, partial(of_curve, index)) for index, row in enumerate(rows)]
-    drawings += [(group.name, partial(of_group, group, indices)) for group, indices in document.members()]
+    shown: list[tuple[str, GroupRecord | None, list[int]]]
+    shown = [(row.name, None, [index]) for index, row in enumerate(rows)]
+    shown += [(group.name, group, indices) for group, indices in document.members()]
     stems = stems_of((row.name for row in rows), (group.name for group in document.groups))
-    for stem, (name, draw) in zip(stems, drawings, strict=True):
-        with drawing(f"figure of {name}", failed):
-            figure = draw()
-            for kind in figures if figure else ():
-                folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
+    for stem, (name, *content) in zip(stems, shown, strict=True):
+        drawn(f"figure of {name}", failed, save, stem, *content)
         if advance:
             advance()
     return failed

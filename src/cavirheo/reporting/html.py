@@ -21,7 +21,7 @@ from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import svg
 from cavirheo.reporting.answer import CurveRecord, in_unit, meaning_of, parameter_key
-from cavirheo.reporting.curve_panels import answer_panels
+from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
 from cavirheo.writing import digits
@@ -51,7 +51,18 @@ def write(
     What is the same for all curves is said once; of more than DETAILED curves each has its row, message and picture.
     """
     curves, unit = result.curves, result.modulus_unit
-    shared, brief = _shared(curves), len(curves) > DETAILED
+    answered, brief = [curve for curve in curves if curve.has_answer], len(curves) > DETAILED
+    facts = [
+        {
+            "material": digits.MATERIALS.get(curve.material, curve.material),
+            "bubble": curve.bubble.sentence,
+            "method": digits.METHODS.get(curve.method, curve.method),
+            "stretch": curve.diagnostics.stretch_source,
+            "file": curve.source,
+        }
+        for curve in answered
+    ]
+    shared = {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
     options: Any = {"shared": frozenset(shared), "brief": brief}
     rows = zip(curves, pictures or [""] * len(curves), sheets or [""] * len(curves), strict=True)
     articles = [
@@ -65,26 +76,10 @@ def write(
         articles=articles,
         pictured=bool(pictures),
         shared=shared,
-        origin=_text(_common([curve.provenance for curve in curves if curve.has_answer or not shared])),
+        origin=_text(_common([curve.provenance for curve in (answered if shared else curves)])),
         brief=brief,
     )
     Path(path).write_text(page, encoding="utf-8")
-
-
-def _shared(curves: Sequence[CurveRecord]) -> dict[str, str]:
-    """What is the same for all of several curves that are answered, by its name."""
-    facts = [
-        {
-            "material": digits.MATERIALS.get(curve.material, curve.material),
-            "bubble": curve.bubble.sentence,
-            "method": digits.METHODS.get(curve.method, curve.method),
-            "stretch": curve.diagnostics.stretch_source,
-            "file": curve.source,
-        }
-        for curve in curves
-        if curve.has_answer
-    ]
-    return {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
 
 
 def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -157,18 +152,8 @@ def live_page(
             picture = svg.curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
     material = group.material if group else None
     needed = material.still_needed([result.curves[i] for i in members], half_width) if material else None
-    return template(LIVE).render(
-        record=record,
-        group=group,
-        material=material,
-        more=needed,
-        percent=100.0 * half_width,
-        unit=result.modulus_unit,
-        picture=picture,
-        shots=len(result.curves),
-        trusted=sum(row.trusted for row in result.curves),
-        failed=sum(not row.has_answer for row in result.curves),
-    )
+    shown = {"record": record, "group": group, "material": material, "more": needed, "percent": 100.0 * half_width}
+    return template(LIVE).render(**shown, result=result, picture=picture)
 
 
 def _printable(value: Any) -> Any:

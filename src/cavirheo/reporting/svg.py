@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.reporting.curve_panels import Axis, Layer, Panel
+from cavirheo.reporting.panels import Axis, Layer, Panel
 from cavirheo.writing import digits
 from cavirheo.writing.style import shades
 

@@ -80,6 +80,7 @@ class Document(Record):
 
 
 Kind = TypeVar("Kind", bound=Document)
+Drawn = TypeVar("Drawn")
 
 
 class Quantity(Record):
@@ -243,8 +244,7 @@ class Outputs:
     def picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *content: Any) -> list[str]:
         """`save(path, draw(*content))`; what is to be said where it cannot be drawn."""
         failed: list[str] = []
-        with drawing(name, failed):
-            self.write(name, save, draw(*content))
+        drawn(name, failed, lambda: self.write(name, save, draw(*content)))
         return failed
 
     def finish(self) -> None:
@@ -294,20 +294,21 @@ class Outputs:
                     self._listed.setdefault(entry["name"], []).append(entry)
 
 
-@contextmanager
-def drawing(name: str, failed: list[str]) -> Iterator[None]:
-    """Around a picture, its file included: where it cannot be drawn, `failed` has a sentence more, and the run goes on.
+def drawn(name: str, failed: list[str], draw: Callable[..., Drawn], *content: Any) -> Drawn | None:
+    """`draw(*content)`, of a picture or its file: where it cannot be drawn None, `failed` has a sentence more, and the
+    run goes on.
 
     Raises InputError of `Outputs`: the folder cannot be written, or a file of the user's would be replaced.
     """
     try:
         with np.errstate(all="ignore"):  # of numbers near the largest there is
-            yield
+            return draw(*content)
     except Exception as error:  # libraries raise nearly anything of a label or a font; the answers must be written
         if isinstance(error, InputError) and error.code.startswith("document."):
             raise
         _log.info("%s could not be drawn", name, exc_info=True)
         failed.append(f"{name} could not be drawn: {type(error).__name__}: {error}")
+        return None
 
 
 def as_json(document: Document) -> str:
