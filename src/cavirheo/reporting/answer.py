@@ -225,13 +225,6 @@ class CurveRecord(Record, Answer):
         return None if name in self.diagnostics.at_bound else super().determined(name)
 
     @property
-    def as_model(self) -> OtherModel:
-        """The answer as an entry among those of other models."""
-        shared = {name: getattr(self, name) for name in OtherModel.model_fields if name in CurveRecord.model_fields}
-        log, error = (self.evidence.log, self.evidence.error) if self.evidence else (None, None)
-        return OtherModel(**shared, log_evidence=log, evidence_error=error)
-
-    @property
     def preferred(self) -> OtherModel | None:
         """The model that the evidence prefers to that of the answer, where it rejects this."""
         rivals = [model for model in self.other_models if model.model != self.model and model.log_evidence is not None]

@@ -23,7 +23,7 @@ from cavirheo.reporting import svg
 from cavirheo.reporting.answer import CurveRecord, in_unit, meaning_of, parameter_key
 from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.record import Result
-from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
+from cavirheo.reporting.table import FITS, model_rows, windows
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
@@ -115,10 +115,10 @@ def article(
     picture: SVG, why there is none, or "". shared: names of facts that are said elsewhere. brief: its message and its
     picture alone. number: of the curve in the page, which has the provenance and the name itself; None elsewhere.
     """
-    windows = window_title([record], (factor, unit)), window_cells(record, (factor, unit))
+    title, (cells,) = windows([record], (factor, unit))
     origin = "" if number is not None else _text({"source": record.source, **record.provenance})
     models = model_rows(record, factor)
-    return part("article", number, record, factor, unit, picture, *windows, models, shared, origin, brief)
+    return part("article", number, record, factor, unit, picture, title, cells, models, shared, origin, brief)
 
 
 def template(name: str, package: str = "cavirheo.reporting") -> Template:
