@@ -11,6 +11,7 @@ from typing import Any
 
 from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import parameter_of, searched_bound
+from cavirheo.writing import digits
 
 _COUNTED = 0.005  # share of a law in an average, below which it is said to be rejected
 _Details = Callable[[Mapping[str, Any]], str]
@@ -73,7 +74,6 @@ def of_error(error: Exception) -> Message:
 def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
     """'µ 0.040 [0.031, 0.052] Pa s' of (5 %, 50 %, 95 %), SI; 'µ below 0.010 Pa s (95 %)' where the interval reaches
     the lower end of the range that is searched."""
-    from cavirheo.writing import digits
     from cavirheo.writing.document import Quantity
 
     (low, median, high), parameter = interval, parameter_of(name)
@@ -123,11 +123,11 @@ def _moved(p: Mapping[str, Any]) -> str:
 
 
 def _spikes(p: Mapping[str, Any]) -> str:
-    return f": {p['frames']} frame{'s' * (p['frames'] > 1)} above both neighbours by 20 % of R_max"
+    return f": {digits.counted(p['frames'], 'frame')} above both neighbours by 20 % of R_max"
 
 
 def _other_bubble(p: Mapping[str, Any]) -> str:
-    return f": {p['frames']} frame{'s' * (p['frames'] > 1)} from {1e6 * p['since']:.4g} us after R_max on"
+    return f": {digits.counted(p['frames'], 'frame')} from {1e6 * p['since']:.4g} us after R_max on"
 
 
 def _missed(p: Mapping[str, Any]) -> str:
@@ -142,8 +142,6 @@ def _bound_title(name: str, bound: str) -> str:
 
 
 def _bound(p: Mapping[str, Any]) -> str:
-    from cavirheo.writing import digits
-
     if p["bound"] == "undetermined":
         return ": values all over the range that is searched follow it"
     side, end = ("below", p["q95"]) if p["bound"] == "upper" else ("above", p["q05"])
@@ -166,11 +164,9 @@ def _prior_end(name: str, end: str) -> str:
 
 
 def _systematic(p: Mapping[str, Any]) -> str:
-    from cavirheo.writing.digits import chance
-
     large = p["excess"] >= p["seen"]
     size = f"by {100 * p['excess']:.1f} %" if large else f"by less than {100 * p['seen']:.2g} %"
-    text = f": {size} of R_max beyond the noise ({chance(p)})"
+    text = f": {size} of R_max beyond the noise ({digits.chance(p)})"
     if p["exact"]:
         return f"{text}, and the law was taken as exact, so the interval is too narrow"
     if p["excess"] > p["limit"]:
