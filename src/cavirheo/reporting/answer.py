@@ -302,11 +302,10 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     names = list(posterior.parameters)
     if posterior.material == "power-law" and "reference_viscosity" in names:
         return {AT_RATE: posterior.quantity("reference_viscosity")}
-    draws = (dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True))
-    first = next(draws, None)
-    if first is None or viscosity_at(posterior.material, RATE, first) is None:
+    draws = [dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True)]
+    if not draws or viscosity_at(posterior.material, RATE, draws[0]) is None:
         return {}
-    viscosities = np.array([viscosity_at(posterior.material, RATE, draw) for draw in (first, *draws)])
+    viscosities = np.array([viscosity_at(posterior.material, RATE, draw) for draw in draws])
     ends = intervals((LOG10 + AT_RATE,), np.log10(viscosities)[:, None], posterior.log_weight)
     low, median, high = ends.get(AT_RATE, (None, viscosities[0], None))
     return {AT_RATE: Quantity.of(low, float(median), high)}

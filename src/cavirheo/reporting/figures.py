@@ -6,7 +6,9 @@ caption.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
+from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +18,7 @@ from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.panels import Axis, Layer, Panel, answer_panels, group_panels, shots_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import style
-from cavirheo.writing.document import Outputs, drawn
+from cavirheo.writing.document import Outputs, drawn, short_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,9 +62,17 @@ def check_figures(figures: Sequence[str]) -> None:
 
 def stems_of(curves: Iterable[str], groups: Iterable[str]) -> list[str]:
     """File names without their ending of the figures of curves and groups."""
-    from cavirheo.reporting import file_names
-
     return file_names([*curves, *(f"group-{name}" for name in groups)])
+
+
+def file_names(names: Sequence[str]) -> list[str]:
+    """A safe file name for each, short enough for an ending, different also where letter case does not count."""
+    taken = dict.fromkeys(("result", "report"), "")
+    for name in names:
+        stem = short_name(re.sub(r"[^\w.+-]+", "_", name).strip("._")[:100]) or "curve"
+        unique = next(n for n in chain([stem], (f"{stem}-{k}" for k in count(2))) if n.lower() not in taken)
+        taken[unique.lower()] = unique
+    return list(taken.values())[2:]
 
 
 def write(

@@ -146,15 +146,9 @@ def spread_of(values: list[float | None]) -> Spread:
 @contextmanager
 def into(folder: str | Path) -> Iterator[Path]:
     """A folder to write into, made if it is missing. Raises InputError for whatever cannot be written there."""
-    with _folder_errors(folder):
+    try:
         Path(folder).mkdir(parents=True, exist_ok=True)
         yield Path(folder)
-
-
-@contextmanager
-def _folder_errors(folder: str | Path) -> Iterator[None]:
-    try:
-        yield
     except OSError as error:
         why = "it is not a folder" if isinstance(error, FileExistsError) else error.strerror or error
         raise InputError(f"cannot write into {folder}: {why}", "document.folder") from None
@@ -211,26 +205,29 @@ class Outputs:
             with TemporaryFile(dir=self.folder, buffering=0) as file:
                 file.write(bytes(4096))
             self._read()
-            for path in [] if self._claim else new:
-                path.rmdir()
-        self.check(*names)
-        self._leave_others(names)
+            try:
+                self._check(names)
+            finally:
+                for path in [] if self._claim else new:
+                    path.rmdir()
+        if self._claim and not self._claim.replace:
+            self._leave_others(names, self._claim.key)
 
-    def check(self, *names: str) -> None:
-        """Raises InputError: one of these is there and must not be replaced."""
+    def _check(self, names: Iterable[str]) -> None:
+        """Raises InputError: one of these is there and must not be replaced; and OSError."""
         for name in names:
             path, remedy = self.folder / name, "give another place with -o, or move it away"
             read = f"{path} is read by this command, and its results would replace it: {remedy}"
             require(os.path.realpath(path) not in self._inputs, read, "document.input")
             foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
-            with _folder_errors(self.folder), suppress(FileNotFoundError):
+            with suppress(FileNotFoundError):
                 path.lstat()  # raises OSError for a name that no file can have
                 require(self.holds(name), foreign, "document.foreign")
 
     def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
         """`writer(path, *content, **how)` into the file of this name."""
         with into(self.folder):
-            self.check(name)
+            self._check([name])
             with whole(self.folder / name) as temporary:
                 writer(temporary, *content, **how)
                 entry = {"kind": self.kind, "name": name, "sha256": sha256(temporary)}
@@ -258,14 +255,11 @@ class Outputs:
             with whole(self.folder / LIST) as temporary:
                 temporary.write_text("\n".join(map(json.dumps, current)), encoding="utf-8")
 
-    def _leave_others(self, names: Sequence[str]) -> None:
+    def _leave_others(self, names: Sequence[str], run: str) -> None:
         """Raises InputError: what this run would replace or remove is another run's."""
-        if self._claim is None or self._claim.replace:
-            return
         for name, entries in self._listed.items():
-            concerned = name in names or entries[-1]["kind"] == self.kind
-            entry = self._entry(name) if concerned and entries[-1]["run"] != self._claim.key else None
-            if entry and entry["run"] != self._claim.key:
+            concerned = (name in names or entries[-1]["kind"] == self.kind) and entries[-1]["run"] != run
+            if concerned and (entry := self._entry(name)) and entry["run"] != run:
                 whose = f" ({entry['command']})" if entry["command"] else ""
                 message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
                 remedy = "name another folder by -o, or give --replace (replace=True in Python)"
