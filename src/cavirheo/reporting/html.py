@@ -63,18 +63,12 @@ def write(
         for curve in answered
     ]
     shared = {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
-    options: Any = {"shared": frozenset(shared), "brief": brief}
-    rows = zip(curves, pictures or [""] * len(curves), sheets or [""] * len(curves), strict=True)
-    articles = [
-        article(record, *unit, picture, number=number, **options) + part("frames", sheet)
-        for number, (record, picture, sheet) in enumerate(rows)
-    ]
     page = template("report.html").render(
         result=result,
         unit=unit,
         group_pictures=group_pictures,
-        articles=articles,
-        pictured=bool(pictures),
+        pictures=pictures,
+        sheets=sheets,
         shared=shared,
         origin=_text(_common([curve.provenance for curve in (answered if shared else curves)])),
         brief=brief,
@@ -100,25 +94,9 @@ def style() -> str:
     return template("report.css").render()
 
 
-def article(
-    record: CurveRecord,
-    factor: float,
-    unit: str,
-    picture: str = "",
-    *,
-    shared: frozenset[str] = frozenset(),
-    brief: bool = False,
-    number: int | None = None,
-) -> str:
-    """What is known of one curve and its answer.
-
-    picture: SVG, why there is none, or "". shared: names of facts that are said elsewhere. brief: its message and its
-    picture alone. number: of the curve in the page, which has the provenance and the name itself; None elsewhere.
-    """
-    title, (cells,) = windows([record], (factor, unit))
-    origin = "" if number is not None else _text({"source": record.source, **record.provenance})
-    models = model_rows(record, factor)
-    return part("article", number, record, factor, unit, picture, title, cells, models, shared, origin, brief)
+def article(record: CurveRecord, factor: float, unit: str) -> str:
+    """What is known of one curve and its answer, without a picture. unit and factor: of moduli."""
+    return part("article", record, factor, unit, origin=_text({"source": record.source, **record.provenance}))
 
 
 def template(name: str, package: str = "cavirheo.reporting") -> Template:
@@ -126,9 +104,9 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
     return _templates(package).get_template(name)
 
 
-def part(name: str, *values: Any) -> str:
+def part(name: str, *values: Any, **more: Any) -> str:
     """A macro of parts.html, filled; a template takes it as it stands."""
-    return getattr(template("parts.html").module, name)(*values)
+    return getattr(template("parts.html").module, name)(*values, **more)
 
 
 def live_page(
@@ -172,6 +150,7 @@ def _templates(package: str) -> Environment:
         keep_trailing_newline=True,
         finalize=_printable,
     )
+    functions = (in_unit, meaning_of, parameter_key, model_rows, windows)
+    environment.globals.update({function.__name__: function for function in functions})
     environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
-    environment.globals.update(in_unit=in_unit, meaning_of=meaning_of, parameter_key=parameter_key)
     return environment
