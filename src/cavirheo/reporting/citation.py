@@ -84,7 +84,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     sentences = [*_experiment(answers, result), *_inference(answers, result)]
     words = dict.fromkeys(re.findall(r"\w+", " ".join(sentences)))
     sources = [references()[word] for word in words if word in references()]
-    sentences += [_group(group, [result.curves[i] for i in of], result) for group, of in result.members()]
+    sentences += [_group(group, shots, result) for group, shots in result.shots()]
     verdicts = Counter("ok" if curve.verdict == "undetermined" else curve.verdict for curve in result.curves)
     failures = [f"{n} {digits.VERDICTS[verdict]}" for verdict, n in verdicts.items() if verdict != "ok"]
     wrong = f"; verdicts of the others: {', '.join(failures)}" * bool(failures)

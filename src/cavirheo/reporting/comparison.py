@@ -61,10 +61,7 @@ class Comparison:
     """What the tables of a result have in common."""
 
     def __init__(self, result: Result) -> None:
-        members = result.members()
-        self.rows: list[ComparedParameter] = [
-            row for group, of in members for row in _rows(group, [result.curves[k] for k in of])
-        ]
+        self.rows: list[ComparedParameter] = [row for shots in result.shots() for row in _rows(*shots)]
         self.methods: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.published))
         self.references: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.errors))
         means = [value.mean for row in self.rows if row.name == "shear_modulus" for value in row.values.values()]
@@ -106,9 +103,8 @@ def print_comparison(result: Result) -> None:
     comparison, console = Comparison(result), terminal.console()
     console.print(comparison_table(comparison, wide=console.width >= _WIDE))
     console.print(_key(comparison), style="dim")
-    for group, of in result.members():
-        lines = remarks(group, [result.curves[k] for k in of])
-        terminal.print_remarks(console, {remark: [group.name] for remark in lines})
+    for group, shots in result.shots():
+        terminal.print_remarks(console, {remark: [group.name] for remark in remarks(group, shots)})
     terminal.print_remarks(console, {}, result.notes)
 
 

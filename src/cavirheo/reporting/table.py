@@ -243,15 +243,15 @@ def _print_windows(console: Console, result: Result) -> None:
     rows = [(curve.name, list(texts.values()), "") for curve, texts in zip(curves, cells, strict=True) if texts]
     if not rows:
         return
-    for group, members in result.members():
-        trusted = [curve for curve in map(curves.__getitem__, members) if curve.trusted and curve.method in FITS]
+    for group, shots in result.shots():
+        trusted = [shot for shot in shots if shot.trusted and shot.method in FITS]
         means = []
         for key in _WINDOWS:
             having = [curve.windows[key].best for curve in trusted if key in curve.windows]
             spreads = {name: spread_of([best.get(name) for best in having]) for name in _windowed(trusted)}
             texts = [digits.spread(mean, in_unit(name, unit)[1]) for name, mean in spreads.items() if mean.n]
             means.append(f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING)
-        rows += [(group.name, means, "bold")] if len(members) > 1 else []
+        rows += [(group.name, means, "bold")] if len(shots) > 1 else []
     title = f"{values} by the window that is fitted; *: a parameter at its bound"
     table = terminal.table("curve", heads, left=heads, title=title)
     terminal.add_rows(table, rows)
