@@ -65,7 +65,7 @@ def style() -> str:
     """The style of the page: that of the report for all that stands in .report, and its own."""
     dots = "".join(f".picture path.flag-{flag} {{ stroke: {colour}; }}\n" for flag, colour in COLOURS.items())
     words = "".join(f".picture tspan.flag-{flag} {{ fill: {colour}; }}\n" for flag, colour in COLOURS.items())
-    return f".report {{\n{html.style()}}}\n{script('app.css')}{dots}{words}"
+    return f".report {{\n{html.template('report.css').render()}}}\n{script('app.css')}{dots}{words}"
 
 
 def script(name: str) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cavirheo.errors import require
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.panels import Axis, Layer, Panel, answer_panels, group_panels, shots_of
+from cavirheo.reporting.panels import Layer, Panel, answer_panels, group_panels, shots_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, drawn, short_name
@@ -139,18 +139,25 @@ def group_figure(panels: Sequence[Panel]) -> Figure:
 
 
 def _panel(figure: Figure, box: tuple[float, float, float, float], panel: Panel, *, along: bool = True) -> Axes:
-    """Axes with their layers."""
-    axes = _axes(figure, box, panel.x, panel.y, along=along)
+    """Axes with their layers. box: left, bottom, width and height, mm; along: with numbers and name at the bottom."""
+    (width, height), x, y = (_MM * figure.get_size_inches()), panel.x, panel.y
+    axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_linewidth(0.6)
+    axes.tick_params(labelsize=_SMALL, width=0.6, length=2.0, pad=2.0, labelbottom=along)
+    axes.set_xlabel(x.label if along else "", fontsize=_LARGE, labelpad=2.0)
+    axes.set_ylabel(y.label.replace(" (%", "\n(%"), fontsize=_LARGE)
+    axes.yaxis.set_label_coords(-3.3 * _EM / box[2], 0.5)  # left of the widest numbers
+    axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high), xticks=x.ticks(7), yticks=y.ticks(6 if box[3] > 20 else 3))
     for layer in panel.layers:
         if layer.look in _LOOKS:
-            colours = None if layer.tones is None else style.shades(_LIGHTEST * layer.tones)
-            _layer(axes, layer, _LOOKS[layer.look], colours)
+            _draw(axes, layer, _LOOKS[layer.look])
     return axes
 
 
-def _layer(axes: Axes, layer: Layer, how: dict[str, Any], colours: np.ndarray | None) -> None:
-    """colours: (n, 3) of the points, (1, 3) of a line; None: that of the look."""
+def _draw(axes: Axes, layer: Layer, how: dict[str, Any]) -> None:
     x, y, label = layer.x, layer.y, layer.name or "_"
+    colours = None if layer.tones is None else style.shades(_LIGHTEST * layer.tones)
     if layer.shape == "band":
         axes.axhspan(*y, **how)
     elif layer.shape == "bars":
@@ -163,17 +170,3 @@ def _layer(axes: Axes, layer: Layer, how: dict[str, Any], colours: np.ndarray | 
         colour = {} if colours is None else {"color": colours[0]}
         flat = {"marker": ""} if layer.shape == "line" else {}
         axes.plot(x, y, label=label, **how | colour | flat)
-
-
-def _axes(figure: Figure, box: tuple[float, float, float, float], x: Axis, y: Axis, *, along: bool = True) -> Axes:
-    """left, bottom, width and height in mm; along: with numbers and name along the bottom."""
-    width, height = (_MM * side for side in figure.get_size_inches())
-    axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_linewidth(0.6)
-    axes.tick_params(labelsize=_SMALL, width=0.6, length=2.0, pad=2.0, labelbottom=along)
-    axes.set_xlabel(x.label if along else "", fontsize=_LARGE, labelpad=2.0)
-    axes.set_ylabel(y.label.replace(" (%", "\n(%"), fontsize=_LARGE)
-    axes.yaxis.set_label_coords(-3.3 * _EM / box[2], 0.5)  # left of the widest numbers
-    axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high), xticks=x.ticks(7), yticks=y.ticks(6 if box[3] > 20 else 3))
-    return axes

@@ -89,11 +89,6 @@ def _text(origin: Mapping[str, Any]) -> Markup:
     return Markup(escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False))  # quotes need six letters each
 
 
-def style() -> str:
-    """How tables, articles, verdicts and pictures look."""
-    return template("report.css").render()
-
-
 def article(record: CurveRecord, factor: float, unit: str) -> str:
     """What is known of one curve and its answer, without a picture. unit and factor: of moduli."""
     return part("article", record, factor, unit, origin=_text({"source": record.source, **record.provenance}))
