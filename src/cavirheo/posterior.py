@@ -26,9 +26,8 @@ Verdict = Literal[
     "ok", "check_input", "model_does_not_fit", "other_model_preferred", "undetermined", "unverified",
     "outside_training_range", "no_interval", "failed",
 ]  # fmt: skip
-TRUSTED: frozenset[Verdict] = frozenset(
-    ("ok", "undetermined", "other_model_preferred")
-)  # count in a material, and what they determine in a mean
+TRUSTED: frozenset[Verdict] = frozenset(("ok", "undetermined", "other_model_preferred"))
+"""What counts in a material, and, where it determines a parameter, in a mean."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -259,8 +258,8 @@ class Posterior:
         Raises InputError: what was not inferred, with what was.
         """
         for scaled_name, values in zip(self.names, self.theta.T, strict=True):
-            if scaled_name in (name, f"log10_{name}"):
-                return values if scaled_name == name else np.asarray(10.0**values)
+            if scaled_name == self._scaled(name):
+                return values if scaled_name == name else natural(scaled_name, values)
         held = f" (`best` has {name})" if name in self.best else ""
         message = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
         raise InputError(message, "posterior.parameter")
