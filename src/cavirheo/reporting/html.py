@@ -16,6 +16,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from markupsafe import Markup
+
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
@@ -35,7 +37,6 @@ _LIVE_SIZE = (335.0, 178.0)  # px of the picture, whose type is to be large
 
 if TYPE_CHECKING:
     from jinja2 import Environment, Template
-    from markupsafe import Markup
 
 
 def write(
@@ -84,8 +85,6 @@ def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def _text(origin: Mapping[str, Any]) -> Markup:
     """As JSON."""
-    from markupsafe import Markup
-
     return Markup(escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False))  # quotes need six letters each
 
 

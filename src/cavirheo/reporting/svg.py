@@ -7,23 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from cavirheo.arrays import Floats
 from cavirheo.reporting.panels import Axis, Layer, Panel
 from cavirheo.writing import digits
 from cavirheo.writing.style import shades
 
-if TYPE_CHECKING:
-    from markupsafe import Markup
-
 PX = 4  # units of a picture to a pixel
 WIDTH, HEIGHT = 480, 300  # px of a picture as the report shows it
 POINTS = 800  # of a picture
 GROUP_POINTS = 8 * POINTS  # of the shots of a group
 Word = tuple[str, int, int, str]  # look, place of its baseline, text
+Key = list[tuple[str, str]]  # look, text
 _LEFT, _RIGHT, _BELOW = 44 * PX, 6 * PX, 36 * PX  # around the axes
 _ROW = 17 * PX  # a line of words
 _TICK = 4 * PX
@@ -150,7 +149,7 @@ def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEI
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
     key = _key(radius, without="outside" if width < WIDTH else "")  # there is no room
     key += [("failed", f"{radius.note}\u2003")] if radius.note else []
-    return _picture(panels, f"measured radius over time{simulated}", key, points, width, height)
+    return _picture(panels, f"measured radius over time{simulated}", key, points, (width, height))
 
 
 def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
@@ -158,8 +157,7 @@ def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
     shots, *answers = panels
     labels = [f"{panel.y.label} of each shot over {panel.x.label}" for panel in answers]
     pictures = [_picture([panel], label, _key(panel), points) for panel, label in zip(answers, labels, strict=True)]
-    first = overlay_svg(shots, points)
-    return type(first)("").join([first, *pictures])
+    return Markup("").join([overlay_svg(shots, points), *pictures])
 
 
 def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
@@ -174,26 +172,19 @@ def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
 
 
 def _picture(
-    panels: Sequence[Panel],
-    label: str,
-    key: Sequence[tuple[str, str]],
-    points: int,
-    width: float = WIDTH,
-    height: float = HEIGHT,
+    panels: Sequence[Panel], label: str, key: Key, points: int, size: tuple[float, float] = (WIDTH, HEIGHT)
 ) -> Markup:
-    """A panel, and below it at most one of what is left between. key: (look, words) in the row at the top."""
-    from markupsafe import Markup
-
+    """A panel, and below it at most one of what is left between. key: the words in the row at the top."""
     from cavirheo.reporting.html import template
 
-    view, top = (round(PX * width), round(PX * height)), 2 * _ROW + 2 * PX
+    view, top = [round(PX * side) for side in size], 2 * _ROW + 2 * PX
     across, inner = view[0] - _LEFT - _RIGHT, view[1] - _BELOW - top
     below = PX * round(0.26 * (inner - _ROW) / PX) if len(panels) > 1 else 0
     begin = view[1] - _BELOW - below
     between = _ROW + 4 * PX if below else 0
     axes, ticks, words, layers = list[str](), list[Word](), list[Word](), list[tuple[str, str, str]]()
     boxes = (_LEFT, top, across, inner - below - between), (_LEFT, begin, across, below)
-    for panel, box in zip(panels, boxes, strict=False):
+    for panel, box in zip(panels, boxes, strict=False):  # there may be no second one
         frame = Frame(box, panel.x, panel.y)
         path, more, names = frame.axes(panel.top, along=panel is panels[-1])
         axes.append(path)
@@ -206,7 +197,7 @@ def _picture(
     return Markup(template("picture.svg").render(view=view, label=label, left=_LEFT, row=_ROW - 5 * PX, **content))
 
 
-def _key(panel: Panel, *, without: str = "") -> list[tuple[str, str]]:
+def _key(panel: Panel, *, without: str = "") -> Key:
     """What the layers are, in their colours. without: a look that is left out."""
     return [
         (layer.look, f"{_SYMBOLS.get(layer.look, _SYMBOLS.get(layer.shape, ''))} {layer.name}\u2003")
