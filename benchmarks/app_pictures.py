@@ -16,7 +16,7 @@ from cavirheo import infer, read_curves
 from cavirheo.app import steps
 from cavirheo.app.server import running
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.curve_panels import answer_panels
+from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.svg import curve_svg
 
 ROOT = Path(__file__).parents[1]

@@ -5,15 +5,16 @@ Other code makes messages by code and values, and decides by codes alone; nothin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import parameter_of, searched_bound
+from cavirheo.writing import digits
 
 _COUNTED = 0.005  # share of a law in an average, below which it is said to be rejected
-_Details = Callable[[Mapping[str, Any]], str]
+_Details = Callable[..., str]
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Message:
         if sentence is None:
             return str(values["text"])
         common, details = sentence
-        return common + (details.format(**values) if isinstance(details, str) else details(values))
+        return common + (details.format if isinstance(details, str) else details)(**values)
 
     @property
     def input_warning(self) -> bool:
@@ -73,7 +74,6 @@ def of_error(error: Exception) -> Message:
 def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
     """'µ 0.040 [0.031, 0.052] Pa s' of (5 %, 50 %, 95 %), SI; 'µ below 0.010 Pa s (95 %)' where the interval reaches
     the lower end of the range that is searched."""
-    from cavirheo.writing import digits
     from cavirheo.writing.document import Quantity
 
     (low, median, high), parameter = interval, parameter_of(name)
@@ -93,21 +93,20 @@ def _sentence_of(code: str) -> tuple[str, str | _Details] | None:
     return sentence and (sentence[0] if isinstance(sentence[0], str) else sentence[0](*arguments), sentence[1])
 
 
-def _repeated(p: Mapping[str, Any]) -> str:
-    often = {2: "twice"}.get(p["times"], f"{p['times']} times")
-    each = f"each frame seems to stand {often}: keep one of each"
-    cause = each if p["times"] else "frames seem to be repeated: keep the first of equal ones"
-    count = f"{p['equal']} of {p['frames']} radii equal the one before, also where the bubble moves fast"
+def _repeated(times: int, equal: int, frames: int) -> str:
+    each = f"each frame seems to stand {'twice' if times == 2 else f'{times} times'}: keep one of each"
+    cause = each if times else "frames seem to be repeated: keep the first of equal ones"
+    count = f"{equal} of {frames} radii equal the one before, also where the bubble moves fast"
     return f": {count}; {cause}, with its time, or add --trust-input"
 
 
-def _scale(p: Mapping[str, Any]) -> str:
-    fast = p["ratio"] < 1.0
-    collapse = f"the first collapse comes {p['ratio']:.2g} Rayleigh times after R_max ({1e6 * p['max_radius']:.4g} um)"
+def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
+    fast = ratio < 1.0
+    collapse = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({1e6 * max_radius:.4g} um)"
     advice = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
-    if not p["factors"]:
+    if not factors:
         return f": {collapse}, which no material shows: {advice}"
-    by = " to ".join(dict.fromkeys(f"{factor:.2g}" for factor in p["factors"]))
+    by = " to ".join(dict.fromkeys(f"{factor:.2g}" for factor in factors))
     large, short = ("large (a diameter given as radius?)", "short") if fast else ("small (a radius in pixels?)", "long")
     cause = "stiff gel with its small stretch" if fast else "material"
     return (
@@ -116,22 +115,9 @@ def _scale(p: Mapping[str, Any]) -> str:
     )
 
 
-def _moved(p: Mapping[str, Any]) -> str:
-    words = " and ".join(f"{name.replace('_', ' ')} times {factor:.2g}" for name, factor in p["factors"].items())
-    frames = "this frame" if p["frames"] == 1 else f"these {p['frames']} frames"
-    return f": without {frames} it would be {words}"
-
-
-def _spikes(p: Mapping[str, Any]) -> str:
-    return f": {p['frames']} frame{'s' * (p['frames'] > 1)} above both neighbours by 20 % of R_max"
-
-
-def _other_bubble(p: Mapping[str, Any]) -> str:
-    return f": {p['frames']} frame{'s' * (p['frames'] > 1)} from {1e6 * p['since']:.4g} us after R_max on"
-
-
-def _missed(p: Mapping[str, Any]) -> str:
-    return f" by {100 * p['rms']:.2g} % of R_max RMS (limit {100 * p['limit']:.2g} %)"
+def _moved(factors: Mapping[str, float], frames: int) -> str:
+    words = " and ".join(f"{name.replace('_', ' ')} times {factor:.2g}" for name, factor in factors.items())
+    return f": without {'this frame' if frames == 1 else f'these {frames} frames'} it would be {words}"
 
 
 def _bound_title(name: str, bound: str) -> str:
@@ -141,15 +127,12 @@ def _bound_title(name: str, bound: str) -> str:
     return f"the recording gives {'an upper' if bound == 'upper' else 'a lower'} limit of {symbol} alone"
 
 
-def _bound(p: Mapping[str, Any]) -> str:
-    from cavirheo.writing import digits
-
-    if p["bound"] == "undetermined":
+def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
+    if bound == "undetermined":
         return ": values all over the range that is searched follow it"
-    side, end = ("below", p["q95"]) if p["bound"] == "upper" else ("above", p["q05"])
-    factor, unit = digits.unit_for(parameter_of(p["name"]).unit, end)
-    value = " ".join(filter(None, [digits.significant(factor * end, 2), unit]))
-    return f": any value {side} {value} follows it as well"
+    side, end = ("below", q95) if bound == "upper" else ("above", q05)
+    factor, unit = digits.unit_for(parameter_of(name).unit, end)
+    return f": any value {f'{side} {digits.significant(factor * end, 2)} {unit}'.rstrip()} follows it as well"
 
 
 _STATED = {"file": "stretch that the file states", "late_plateau": "late plateau"}
@@ -165,36 +148,32 @@ def _prior_end(name: str, end: str) -> str:
     return f"{words} is at the {end} end of what is expected{_CHECKED.get(name, '')}"
 
 
-def _systematic(p: Mapping[str, Any]) -> str:
-    from cavirheo.writing.digits import chance
-
-    large = p["excess"] >= p["seen"]
-    size = f"by {100 * p['excess']:.1f} %" if large else f"by less than {100 * p['seen']:.2g} %"
-    text = f": {size} of R_max beyond the noise ({chance(p)})"
-    if p["exact"]:
+def _systematic(excess: float, seen: float, exact: bool, limit: float, **predictive: Any) -> str:
+    large = excess >= seen
+    size = f"by {100 * excess:.1f} %" if large else f"by less than {100 * seen:.2g} %"
+    text = f": {size} of R_max beyond the noise ({digits.chance(predictive)})"
+    if exact:
         return f"{text}, and the law was taken as exact, so the interval is too narrow"
-    if p["excess"] > p["limit"]:
-        return f"{text} (limit {100 * p['limit']:.0f} %)"
+    if excess > limit:
+        return f"{text} (limit {100 * limit:.0f} %)"
     return f"{text}, which the interval allows for" if large else text
 
 
-def _distrusted(p: Mapping[str, Any]) -> str:
-    text = f": {p['draws']} weighted draws are worth {p['effective']:.0f} independent ones, "
-    text += f"and {p['needed']:.0f} are needed"
-    if p["unseen"] is None:
+def _distrusted(draws: int, effective: float, needed: float, unseen: float | None, tail: float) -> str:
+    text = f": {draws} weighted draws are worth {effective:.0f} independent ones, and {needed:.0f} are needed"
+    if unseen is None:
         return text
-    missed = "more than was met" if not p["unseen"] < 1.0 else f"about {p['unseen']:.0%} of it"
-    return f"{text}, and a few of them carry the weight: {missed} is still to be met (tail index {p['tail']:.2f})"
+    missed = "more than was met" if not unseen < 1.0 else f"about {unseen:.0%} of it"
+    return f"{text}, and a few of them carry the weight: {missed} is still to be met (tail index {tail:.2f})"
 
 
-def _training_range(p: Mapping[str, Any]) -> str:
-    if p["name"] == "max_radius":
-        return " {} um (trained at {:.4g} um: right from {:.0f} to {:.0f}; the default model knows all sizes)".format(
-            f"{1e6 * p['value']:.4g}", 1e6 * p["trained_at"], 1e6 * p["low"], 1e6 * p["high"]
-        )
-    if p["name"] == "stretch":
-        return f" {p['value']:.3g} (trained in {p['low']:g} to {p['high']:g})"
-    return f" (at the training scale 10^{p['value']:.2f}, trained in 10^{p['low']:g} to 10^{p['high']:g})"
+def _training_range(name: str, value: float, low: float, high: float, trained_at: float = 0.0) -> str:
+    if name == "max_radius":
+        trained = f"trained at {1e6 * trained_at:.4g} um: right from {1e6 * low:.0f} to {1e6 * high:.0f}"
+        return f" {1e6 * value:.4g} um ({trained}; the default model knows all sizes)"
+    if name == "stretch":
+        return f" {value:.3g} (trained in {low:g} to {high:g})"
+    return f" (at the training scale 10^{value:.2f}, trained in 10^{low:g} to 10^{high:g})"
 
 
 def _model(model: Mapping[str, Any], law: bool, bubble: bool) -> str:
@@ -207,53 +186,49 @@ def _values(model: Mapping[str, Any]) -> str:
     return words if model["interval"] else f"{words} (no interval)"
 
 
-def _both(p: Mapping[str, Any]) -> str:
+def _both(here: Mapping[str, Any], there: Mapping[str, Any]) -> str:
     """Two models by what tells them apart, law or bubble, with their values."""
-    this, rival = p["here"], p["there"]
-    tells = this["material"] != rival["material"], this["bubble"] != rival["bubble"]
-    first, second = (f"{_model(model, *tells)} with {_values(model)}" for model in (this, rival))
+    tells = here["material"] != there["material"], here["bubble"] != there["bubble"]
+    first, second = (f"{_model(model, *tells)} with {_values(model)}" for model in (here, there))
     return f"{second}, instead of {first}"
 
 
-def _by(p: Mapping[str, Any]) -> str:
-    return f" by a factor of {'about ' * p['rough']}e^{abs(p['gain']):.0f}"
+def _by(gain: float, rough: bool) -> str:
+    return f" by a factor of {'about ' * rough}e^{abs(gain):.0f}"
 
 
-def _preferred(p: Mapping[str, Any], rival: str, this: str) -> str:
+def _preferred(rival: str, this: str, gain: float | None, equal: bool, rough: bool) -> str:
     """' (the evidence prefers the second by a factor of e^12)'; nothing where one has no evidence."""
-    if p["gain"] is None:
+    if gain is None:
         return ""
-    if p["equal"]:
+    if equal:
         return " (equally likely)"
-    return f" (the evidence prefers {rival if p['gain'] > 0 else this}{_by(p)})"
+    return f" (the evidence prefers {rival if gain > 0 else this}{_by(gain, rough)})"
 
 
-def _possible(p: Mapping[str, Any]) -> str:
-    return f": {_both(p)}{_preferred(p, 'the other', 'this answer')}"
+def _possible(here: Mapping[str, Any], there: Mapping[str, Any], **odds: Any) -> str:
+    return f": {_both(here, there)}{_preferred('the other', 'this answer', **odds)}"
 
 
-def _two_modes(p: Mapping[str, Any]) -> str:
-    values = f"{_values(p['here'])}, or {_values(p['there'])}"
-    return f": {values}{_preferred(p, 'the second', 'the first')}"
+def _two_modes(here: Mapping[str, Any], there: Mapping[str, Any], **odds: Any) -> str:
+    return f": {_values(here)}, or {_values(there)}{_preferred('the second', 'the first', **odds)}"
 
 
-def _chosen(p: Mapping[str, Any]) -> str:
-    this, rivals = p["here"], p["rivals"]
-    tells = tuple(any(rival[key] != this[key] for rival in rivals) for key in ("material", "bubble"))
+def _chosen(here: Mapping[str, Any], rivals: Sequence[Mapping[str, Any]]) -> str:
+    law, bubble = (any(rival[key] != here[key] for rival in rivals) for key in ("material", "bubble"))
     parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
     for rival in rivals:
-        gain = rival["gain"]
-        words = (
-            "equally likely" if rival["equal"] else f"e^{abs(gain):.0f} times {'more' if gain > 0 else 'less'} likely"
-        )
-        parts["rejected" if rival["rejected"] else "also possible"].append(f"{_model(rival, *tells)} ({words})")
-    return ", ".join([f": {_model(this, *tells)}", *(f"{words}: {', '.join(m)}" for words, m in parts.items() if m)])
+        likely = f"e^{abs(rival['gain']):.0f} times {'more' if rival['gain'] > 0 else 'less'} likely"
+        words = f"{_model(rival, law, bubble)} ({'equally likely' if rival['equal'] else likely})"
+        parts["rejected" if rival["rejected"] else "also possible"].append(words)
+    others = (f"{words}: {', '.join(models)}" for words, models in parts.items() if models)
+    return f": {', '.join([_model(here, law, bubble), *others])}"
 
 
-def _averaged(p: Mapping[str, Any]) -> str:
-    laws = sorted(p["laws"].items(), key=lambda item: -item[1])
-    counted = [f"{law} {100.0 * share:.0f} %" for law, share in laws if share >= _COUNTED]
-    rejected = [law for law, share in laws if share < _COUNTED]
+def _averaged(laws: Mapping[str, float]) -> str:
+    ordered = sorted(laws.items(), key=lambda item: -item[1])
+    counted = [f"{law} {100.0 * share:.0f} %" for law, share in ordered if share >= _COUNTED]
+    rejected = [law for law, share in ordered if share < _COUNTED]
     return f": {', '.join(counted)}" + f"; rejected: {', '.join(rejected)}" * bool(rejected)
 
 
@@ -286,8 +261,14 @@ _SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
     "--confinement-damping free)",
     "check_input.spikes": ("check the recording: frames that stand out by 20 % of R_max move the answer", _moved),
     # what counts
-    "frames.spikes": ("spikes are left out", _spikes),
-    "frames.other_bubble": ("the end is left out, where the radius rises again as by another bubble", _other_bubble),
+    "frames.spikes": (
+        "spikes are left out",
+        lambda frames: f": {digits.counted(frames, 'frame')} above both neighbours by 20 % of R_max",
+    ),
+    "frames.other_bubble": (
+        "the end is left out, where the radius rises again as by another bubble",
+        lambda frames, since: f": {digits.counted(frames, 'frame')} from {1e6 * since:.4g} us after R_max on",
+    ),
     "stretch.left_out": "the file's stretch is left out|: {stretch:.4g} is no R_max/R_0 between {low:g} and {high:g}",
     "stretch.no_plateau": "the curve has no late plateau: the stretch was fitted freely",
     "stretch_prior": (
@@ -295,7 +276,10 @@ _SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
         ": {value:.3g}, taken as ± {deviation:.2g}",
     ),
     # the simulation beside the measurement
-    "misfit.rms": ("the simulation misses the measurement", _missed),
+    "misfit.rms": (
+        "the simulation misses the measurement",
+        lambda rms, limit: f" by {100 * rms:.2g} % of R_max RMS (limit {100 * limit:.2g} %)",
+    ),
     "misfit.systematic": ("the simulation differs from the frames by more than noise explains", _systematic),
     # the interval
     "bound": (_bound_title, _bound),
@@ -313,7 +297,10 @@ _SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
     "network.liquid": "so soft a material may be a liquid: try --model bdt-viscous",
     "network.elastic": "the material may be elastic: try --model bdt-viscoelastic",
     # other models, other modes
-    "model.rejected": ("the evidence prefers another model", lambda p: f"{_by(p)}: {_both(p)}"),
+    "model.rejected": (
+        "the evidence prefers another model",
+        lambda here, there, gain, rough, **_: f"{_by(gain, rough)}: {_both(here, there)}",
+    ),
     "model.possible": ("another model is not rejected and gives other values", _possible),
     "model.chosen": ("chosen by evidence", _chosen),
     "model.averaged": ("the evidence weighs the laws", _averaged),

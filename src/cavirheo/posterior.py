@@ -15,6 +15,7 @@ from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, Bound, bound_of, natural, natural_name, of_the_law, scaled, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
+from cavirheo.writing import digits, export
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,9 +26,8 @@ Verdict = Literal[
     "ok", "check_input", "model_does_not_fit", "other_model_preferred", "undetermined", "unverified",
     "outside_training_range", "no_interval", "failed",
 ]  # fmt: skip
-TRUSTED: frozenset[Verdict] = frozenset(
-    ("ok", "undetermined", "other_model_preferred")
-)  # count in a material, and what they determine in a mean
+TRUSTED: frozenset[Verdict] = frozenset(("ok", "undetermined", "other_model_preferred"))
+"""What counts in a material, and, where it determines a parameter, in a mean."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,13 +74,11 @@ class Checks:
 
     def __repr__(self) -> str:
         """'Checks(ok, RMSE 0.64 % of R_max over 87 frames, 4 collapses, t* <= 4.0)'."""
-        from cavirheo.writing.digits import counted
-
         words: list[str] = [self.verdict]
         if self.rmse_over_rmax is not None:
             over = "" if self.compared_time is None else f" over {len(self.compared_time)} frames"
             words.append(f"RMSE {100 * self.rmse_over_rmax:.2g} % of R_max{over}")
-        words += [] if self.collapses is None else [counted(self.collapses, "collapse")]
+        words += [] if self.collapses is None else [digits.counted(self.collapses, "collapse")]
         words += [] if self.t_star_end is None else [f"t* <= {self.t_star_end:.2g}"]
         return f"Checks({', '.join(words)}{': ' + self.message if self.message else ''})"
 
@@ -234,8 +232,6 @@ class Posterior:
 
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""
-        from cavirheo.writing import digits
-
         lines = [f"Posterior({self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
         for name, unit in self.parameters.items():
             lines.append(f"  {name:<18}{digits.measured(self.quantity(name), unit='' if unit == '1' else unit)}")
@@ -262,8 +258,8 @@ class Posterior:
         Raises InputError: what was not inferred, with what was.
         """
         for scaled_name, values in zip(self.names, self.theta.T, strict=True):
-            if scaled_name in (name, f"log10_{name}"):
-                return values if scaled_name == name else np.asarray(10.0**values)
+            if scaled_name == self._scaled(name):
+                return values if scaled_name == name else natural(scaled_name, values)
         held = f" (`best` has {name})" if name in self.best else ""
         message = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
         raise InputError(message, "posterior.parameter")
@@ -313,8 +309,6 @@ class Posterior:
         """The draws as a pandas.DataFrame: a column per parameter, named as in result.csv ("shear_modulus_Pa", ...),
         and "weight", which sums to 1. Raises InputError without pandas.
         """
-        from cavirheo.writing import export
-
         columns = {export.column(name, unit): self.draws(name) for name, unit in self.parameters.items()}
         return export.dataframe({**columns, "weight": self.weights}, self._attributes)
 
@@ -325,25 +319,21 @@ class Posterior:
         which sums to 1, and "log_weight" and "log_q" where they are known. ArviZ's own summaries do not use weights.
         Raises InputError without arviz.
         """
-        from cavirheo.writing.export import inference_data
-
         stats = {"weight": self.weights, "log_weight": self.log_weight, "log_q": self.log_q}
         groups = {
             "posterior": {name: self.draws(name) for name in self.parameters},
             "sample_stats": {name: values for name, values in stats.items() if values is not None},
         }
-        return inference_data(groups, self.parameters, self._attributes)
+        return export.inference_data(groups, self.parameters, self._attributes)
 
     def plot(self) -> Figure:
         """The marginals of the draws and their pairs (library corner), with the median and the central 90 % of them.
 
         Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing.
         """
-        from cavirheo.writing.export import pairs
-
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
         by_label = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
-        return pairs({label: self.draws(name) for label, name in by_label.items()}, self.weights)
+        return export.pairs({label: self.draws(name) for label, name in by_label.items()}, self.weights)
 
     @property
     def _attributes(self) -> dict[str, str]:

@@ -23,10 +23,9 @@ from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer
 from cavirheo.reporting import group, html, result, table, write_report
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.curve_panels import answer_panels, preview_panels
 from cavirheo.reporting.figures import stems_of
-from cavirheo.reporting.group_panels import group_panels
 from cavirheo.reporting.material import PopulationRecord
+from cavirheo.reporting.panels import answer_panels, group_panels, preview_panels
 from cavirheo.reporting.record import CurveAnswers
 from cavirheo.writing import digits, document, style
 from cavirheo.writing.document import Quantity, Spread

@@ -20,8 +20,8 @@ from cavirheo.errors import InputError, require
 from cavirheo.io.shots import with_maximum_notes
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.io.videos import Camera, history, parse_camera
-from cavirheo.reporting.curve_panels import Axis, Layer, Panel
 from cavirheo.reporting.input_remarks import notes, summary_cells, warnings
+from cavirheo.reporting.panels import Axis, Layer, Panel
 from cavirheo.reporting.svg import curve_svg
 from cavirheo.video.measurement import Measurement
 from cavirheo.video.picture import COLOURS, GREY, frame_address

@@ -16,9 +16,8 @@ from cavirheo.inference.what_if import band, compared_window
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
-from cavirheo.reporting.curve_panels import curve_panels, preview_panels
-from cavirheo.reporting.group_panels import overview_panels
 from cavirheo.reporting.input_remarks import causes, notes, pooled, summary_cells, warnings
+from cavirheo.reporting.panels import curve_panels, overview_panels, preview_panels
 from cavirheo.reporting.record import result_of
 from cavirheo.reporting.svg import curve_svg, overlay_svg
 from cavirheo.video.picture import COLOURS
@@ -66,7 +65,7 @@ def style() -> str:
     """The style of the page: that of the report for all that stands in .report, and its own."""
     dots = "".join(f".picture path.flag-{flag} {{ stroke: {colour}; }}\n" for flag, colour in COLOURS.items())
     words = "".join(f".picture tspan.flag-{flag} {{ fill: {colour}; }}\n" for flag, colour in COLOURS.items())
-    return f".report {{\n{html.style()}}}\n{script('app.css')}{dots}{words}"
+    return f".report {{\n{html.template('report.css').render()}}}\n{script('app.css')}{dots}{words}"
 
 
 def script(name: str) -> str:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from datetime import datetime
-from itertools import chain, count
 from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.reporting.group import REFERENCES, Published
+from cavirheo.posterior import Posterior
+from cavirheo.reporting import svg
+from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.figures import check_figures, file_names, stems_of
+from cavirheo.reporting.figures import write as write_figures
+from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
+from cavirheo.reporting.panels import answer_panels, group_panels, shots_of
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
 from cavirheo.writing import claim
-from cavirheo.writing.document import Outputs, drawing, short_name, write_json
+from cavirheo.writing.document import Outputs, drawn, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -24,14 +28,10 @@ DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Sequence[str] = ()) -> Outputs:
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
-    drawings: list[str] = []
-    if figures:
-        from cavirheo.reporting.figures import check_figures, stems_of
-
-        check_figures(figures)
-        groups = dict.fromkeys((curve.group, curve.group_source) for curve in curves)
-        stems = stems_of((curve.name for curve in curves), (group for group, _ in groups))
-        drawings = [f"{stem}.{kind}" for stem in stems for kind in figures]
+    check_figures(figures)
+    names = [curve.name for curve in curves]
+    groups = [group for group, _ in dict.fromkeys((curve.group, curve.group_source) for curve in curves)]
+    drawings = [f"{stem}.{kind}" for kind in figures for stem in stems_of(names, groups)]
     return Outputs(directory, *DOCUMENTS, *drawings, inputs=[curve.source for curve in curves if curve.source])
 
 
@@ -90,12 +90,9 @@ def write_report(
             pictures = [_curve_pictures(pairs, document), group_pictures(pairs, document, document.notes)]
         folder.write("result.json", write_json, document)
         folder.write("result.csv", table.write_csv, document)
-        if figures:
-            from cavirheo.reporting.figures import write
-
-            if failed := write(folder, pairs, document, figures, advance):
-                document.notes += failed
-                folder.write("result.json", write_json, document)
+        if figures and (failed := write_figures(folder, pairs, document, figures, advance)):
+            document.notes += failed
+            folder.write("result.json", write_json, document)
         if complete:
             sheets = [str(curve.meta.get("contact_sheet", "")) for curve in pairs.curves] if draw else []
             folder.write("report.html", html.write, document, *pictures, sheets=sheets)
@@ -105,42 +102,27 @@ def write_report(
 
 def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
     """SVG of each curve, or why there is none; of very many curves the radius alone, half as high."""
-    from cavirheo.reporting import html, svg
-    from cavirheo.reporting.curve_panels import answer_panels
+    from cavirheo.reporting.html import DETAILED
 
-    shown, height = (1, svg.HEIGHT / 2) if len(pairs) > html.DETAILED else (2, svg.HEIGHT)
-    points, pictures = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1)), []
-    for (curve, answer), row in zip(pairs, document.curves, strict=True):
-        picture = ""
-        with drawing(f"picture of {row.name}", document.notes):
-            panels = answer_panels(curve, answer.checks, row)
-            picture = svg.curve_svg(panels[:shown], height=height, points=points)
-        pictures.append(picture or document.notes[-1])
-    return pictures
+    shown, height = (1, svg.HEIGHT / 2) if len(pairs) > DETAILED else (2, svg.HEIGHT)
+    points = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))
+
+    def draw(pair: tuple[RadiusCurve, Posterior], row: CurveRecord) -> str:
+        panels = answer_panels(pair[0], pair[1].checks, row)
+        return svg.curve_svg(panels[:shown], height=height, points=points)
+
+    notes, rows = document.notes, zip(pairs, document.curves, strict=True)
+    return [drawn(f"picture of {row.name}", notes, draw, pair, row) or notes[-1] for pair, row in rows]
 
 
 def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str]:
     """SVG of each group of several answered shots, or why there is none, which becomes one of the notes; of the first
     groups where they are many."""
-    from cavirheo.reporting import svg
-    from cavirheo.reporting.group_panels import group_panels, shots_of
-
     members = [(group, indices) for group, indices in document.members() if group.n > 1][:GROUPS]
-    points, pictures = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1))), []
-    for group, indices in members:
-        picture = ""
-        with drawing(f"picture of {group.name}", notes):
-            shots = shots_of(pairs, document.curves, indices)
-            picture = svg.group_svg(group_panels(shots, group, document.modulus_unit), points)
-        pictures.append(picture or notes[-1])
-    return pictures
+    points = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
 
+    def draw(group: GroupRecord, indices: list[int]) -> str:
+        shots = shots_of(pairs, document.curves, indices)
+        return svg.group_svg(group_panels(shots, group, document.modulus_unit), points)
 
-def file_names(names: Sequence[str]) -> list[str]:
-    """A safe file name for each, short enough for an ending, different also where letter case does not count."""
-    taken = dict.fromkeys(("result", "report"), "")
-    for name in names:
-        stem = short_name(re.sub(r"[^\w.+-]+", "_", name).strip("._")[:100]) or "curve"
-        unique = next(n for n in chain([stem], (f"{stem}-{k}" for k in count(2))) if n.lower() not in taken)
-        taken[unique.lower()] = unique
-    return list(taken.values())[2:]
+    return [drawn(f"picture of {of[0].name}", notes, draw, *of) or notes[-1] for of in members]

@@ -17,6 +17,7 @@ from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parameters import AT_RATE, BUBBLE, LOG10, RATE, of_the_law, parameter_of, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import (
     TRUSTED,
@@ -34,7 +35,7 @@ from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
 
 _DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
-_AS_MEASURED = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}
+_AS_MEASURED = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}  # of which nothing is said
 Unit = tuple[float, str]  # of G: factor from Pa, name
 
 
@@ -216,20 +217,16 @@ class CurveRecord(Record, Answer):
     def simulated(self) -> str:
         """'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs': whose values are drawn over the
         measurement, and which; empty where none are known."""
-        words = [_word(name, value) for name, value in self.best.items() if value is not None]
-        name = digits.simulated(self.method)
-        return f"{name}: {', '.join(filter(None, words))}" if any(words) else ""
+        words = []
+        for name, value in self.best.items():
+            if value is not None and value != _AS_MEASURED.get(name):
+                symbol, factor, unit = in_unit(name, digits.modulus_unit([value]))
+                words.append(f"{symbol} = {digits.significant(factor * value, 4)} {unit}".rstrip())
+        return f"{digits.simulated(self.method)}: {', '.join(words)}" if words else ""
 
     def determined(self, name: str) -> float | None:
         """Likewise; none of a parameter at the end of the range that was searched."""
         return None if name in self.diagnostics.at_bound else super().determined(name)
-
-    @property
-    def as_model(self) -> OtherModel:
-        """The answer as an entry among those of other models."""
-        shared = {name: getattr(self, name) for name in OtherModel.model_fields if name in CurveRecord.model_fields}
-        log, error = (self.evidence.log, self.evidence.error) if self.evidence else (None, None)
-        return OtherModel(**shared, log_evidence=log, evidence_error=error)
 
     @property
     def preferred(self) -> OtherModel | None:
@@ -300,34 +297,21 @@ def _sound(posterior: Posterior) -> Posterior:
     return replace(posterior, checks=checks, theta=posterior.theta[:0], best={}, stretch=None, stretch_prior=None)
 
 
-def _word(name: str, value: float) -> str:
-    """'G = 5.412 kPa'; nothing of a clock, a scale or an R_max that is as measured."""
-    if value == _AS_MEASURED.get(name):
-        return ""
-    symbol, factor, unit = in_unit(name, digits.modulus_unit([value]))
-    return f"{symbol} = {digits.significant(factor * value, 4)}{' ' * bool(unit)}{unit}"
-
-
 def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     """The viscosity at 1e5 1/s of a law that has not one; of a power law it is the reference viscosity."""
-    from cavirheo.physics.materials import viscosity_at
-
     names = list(posterior.parameters)
     if posterior.material == "power-law" and "reference_viscosity" in names:
         return {AT_RATE: posterior.quantity("reference_viscosity")}
-    draws = (dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True))
-    first = next(draws, None)
-    if first is None or viscosity_at(posterior.material, RATE, first) is None:
+    draws = [dict(zip(names, row, strict=True)) for row in zip(*map(posterior.draws, names), strict=True)]
+    if not draws or viscosity_at(posterior.material, RATE, draws[0]) is None:
         return {}
-    viscosities = np.array([viscosity_at(posterior.material, RATE, draw) for draw in (first, *draws)])
+    viscosities = np.array([viscosity_at(posterior.material, RATE, draw) for draw in draws])
     ends = intervals((LOG10 + AT_RATE,), np.log10(viscosities)[:, None], posterior.log_weight)
     low, median, high = ends.get(AT_RATE, (None, viscosities[0], None))
     return {AT_RATE: Quantity.of(low, float(median), high)}
 
 
 def _model_record(answer: OtherAnswer) -> OtherModel:
-    from cavirheo.physics.materials import viscosity_at
-
     names = dict.fromkeys((*answer.intervals, *(name for name in BUBBLE if answer.best.get(name))))
     values = {name: Quantity(median=finite(answer.best.get(name))) for name in names}
     for name, (low, median, high) in answer.intervals.items():

@@ -80,50 +80,43 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     answers = [curve for curve in result.curves if curve.has_answer]
     if not answers:
         return "", []
-    intervals = any(value.q05 is not None for curve in answers for value in (curve.viscosity_Pa_s, curve.stretch))
     year = (result.date or "")[:4]
-    sentences = [
-        _shots(answers, result),
-        *_motion(answers),
-        *_model(answers),
-        *_media(answers),
-        *_window(answers),
-        *(_METHODS[method] for method in dict.fromkeys(curve.method for curve in answers)),
-        *_rivals(answers),
-        *_prior(answers),
-        "Values are medians with central 90 % intervals." if intervals else "",
-        _POPULATION if any(group.material for group in result.groups) else "",
-    ]
+    sentences = [*_experiment(answers, result), *_inference(answers, result)]
     words = dict.fromkeys(re.findall(r"\w+", " ".join(sentences)))
     sources = [references()[word] for word in words if word in references()]
-    sentences += [_group(group, [result.curves[i] for i in of], result) for group, of in result.members()]
-    sentences += [_passed(result.curves), f"Command: {result.command}"]
+    sentences += [_group(group, shots, result) for group, shots in result.shots()]
+    verdicts = Counter("ok" if curve.verdict == "undetermined" else curve.verdict for curve in result.curves)
+    failures = [f"{n} {digits.VERDICTS[verdict]}" for verdict, n in verdicts.items() if verdict != "ok"]
+    wrong = f"; verdicts of the others: {', '.join(failures)}" * bool(failures)
+    count = digits.counting(sum(curve.trusted for curve in result.curves), len(result.curves))
+    sentences += [
+        f"{verdicts['ok']} of {digits.counted(len(result.curves), 'curve')} passed the checks of the program "
+        f"(reconstruction error, bounds of the ranges, plausibility of the recording){wrong}. {count} in values of "
+        f"groups. Command: {result.command}"
+    ]
     entry = {"author": "{The cavirheo developers}", "year": year, "title": TITLE, "note": f"version {result.version}"}
     fields = ",\n".join(f"  {name} = {{{text}}}" for name, text in entry.items() if text)
     program = Source(f"cavirheo{year}", f"@misc{{cavirheo{year},\n{fields}\n}}")
     return " ".join(filter(None, sentences)), [program, *sources]
 
 
-def _shots(answers: list[CurveRecord], result: Result) -> str:
+def _experiment(answers: list[CurveRecord], result: Result) -> Iterator[str]:
+    """The shots, the equations of wall, gas and medium, and the constants, as far as a document holds them."""
     sizes = [1e6 * curve.max_radius_m for curve in answers if curve.max_radius_m]
     rates = [curve.strain_rate_per_s for curve in answers if curve.strain_rate_per_s]
     files = ", ".join(f"{name}: {n}" for name, n in Counter(curve.group for curve in answers).items())
     size = f", R_max {_range(sizes)} um" if sizes else ""
     rate = f", strain rates {_range(rates)} 1/s" if rates else ""
     of = f"{digits.counted(len(answers), 'bubble')} ({files}{size}{rate})"
-    return f"Radius histories of {of} were analysed with cavirheo {result.version} [cavirheo{(result.date or '')[:4]}]."
+    year = (result.date or "")[:4]
+    yield f"Radius histories of {of} were analysed with cavirheo {result.version} [cavirheo{year}]."
 
-
-def _motion(answers: list[CurveRecord]) -> Iterator[str]:
-    """The equations of the wall, each with what the gas does."""
     for motion, exponent in dict.fromkeys((curve.bubble.motion, curve.bubble.exponent) for curve in answers):
         gas = "with heat and mass transfer between gas, vapour and medium [Estrada2018]"
         if exponent is not None:
             gas = f"with a polytropic gas of exponent {exponent:g}"
         yield f"The wall follows the equation of {_EQUATIONS[motion]}, {gas}."
 
-
-def _model(answers: list[CurveRecord]) -> Iterator[str]:
     for (material, bubble), count in Counter((curve.material, curve.bubble) for curve in answers).items():
         keys = list(dict.fromkeys(source.key for part in material.split("+") for source in of_law(part.strip())))
         law = digits.MATERIALS.get(material, material).partition(" (")[0] + (f" [{', '.join(keys)}]" if keys else "")
@@ -134,35 +127,6 @@ def _model(answers: list[CurveRecord]) -> Iterator[str]:
         hurt = "" if bubble.damage == "none" else f", damaged ({bubble.damage})"
         yield f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}{damped}."
 
-
-def _rivals(answers: list[CurveRecord]) -> Iterator[str]:
-    """The models beside which the answers stand with an evidence, whose the values are, and what is preferred."""
-    compared = [curve for curve in answers if curve.evidence]
-    models = {curve.model: curve.in_words for curve in compared}
-    alternatives = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
-    if rivals := {model.in_words for model in alternatives if model.model not in models}:
-        preferred = Counter(model.in_words for curve in compared if (model := curve.preferred))
-        count = digits.counted(len(compared), "curve")
-        verdicts = ", ".join(f"it prefers {model} in {n} of {count}" for model, n in preferred.items())
-        yield f"Values are those of {' or '.join(models.values())}."
-        verdicts = verdicts or "it rejects the given values in no curve"
-        yield f"The evidence [Kass1995] compares this with {', '.join(sorted(rivals))}: {verdicts}."
-
-
-def _passed(curves: Sequence[CurveRecord]) -> str:
-    """How many passed the checks, and what is wrong with the others; those that count besides."""
-    verdicts = Counter("ok" if curve.verdict == "undetermined" else curve.verdict for curve in curves)
-    failures = [f"{n} {digits.VERDICTS[verdict]}" for verdict, n in verdicts.items() if verdict != "ok"]
-    wrong = f"; verdicts of the others: {', '.join(failures)}" * bool(failures)
-    count = digits.counting(sum(curve.trusted for curve in curves), len(curves))
-    return (
-        f"{verdicts['ok']} of {digits.counted(len(curves), 'curve')} passed the checks of the program (reconstruction "
-        f"error, bounds of the ranges, plausibility of the recording){wrong}. {count} in values of groups."
-    )
-
-
-def _media(answers: list[CurveRecord]) -> Iterator[str]:
-    """The constants by their names; nothing of a document of an older version, which does not hold them."""
     media = dict.fromkeys(curve.medium for curve in answers if curve.medium)
     for medium in media:
         groups = dict.fromkeys(curve.group for curve in answers if curve.medium == medium)
@@ -177,29 +141,43 @@ def _media(answers: list[CurveRecord]) -> Iterator[str]:
         )
 
 
-def _window(answers: list[CurveRecord]) -> Iterator[str]:
+def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
+    """The window, the methods, the models that were compared, the priors, and what the values are."""
     windows = sorted({curve.window.collapses for curve in answers if curve.window.collapses})
-    ends = [curve.window.t_star_end for curve in answers if curve.window.t_star_end]
-    if windows and ends:
+    if windows and (ends := [curve.window.t_star_end for curve in answers if curve.window.t_star_end]):
         *few, last = windows
         collapses = " or ".join([*map(str, few), digits.counted(last, "collapse")])
         yield f"Simulations were compared with the recordings over {collapses} (t/t_c up to {_range(ends)})."
+    yield from (_METHODS[method] for method in dict.fromkeys(curve.method for curve in answers))
 
+    compared = [curve for curve in answers if curve.evidence]
+    models = {curve.model: curve.in_words for curve in compared}
+    alternatives = (model for curve in compared for model in curve.other_models if model.log_evidence is not None)
+    if rivals := {model.in_words for model in alternatives if model.model not in models}:
+        preferred = Counter(model.in_words for curve in compared if (model := curve.preferred))
+        count = digits.counted(len(compared), "curve")
+        verdicts = ", ".join(f"it prefers {model} in {n} of {count}" for model, n in preferred.items())
+        yield f"Values are those of {' or '.join(models.values())}."
+        verdicts = verdicts or "it rejects the given values in no curve"
+        yield f"The evidence [Kass1995] compares this with {', '.join(sorted(rivals))}: {verdicts}."
 
-def _prior(answers: list[CurveRecord]) -> Iterator[str]:
     if any(curve.method in ("verified", "laplace", "amortised") for curve in answers):
         names = [name for curve in answers for name in KEYS if curve.value(name).median]
         names += [] if all(curve.stretch_prior for curve in answers) else ["stretch"]
         ranges = []
-        for parameter in map(PARAMETERS.__getitem__, dict.fromkeys(names)):
-            if parameter.searched:
-                low, high = (10.0**end for end in parameter.searched)
-                unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-                ranges.append(f"{parameter.symbol} {low:.3g} to {high:.3g}{unit}")
+        for symbol, unit, searched, *_ in map(PARAMETERS.__getitem__, dict.fromkeys(names)):
+            if searched:
+                low, high = (10.0**end for end in searched)
+                ranges.append(f"{symbol} {low:.3g} to {high:.3g}" + ("" if unit == "1" else f" {unit}"))
         free = "time origin, radius scale and R_max were free within their doubts"
         yield f"Priors are uniform in the logarithm ({', '.join(ranges)}); {free}."
-    sources = Counter(curve.diagnostics.stretch_source for curve in answers if curve.stretch_prior)
-    yield from (f"The stretch of {digits.counted(n, 'curve')} was {source}." for source, n in sources.items())
+    stated = Counter(curve.diagnostics.stretch_source for curve in answers if curve.stretch_prior)
+    yield from (f"The stretch of {digits.counted(n, 'curve')} was {source}." for source, n in stated.items())
+
+    if any(value.q05 is not None for curve in answers for value in (curve.viscosity_Pa_s, curve.stretch)):
+        yield "Values are medians with central 90 % intervals."
+    if any(group.material for group in result.groups):
+        yield _POPULATION
 
 
 def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:

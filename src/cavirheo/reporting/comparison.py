@@ -7,30 +7,28 @@ answered, too, it stands beside the mean over all of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import numpy as np
 
 from cavirheo.posterior import Verdict
-from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.group import OURS, GroupRecord, error_of
+from cavirheo.reporting.answer import CurveRecord, Unit, in_unit
+from cavirheo.reporting.group import OURS, GroupRecord, error_of, spread_over
 from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Spread, spread_of, write_rows
+from cavirheo.writing.document import Spread, write_rows
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 TRUSTED, ALL = f"{OURS}, trusted", f"{OURS}, all"  # how our two means are called where they differ
-G, MU = "shear_modulus", "viscosity"
+_WIDE = 100  # columns; below this cells have two lines
 _VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 
-@dataclass(frozen=True)
-class ComparedParameter:
+class ComparedParameter(NamedTuple):
     """A parameter of a group: name: natural, "" for a group without any. values: by method, ours under TRUSTED, ALL."""
 
     group: GroupRecord
@@ -52,36 +50,43 @@ class ComparedParameter:
         """|mean - mean of the reference| / mean of the reference."""
         return error_of(self.value(method), self.value(reference))
 
+    @property
+    def misfits(self) -> list[float | None]:
+        """Median, smallest and largest RMSE over R_max of the answered shots."""
+        misfits = [shot.rmse_over_rmax for shot in self.shots if shot.has_answer and shot.rmse_over_rmax is not None]
+        return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
+
 
 class Comparison:
     """What the tables of a result have in common."""
 
     def __init__(self, result: Result) -> None:
-        groups = [(group, [result.curves[k] for k in of]) for group, of in result.members()]
-        self.rows: list[ComparedParameter] = [row for group, shots in groups for row in _rows(group, shots)]
+        self.rows: list[ComparedParameter] = [row for shots in result.shots() for row in _rows(*shots)]
         self.methods: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.published))
         self.references: list[str] = list(dict.fromkeys(method for group in result.groups for method in group.errors))
-        means = [value.mean for row in self.rows if row.name == G for value in row.values.values()]
-        factor, unit = digits.modulus_unit([0.0, *means])  # one for all rows
-        self.units = {G: (factor, f"G ({unit})"), MU: (1.0, "µ (Pa s)"), "": (1.0, digits.MISSING)}
+        means = [value.mean for row in self.rows if row.name == "shear_modulus" for value in row.values.values()]
+        self.modulus_unit: Unit = digits.modulus_unit([0.0, *means])  # one for all rows
 
-    def unit(self, name: str) -> tuple[float, str]:
+    def unit(self, name: str) -> Unit:
         """(factor from SI, what stands over a column)."""
-        words = name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
-        return self.units.get(name, (1.0, words))
+        if name in KEYS:
+            symbol, factor, unit = in_unit(name, self.modulus_unit)
+            return factor, f"{symbol} ({unit})"
+        return 1.0, name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)") or digits.MISSING
 
 
 def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:
     """One for each parameter that is published or inferred; a liquid has no G."""
     answers = [shot for shot in shots if shot.has_answer]
-    medians = {name: [shot.value(name).median for shot in answers] for name in (G, MU)}
-    inferred = [name for name in medians if group.value(name).mean is not None or any(medians[name])]
+    inferred = [
+        name for name in KEYS if group.value(name).mean is not None or any(shot.value(name).median for shot in answers)
+    ]
     published = [name for values in group.published.values() for name in values]
-    for name in sorted({*inferred, *published}, key=[G, MU, *published].index) or [""]:
+    for name in sorted({*inferred, *published}, key=[*KEYS, *published].index) or [""]:
         values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
-        values[TRUSTED] = group.value(name)
-        values[ALL] = spread_of([shot.determined(name) for shot in answers])
-        yield ComparedParameter(group, shots, name, values)
+        yield ComparedParameter(
+            group, shots, name, values | {TRUSTED: group.value(name), ALL: spread_over(answers, name)}
+        )
 
 
 def remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
@@ -96,11 +101,10 @@ def remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
 def print_comparison(result: Result) -> None:
     """A line for each group, parameter and method; then what is to be known of each group and of all."""
     comparison, console = Comparison(result), terminal.console()
-    console.print(comparison_table(comparison, wide=console.width >= 100))
+    console.print(comparison_table(comparison, wide=console.width >= _WIDE))
     console.print(_key(comparison), style="dim")
-    for group, of in result.members():
-        lines = remarks(group, [result.curves[k] for k in of])
-        terminal.print_remarks(console, {remark: [group.name] for remark in lines})
+    for group, shots in result.shots():
+        terminal.print_remarks(console, {remark: [group.name] for remark in remarks(group, shots)})
     terminal.print_remarks(console, {}, result.notes)
 
 
@@ -108,7 +112,7 @@ def print_with_published(result: Result, warning: str) -> None:
     """The table and what must be known of it, below what is printed of another method."""
     console = terminal.console()
     console.print()
-    console.print(comparison_table(Comparison(result), wide=console.width >= 100))
+    console.print(comparison_table(Comparison(result), wide=console.width >= _WIDE))
     console.print(warning, style="yellow")
 
 
@@ -121,7 +125,10 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
     for row in comparison.rows:
         factor, label = comparison.unit(row.name)
         head = ["" if row.group is before else row.group.name, label]
-        counts = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(row)]
+        shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.answers else ["", ""]
+        middle, low, high = map(digits.percent, row.misfits)
+        misfit = middle if middle == digits.MISSING else f"{middle}{' ' if wide else chr(10)}({low}–{high})"
+        counts = [*shots, misfit]
         for method in [method for method in row.values if method not in (TRUSTED, ALL)] + row.answers:
             texts = [*head, method, digits.spread(row.value(method), factor)]
             errors = {to: digits.percent(row.error(to, method)) for to in comparison.references if to != method}
@@ -137,36 +144,21 @@ def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
 def write_csv(path: Path, result: Result) -> None:
     """One line for each group and parameter, SI, errors as fractions; empty where there is no number."""
     comparison, lines = Comparison(result), list[dict[str, Any]]()
-    ours = {TRUSTED: f"{OURS}_trusted", ALL: f"{OURS}_all"}
-    methods = {**{method: method for method in comparison.methods}, **ours}
+    parts = dict.fromkeys(comparison.methods, ("mean", "std")) | dict.fromkeys((TRUSTED, ALL), ("mean", "std", "n"))
+    names = {method: method.replace(", ", "_") if method in (TRUSTED, ALL) else method for method in parts}
     for row in comparison.rows:
         line: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
-        for method, name in methods.items():
-            parts = ("mean", "std", "n") if method in ours else ("mean", "std")
-            line |= {f"{name}_{part}": getattr(row.value(method), part) for part in parts}
+        for method, name in names.items():
+            line |= {f"{name}_{part}": getattr(row.value(method), part) for part in parts[method]}
         for to in comparison.references:
-            line |= {f"{name}_error_to_{to}": row.error(to, method) for method, name in methods.items() if method != to}
+            line |= {f"{name}_error_to_{to}": row.error(to, method) for method, name in names.items() if method != to}
         line |= {"n_shots": len(row.shots), "n_answered": row.group.n}
         line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
-        line |= {f"rmse_over_rmax_{name}": misfit for name, misfit in _misfits(row.shots).items()}
+        ends = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
+        line |= zip(ends, row.misfits, strict=True)
         line |= {"models": ", ".join(row.group.models), "message": "; ".join(remarks(row.group, row.shots))}
         lines.append(line)
     write_rows(path, list(lines[0]) if lines else [], lines)
-
-
-def _misfits(shots: Sequence[CurveRecord]) -> dict[str, float | None]:
-    """RMSE over R_max of the answered shots."""
-    misfits = [shot.rmse_over_rmax for shot in shots if shot.has_answer and shot.rmse_over_rmax is not None]
-    ends = [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
-    return dict(zip(("median", "smallest", "largest"), ends, strict=True))
-
-
-def _counts(row: ComparedParameter) -> list[str]:
-    """Answered of all shots; the trusted ones; RMSE: median (smallest–largest), % of R_max."""
-    middle, low, high = map(digits.percent, _misfits(row.shots).values())
-    words = middle if middle == digits.MISSING else f"{middle} ({low}–{high})"
-    shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.answers else ["", ""]
-    return [*shots, words]
 
 
 def _key(comparison: Comparison) -> str:

@@ -6,19 +6,19 @@ caption.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cavirheo.errors import require
-from cavirheo.reporting.curve_panels import Axis, Layer, Panel, answer_panels
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.group_panels import group_panels, shots_of
+from cavirheo.reporting.panels import Layer, Panel, answer_panels, group_panels, shots_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import style
-from cavirheo.writing.document import Outputs, drawing
+from cavirheo.writing.document import Outputs, drawn, short_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -62,9 +62,17 @@ def check_figures(figures: Sequence[str]) -> None:
 
 def stems_of(curves: Iterable[str], groups: Iterable[str]) -> list[str]:
     """File names without their ending of the figures of curves and groups."""
-    from cavirheo.reporting import file_names
-
     return file_names([*curves, *(f"group-{name}" for name in groups)])
+
+
+def file_names(names: Sequence[str]) -> list[str]:
+    """A safe file name for each, short enough for an ending, different also where letter case does not count."""
+    taken = dict.fromkeys(("result", "report"), "")
+    for name in names:
+        stem = short_name(re.sub(r"[^\w.+-]+", "_", name).strip("._")[:100]) or "curve"
+        unique = next(n for n in chain([stem], (f"{stem}-{k}" for k in count(2))) if n.lower() not in taken)
+        taken[unique.lower()] = unique
+    return list(taken.values())[2:]
 
 
 def write(
@@ -76,25 +84,23 @@ def write(
     """
     if not style.available():
         return [style.NO_PICTURES]
-    rows, unit, failed = document.curves, document.modulus_unit, list[str]()
+    rows, failed = document.curves, list[str]()
 
-    def of_curve(index: int) -> Figure | None:
-        curve, answer = pairs[index]
-        row = rows[index]
-        return curve_figure(answer_panels(curve, answer.checks, row)) if row.has_answer else None
+    def save(stem: str, group: GroupRecord | None, indices: Sequence[int]) -> None:
+        shots, figure = shots_of(pairs, rows, indices), None
+        if group and len(shots) > 1:
+            figure = group_figure(group_panels(shots, group, document.modulus_unit))
+        elif shots and not group:
+            figure = curve_figure(answer_panels(*shots[0]))
+        for kind in figures if figure else ():
+            folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
 
-    def of_group(group: GroupRecord, indices: list[int]) -> Figure | None:
-        shots = shots_of(pairs, rows, indices)
-        return group_figure(group_panels(shots, group, unit)) if len(shots) > 1 else None
-
-    drawings = [(row.name, partial(of_curve, index)) for index, row in enumerate(rows)]
-    drawings += [(group.name, partial(of_group, group, indices)) for group, indices in document.members()]
+    shown: list[tuple[str, GroupRecord | None, list[int]]]
+    shown = [(row.name, None, [index]) for index, row in enumerate(rows)]
+    shown += [(group.name, group, indices) for group, indices in document.members()]
     stems = stems_of((row.name for row in rows), (group.name for group in document.groups))
-    for stem, (name, draw) in zip(stems, drawings, strict=True):
-        with drawing(f"figure of {name}", failed):
-            figure = draw()
-            for kind in figures if figure else ():
-                folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
+    for stem, (name, *content) in zip(stems, shown, strict=True):
+        drawn(f"figure of {name}", failed, save, stem, *content)
         if advance:
             advance()
     return failed
@@ -133,18 +139,25 @@ def group_figure(panels: Sequence[Panel]) -> Figure:
 
 
 def _panel(figure: Figure, box: tuple[float, float, float, float], panel: Panel, *, along: bool = True) -> Axes:
-    """Axes with their layers."""
-    axes = _axes(figure, box, panel.x, panel.y, along=along)
+    """Axes with their layers. box: left, bottom, width and height, mm; along: with numbers and name at the bottom."""
+    (width, height), x, y = (_MM * figure.get_size_inches()), panel.x, panel.y
+    axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_linewidth(0.6)
+    axes.tick_params(labelsize=_SMALL, width=0.6, length=2.0, pad=2.0, labelbottom=along)
+    axes.set_xlabel(x.label if along else "", fontsize=_LARGE, labelpad=2.0)
+    axes.set_ylabel(y.label.replace(" (%", "\n(%"), fontsize=_LARGE)
+    axes.yaxis.set_label_coords(-3.3 * _EM / box[2], 0.5)  # left of the widest numbers
+    axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high), xticks=x.ticks(7), yticks=y.ticks(6 if box[3] > 20 else 3))
     for layer in panel.layers:
         if layer.look in _LOOKS:
-            colours = None if layer.tones is None else style.shades(_LIGHTEST * layer.tones)
-            _layer(axes, layer, _LOOKS[layer.look], colours)
+            _draw(axes, layer, _LOOKS[layer.look])
     return axes
 
 
-def _layer(axes: Axes, layer: Layer, how: dict[str, Any], colours: np.ndarray | None) -> None:
-    """colours: (n, 3) of the points, (1, 3) of a line; None: that of the look."""
+def _draw(axes: Axes, layer: Layer, how: dict[str, Any]) -> None:
     x, y, label = layer.x, layer.y, layer.name or "_"
+    colours = None if layer.tones is None else style.shades(_LIGHTEST * layer.tones)
     if layer.shape == "band":
         axes.axhspan(*y, **how)
     elif layer.shape == "bars":
@@ -157,17 +170,3 @@ def _layer(axes: Axes, layer: Layer, how: dict[str, Any], colours: np.ndarray | 
         colour = {} if colours is None else {"color": colours[0]}
         flat = {"marker": ""} if layer.shape == "line" else {}
         axes.plot(x, y, label=label, **how | colour | flat)
-
-
-def _axes(figure: Figure, box: tuple[float, float, float, float], x: Axis, y: Axis, *, along: bool = True) -> Axes:
-    """left, bottom, width and height in mm; along: with numbers and name along the bottom."""
-    width, height = (_MM * side for side in figure.get_size_inches())
-    axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_linewidth(0.6)
-    axes.tick_params(labelsize=_SMALL, width=0.6, length=2.0, pad=2.0, labelbottom=along)
-    axes.set_xlabel(x.label if along else "", fontsize=_LARGE, labelpad=2.0)
-    axes.set_ylabel(y.label.replace(" (%", "\n(%"), fontsize=_LARGE)
-    axes.yaxis.set_label_coords(-3.3 * _EM / box[2], 0.5)  # left of the widest numbers
-    axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high), xticks=x.ticks(7), yticks=y.ticks(6 if box[3] > 20 else 3))
-    return axes

@@ -221,10 +221,9 @@ class GroupRecord(Record, ParameterValues[Spread]):
     def warning(self) -> str:
         """'the evidence prefers another model in 3 of 5 shots: nhkv, real bubble', or that of all shots together where
         it does so in none; nothing where it does not."""
-        of = f"{sum(self.preferred.values())} of {digits.counted(self.n + self.n_failed, 'shot')}"
-        models = " or ".join(self.preferred)
-        if models:
-            return f"the evidence prefers another model in {of}: {models}"
+        if self.preferred:
+            of = f"{sum(self.preferred.values())} of {digits.counted(self.n + self.n_failed, 'shot')}"
+            return f"the evidence prefers another model in {of}: {' or '.join(self.preferred)}"
         models = " or ".join(self.preferred_together)
         return f"the evidence of all shots together prefers another model: {models}" if models else ""
 
@@ -326,8 +325,8 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
     trusted, followed = [record for record in members if record.trusted], sloped(members)
     n = sum(record.has_answer for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
-    firm = [record.diagnostics for record in trusted if record.determined("shear_modulus") is not None]
-    slopes_of_scale = [shot.modulus_over_scale for shot in firm if shot.modulus_over_scale is not None]
+    firm = [record.diagnostics.modulus_over_scale for record in trusted if record.determined("shear_modulus")]
+    slopes_of_scale = [change for change in firm if change is not None]
     return GroupRecord(
         name=name,
         n=n,

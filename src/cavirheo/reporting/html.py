@@ -16,14 +16,16 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from markupsafe import Markup
+
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import svg
 from cavirheo.reporting.answer import CurveRecord, in_unit, meaning_of, parameter_key
-from cavirheo.reporting.curve_panels import answer_panels
+from cavirheo.reporting.panels import answer_panels
 from cavirheo.reporting.record import Result
-from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
+from cavirheo.reporting.table import FITS, model_rows, windows
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
@@ -35,7 +37,6 @@ _LIVE_SIZE = (335.0, 178.0)  # px of the picture, whose type is to be large
 
 if TYPE_CHECKING:
     from jinja2 import Environment, Template
-    from markupsafe import Markup
 
 
 def write(
@@ -51,28 +52,7 @@ def write(
     What is the same for all curves is said once; of more than DETAILED curves each has its row, message and picture.
     """
     curves, unit = result.curves, result.modulus_unit
-    shared, brief = _shared(curves), len(curves) > DETAILED
-    options: Any = {"shared": frozenset(shared), "brief": brief}
-    rows = zip(curves, pictures or [""] * len(curves), sheets or [""] * len(curves), strict=True)
-    articles = [
-        article(record, *unit, picture, number=number, **options) + part("frames", sheet)
-        for number, (record, picture, sheet) in enumerate(rows)
-    ]
-    page = template("report.html").render(
-        result=result,
-        unit=unit,
-        group_pictures=group_pictures,
-        articles=articles,
-        pictured=bool(pictures),
-        shared=shared,
-        origin=_text(_common([curve.provenance for curve in curves if curve.has_answer or not shared])),
-        brief=brief,
-    )
-    Path(path).write_text(page, encoding="utf-8")
-
-
-def _shared(curves: Sequence[CurveRecord]) -> dict[str, str]:
-    """What is the same for all of several curves that are answered, by its name."""
+    answered, brief = [curve for curve in curves if curve.has_answer], len(curves) > DETAILED
     facts = [
         {
             "material": digits.MATERIALS.get(curve.material, curve.material),
@@ -81,10 +61,20 @@ def _shared(curves: Sequence[CurveRecord]) -> dict[str, str]:
             "stretch": curve.diagnostics.stretch_source,
             "file": curve.source,
         }
-        for curve in curves
-        if curve.has_answer
+        for curve in answered
     ]
-    return {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
+    shared = {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
+    page = template("report.html").render(
+        result=result,
+        unit=unit,
+        group_pictures=group_pictures,
+        pictures=pictures,
+        sheets=sheets,
+        shared=shared,
+        origin=_text(_common([curve.provenance for curve in (answered if shared else curves)])),
+        brief=brief,
+    )
+    Path(path).write_text(page, encoding="utf-8")
 
 
 def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -95,35 +85,12 @@ def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def _text(origin: Mapping[str, Any]) -> Markup:
     """As JSON."""
-    from markupsafe import Markup
-
     return Markup(escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False))  # quotes need six letters each
 
 
-def style() -> str:
-    """How tables, articles, verdicts and pictures look."""
-    return template("report.css").render()
-
-
-def article(
-    record: CurveRecord,
-    factor: float,
-    unit: str,
-    picture: str = "",
-    *,
-    shared: frozenset[str] = frozenset(),
-    brief: bool = False,
-    number: int | None = None,
-) -> str:
-    """What is known of one curve and its answer.
-
-    picture: SVG, why there is none, or "". shared: names of facts that are said elsewhere. brief: its message and its
-    picture alone. number: of the curve in the page, which has the provenance and the name itself; None elsewhere.
-    """
-    windows = window_title([record], (factor, unit)), window_cells(record, (factor, unit))
-    origin = "" if number is not None else _text({"source": record.source, **record.provenance})
-    models = model_rows(record, factor)
-    return part("article", number, record, factor, unit, picture, *windows, models, shared, origin, brief)
+def article(record: CurveRecord, factor: float, unit: str) -> str:
+    """What is known of one curve and its answer, without a picture. unit and factor: of moduli."""
+    return part("article", record, factor, unit, origin=_text({"source": record.source, **record.provenance}))
 
 
 def template(name: str, package: str = "cavirheo.reporting") -> Template:
@@ -131,9 +98,9 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
     return _templates(package).get_template(name)
 
 
-def part(name: str, *values: Any) -> str:
+def part(name: str, *values: Any, **more: Any) -> str:
     """A macro of parts.html, filled; a template takes it as it stands."""
-    return getattr(template("parts.html").module, name)(*values)
+    return getattr(template("parts.html").module, name)(*values, **more)
 
 
 def live_page(
@@ -157,18 +124,8 @@ def live_page(
             picture = svg.curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
     material = group.material if group else None
     needed = material.still_needed([result.curves[i] for i in members], half_width) if material else None
-    return template(LIVE).render(
-        record=record,
-        group=group,
-        material=material,
-        more=needed,
-        percent=100.0 * half_width,
-        unit=result.modulus_unit,
-        picture=picture,
-        shots=len(result.curves),
-        trusted=sum(row.trusted for row in result.curves),
-        failed=sum(not row.has_answer for row in result.curves),
-    )
+    shown = {"record": record, "group": group, "material": material, "more": needed, "percent": 100.0 * half_width}
+    return template(LIVE).render(**shown, result=result, picture=picture)
 
 
 def _printable(value: Any) -> Any:
@@ -187,6 +144,7 @@ def _templates(package: str) -> Environment:
         keep_trailing_newline=True,
         finalize=_printable,
     )
+    functions = (in_unit, meaning_of, parameter_key, model_rows, windows)
+    environment.globals.update({function.__name__: function for function in functions})
     environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
-    environment.globals.update(in_unit=in_unit, meaning_of=meaning_of, parameter_key=parameter_key)
     return environment

@@ -102,10 +102,10 @@ def pooled(document: Result) -> list[tuple[str, str, list[str]]]:
     """(group, scatter of G in %, stems of the files' names) of groups that scatter more than WIDE, and whose files
     have several names, of which some differ in a number alone: several materials?"""
     groups = []
-    for group, members in document.members():
+    for group, shots in document.shots():
         spreads = group.population.spreads_decades if group.population else {}
         scatter = relative_scatter(spreads["shear_modulus"].median or 0.0) if "shear_modulus" in spreads else 0.0
-        files = {document.curves[i].source for i in members}
+        files = {shot.source for shot in shots}
         stems = sorted({stem_of(file) for file in files})
         if scatter > WIDE and 1 < len(stems) < len(files):
             groups.append((group.name, digits.significant(100 * scatter, 2), stems))

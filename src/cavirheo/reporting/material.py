@@ -220,14 +220,8 @@ def population_record(population: Population | None, column: str = "") -> Popula
     """As documents hold it; column: the title of that which it has a slope along."""
     if population is None:
         return None
-    fields: dict[str, Any] = {
-        "line": population.line,
-        "remarks": population.remarks,
-        "model": f"{population.material}, {population.bubble.name}",
-        "n": len(population.shots),
-        "strays": population.strays,
-        "left_out": dict(population.left_out),
-    }
+    fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "remarks", "strays", "left_out")}
+    fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
     if not len(population.centre):
         return PopulationRecord(**fields)
 

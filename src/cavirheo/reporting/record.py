@@ -107,6 +107,10 @@ class Result(Document):
         members = iter(_members(self.curves).values())
         return [(group, next(members) if group.n + group.n_failed else []) for group in self.groups]
 
+    def shots(self) -> list[tuple[GroupRecord, list[CurveRecord]]]:
+        """Each group with its rows."""
+        return [(group, [self.curves[i] for i in indices]) for group, indices in self.members()]
+
     def add_published(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCES) -> None:
         """Add values of other methods to the groups of these names; a name that is no group's becomes a group without
         shots, in the order of the names."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
-from cavirheo.reporting.answer import CurveRecord, Unit, evidence, in_unit, parameter_key, parameters_of
+from cavirheo.reporting.answer import CurveRecord, OtherModel, Unit, evidence, in_unit, parameter_key, parameters_of
 from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.input_remarks import causes, next_step
@@ -126,13 +126,14 @@ def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
     """The answer, then those of the others by evidence: model, G, µ, λ, RMSE and log evidence above the answer's."""
-    rows, answer = [], record.as_model
-    for model in (answer, *sorted(record.other_models, key=evidence, reverse=True)):
-        logs = [log for log in (model.log_evidence, answer.log_evidence) if log is not None]
-        above = f"{logs[0] - logs[1]:+.1f}" if len(logs) == 2 else digits.MISSING
+    own, rows = record.evidence.log if record.evidence else None, []
+    models: list[tuple[CurveRecord | OtherModel, float | None]] = [(record, own)]
+    models += [(model, model.log_evidence) for model in sorted(record.other_models, key=evidence, reverse=True)]
+    for model, log in models:
+        above = digits.MISSING if log is None or own is None else f"{log - own:+.1f}"
         values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
         texts = [digits.quantity(value, scale) for value, scale in values]
-        rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), above if model is not answer else "0"])
+        rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), "0" if model is record else above])
     return rows
 
 
@@ -210,53 +211,47 @@ def _print_parameters(console: Console, result: Result) -> None:
         console.print(line, style="dim")
 
 
-def _windowed(records: Iterable[CurveRecord]) -> list[str]:
+def _windowed(records: Sequence[CurveRecord]) -> list[str]:
     """The parameters by window: G and the viscosity, or what a law has instead."""
-    names: list[str] = []
+    of_laws = ([name for name in parameters_of([record]) if name != AT_RATE] for record in records)
+    return list(dict.fromkeys(name for law in of_laws for name in [n for n in law if n in KEYS] or law))
+
+
+def windows(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[str, str]]]:
+    """'G (kPa), µ (Pa s)', and '6.44, 0.0295' of each record for windows of 1, 2, 3 and all collapses; * where one is
+    at a bound. Nothing of a record that no fit answers."""
+    cells = []
     for record in records:
-        of_law = [name for name in parameters_of([record]) if name != AT_RATE]
-        names += [name for name in of_law if name in KEYS] or of_law
-    return list(dict.fromkeys(names))
-
-
-def window_title(records: Iterable[CurveRecord], unit: Unit) -> str:
-    """'G (kPa), µ (Pa s)'."""
-    parts = [in_unit(name, unit) for name in _windowed(records)]
-    return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts)
-
-
-def window_cells(record: CurveRecord, unit: Unit) -> dict[str, str]:
-    """'6.44, 0.0295' (G, mu) for windows of 1, 2, 3 and all collapses, if a fit answers; * where one is at a bound."""
-    fitted = record.method in FITS and record.has_answer
-    windows = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
-    texts = dict.fromkeys(_WINDOWS.values() if windows else (), digits.MISSING)
-    for key, window in windows.items():
-        values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed([record])]
-        numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
-        texts[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
-    return texts
-
-
-def _mean_cells(records: list[CurveRecord], unit: Unit) -> Iterator[str]:
-    """Mean ± standard deviation over the trusted curves that have the window, and how many they are."""
-    trusted = [record for record in records if record.trusted and record.method in FITS]
-    for key in _WINDOWS:
-        having = [record.windows[key].best for record in trusted if key in record.windows]
-        means = {name: spread_of([best.get(name) for best in having]) for name in _windowed(trusted)}
-        texts = [digits.spread(mean, in_unit(name, unit)[1]) for name, mean in means.items() if mean.mean is not None]
-        yield f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING
+        fitted = record.method in FITS and record.has_answer
+        windows = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
+        texts = dict.fromkeys(_WINDOWS.values() if windows else (), digits.MISSING)
+        for key, window in windows.items():
+            values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed([record])]
+            numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
+            texts[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
+        cells.append(texts)
+    names = _windowed([record for record, texts in zip(records, cells, strict=True) if texts])
+    parts = (in_unit(name, unit) for name in names)
+    return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts), cells
 
 
 def _print_windows(console: Console, result: Result) -> None:
-    """G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
-    unit, heads = result.modulus_unit, list(_WINDOWS.values())
-    if not (fitted := [(record, texts) for record in result.curves if (texts := window_cells(record, unit))]):
+    """G and mu of every curve for windows of 1, 2, 3 and all collapses; of every group mean ± standard deviation over
+    the trusted curves that have the window, and how many they are."""
+    unit, heads, curves = result.modulus_unit, list(_WINDOWS.values()), result.curves
+    values, cells = windows(curves, unit)
+    rows = [(curve.name, list(texts.values()), "") for curve, texts in zip(curves, cells, strict=True) if texts]
+    if not rows:
         return
-    rows = [(record.name, list(texts.values()), "") for record, texts in fitted]
-    for group, members in result.members():
-        if len(members) > 1:
-            rows.append((group.name, list(_mean_cells([result.curves[i] for i in members], unit)), "bold"))
-    values = window_title((record for record, _ in fitted), unit)
+    for group, shots in result.shots():
+        trusted = [shot for shot in shots if shot.trusted and shot.method in FITS]
+        means = []
+        for key in _WINDOWS:
+            having = [curve.windows[key].best for curve in trusted if key in curve.windows]
+            spreads = {name: spread_of([best.get(name) for best in having]) for name in _windowed(trusted)}
+            texts = [digits.spread(mean, in_unit(name, unit)[1]) for name, mean in spreads.items() if mean.n]
+            means.append(f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING)
+        rows += [(group.name, means, "bold")] if len(shots) > 1 else []
     title = f"{values} by the window that is fitted; *: a parameter at its bound"
     table = terminal.table("curve", heads, left=heads, title=title)
     terminal.add_rows(table, rows)

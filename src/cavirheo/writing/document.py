@@ -80,6 +80,7 @@ class Document(Record):
 
 
 Kind = TypeVar("Kind", bound=Document)
+Drawn = TypeVar("Drawn")
 
 
 class Quantity(Record):
@@ -145,15 +146,9 @@ def spread_of(values: list[float | None]) -> Spread:
 @contextmanager
 def into(folder: str | Path) -> Iterator[Path]:
     """A folder to write into, made if it is missing. Raises InputError for whatever cannot be written there."""
-    with _folder_errors(folder):
+    try:
         Path(folder).mkdir(parents=True, exist_ok=True)
         yield Path(folder)
-
-
-@contextmanager
-def _folder_errors(folder: str | Path) -> Iterator[None]:
-    try:
-        yield
     except OSError as error:
         why = "it is not a folder" if isinstance(error, FileExistsError) else error.strerror or error
         raise InputError(f"cannot write into {folder}: {why}", "document.folder") from None
@@ -210,26 +205,29 @@ class Outputs:
             with TemporaryFile(dir=self.folder, buffering=0) as file:
                 file.write(bytes(4096))
             self._read()
-            for path in [] if self._claim else new:
-                path.rmdir()
-        self.check(*names)
-        self._leave_others(names)
+            try:
+                self._check(names)
+            finally:
+                for path in [] if self._claim else new:
+                    path.rmdir()
+        if self._claim and not self._claim.replace:
+            self._leave_others(names, self._claim.key)
 
-    def check(self, *names: str) -> None:
-        """Raises InputError: one of these is there and must not be replaced."""
+    def _check(self, names: Iterable[str]) -> None:
+        """Raises InputError: one of these is there and must not be replaced; and OSError."""
         for name in names:
             path, remedy = self.folder / name, "give another place with -o, or move it away"
             read = f"{path} is read by this command, and its results would replace it: {remedy}"
             require(os.path.realpath(path) not in self._inputs, read, "document.input")
             foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
-            with _folder_errors(self.folder), suppress(FileNotFoundError):
+            with suppress(FileNotFoundError):
                 path.lstat()  # raises OSError for a name that no file can have
                 require(self.holds(name), foreign, "document.foreign")
 
     def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
         """`writer(path, *content, **how)` into the file of this name."""
         with into(self.folder):
-            self.check(name)
+            self._check([name])
             with whole(self.folder / name) as temporary:
                 writer(temporary, *content, **how)
                 entry = {"kind": self.kind, "name": name, "sha256": sha256(temporary)}
@@ -243,8 +241,7 @@ class Outputs:
     def picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *content: Any) -> list[str]:
         """`save(path, draw(*content))`; what is to be said where it cannot be drawn."""
         failed: list[str] = []
-        with drawing(name, failed):
-            self.write(name, save, draw(*content))
+        drawn(name, failed, lambda: self.write(name, save, draw(*content)))
         return failed
 
     def finish(self) -> None:
@@ -258,14 +255,11 @@ class Outputs:
             with whole(self.folder / LIST) as temporary:
                 temporary.write_text("\n".join(map(json.dumps, current)), encoding="utf-8")
 
-    def _leave_others(self, names: Sequence[str]) -> None:
+    def _leave_others(self, names: Sequence[str], run: str) -> None:
         """Raises InputError: what this run would replace or remove is another run's."""
-        if self._claim is None or self._claim.replace:
-            return
         for name, entries in self._listed.items():
-            concerned = name in names or entries[-1]["kind"] == self.kind
-            entry = self._entry(name) if concerned and entries[-1]["run"] != self._claim.key else None
-            if entry and entry["run"] != self._claim.key:
+            concerned = (name in names or entries[-1]["kind"] == self.kind) and entries[-1]["run"] != run
+            if concerned and (entry := self._entry(name)) and entry["run"] != run:
                 whose = f" ({entry['command']})" if entry["command"] else ""
                 message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
                 remedy = "name another folder by -o, or give --replace (replace=True in Python)"
@@ -294,20 +288,21 @@ class Outputs:
                     self._listed.setdefault(entry["name"], []).append(entry)
 
 
-@contextmanager
-def drawing(name: str, failed: list[str]) -> Iterator[None]:
-    """Around a picture, its file included: where it cannot be drawn, `failed` has a sentence more, and the run goes on.
+def drawn(name: str, failed: list[str], draw: Callable[..., Drawn], *content: Any) -> Drawn | None:
+    """`draw(*content)`, of a picture or its file: where it cannot be drawn None, `failed` has a sentence more, and the
+    run goes on.
 
     Raises InputError of `Outputs`: the folder cannot be written, or a file of the user's would be replaced.
     """
     try:
         with np.errstate(all="ignore"):  # of numbers near the largest there is
-            yield
+            return draw(*content)
     except Exception as error:  # libraries raise nearly anything of a label or a font; the answers must be written
         if isinstance(error, InputError) and error.code.startswith("document."):
             raise
         _log.info("%s could not be drawn", name, exc_info=True)
         failed.append(f"{name} could not be drawn: {type(error).__name__}: {error}")
+        return None
 
 
 def as_json(document: Document) -> str:

@@ -128,12 +128,10 @@ def _merged(form: str, columns: Sequence[Sequence[str]]) -> str:
     """The form with its numbers. columns: for each of them, what it is in every message."""
     parts = form.split("{}")[1:]
     ends = [(min(column, key=float), max(column, key=float)) for column in columns]
-    differ = [float(low) != float(high) for low, high in ends]
-    amounts = all(_UNIT.match(part) for part, different in zip(parts, differ, strict=True) if different)
+    alike = [float(low) == float(high) for low, high in ends]
+    amounts = all(same or _UNIT.match(part) for part, same in zip(parts, alike, strict=True))
     ranges = (f"{low} to {high}" if amounts else "…" for low, high in ends)
-    return form.format(
-        *(text if different else low for text, different, (low, _) in zip(ranges, differ, ends, strict=True))
-    )
+    return form.format(*(low if same else text for text, same, (low, _) in zip(ranges, alike, ends, strict=True)))
 
 
 def print_remarks(

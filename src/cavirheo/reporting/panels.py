@@ -1,0 +1,382 @@
+"""What pictures show, in the units of their axes: the same panels for the report, the page for the wall, the app and
+the files that are asked for. Of a curve: its radius, and what a simulation leaves. Of a group: its shots over each
+other, their answers, and what these say of the material.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.parameters import AT_RATE
+from cavirheo.physics.media import Medium
+from cavirheo.posterior import Checks
+from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
+from cavirheo.reporting.group import CONSTANTS, GroupRecord
+from cavirheo.reporting.record import Pairs
+from cavirheo.writing import digits
+from cavirheo.writing.document import Quantity, Spread
+
+FAR = 3.0  # largest over smallest, above which axes begin at zero
+RMAX = "Rₘₐₓ"
+_SIZE = "R_max"  # in place of a parameter's name
+Shot = tuple[RadiusCurve, Checks, CurveRecord]
+Mark = tuple[str, str, Floats | None, Floats]  # look, name, and (3,) lower end, value and upper end along both axes
+
+_STEPS = (1.0, 2.0, 5.0, 10.0)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Name and ends of an axis, and a remark on it, for which a paper has no room."""
+
+    label: str
+    low: float
+    high: float
+    remark: str = ""
+
+    @property
+    def title(self) -> str:
+        """The name with the remark."""
+        return ", ".join(filter(None, (self.label, self.remark)))
+
+    def ticks(self, most: int) -> list[float]:
+        """At most so many round numbers within the ends, evenly spaced; the ends where no round number is known."""
+        rough = (self.high - self.low) / max(most, 1)
+        if not np.isfinite(rough) or rough <= 0.0:
+            return []
+        ten = 10.0 ** np.floor(np.log10(rough))
+        step = next(factor * ten for factor in _STEPS if factor * ten >= rough * (1.0 - 1e-9))
+        first, last = np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9)
+        return [float(f"{number * step:.10g}") + 0.0 for number in np.arange(first, last + 1.0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Points of a panel that look alike.
+
+    Attributes:
+        shape: "dots", "line", "bars" (values with their intervals), "band" (between two values of `y`), "area" (between
+            two lines) or "ticks" (on the lower end of `y`).
+        look: by which every way of drawing has colours and sizes: "measured", "simulated", ...
+        x: (n,); of bars (n, 3) lower ends, middles and upper ends; of a band (2,) the ends of the axis.
+        y: likewise; of an area (n, 2); of ticks zeros.
+        name: in the key of the picture; "" is left out.
+        tones: (n,) of points in colours of their own, or (1,) of a line, from 0, dark, to 1, light; None: that of the
+            look.
+        share: part of the points of a picture that it may have; None: it is drawn as it is.
+    """
+
+    shape: Literal["dots", "line", "bars", "band", "area", "ticks"]
+    look: str
+    x: Floats
+    y: Floats
+    name: str = ""
+    tones: Floats | None = None
+    share: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Axes with layers over each other.
+
+    Attributes:
+        top: a second axis along the top; None where there is none.
+        note: words beside the key.
+    """
+
+    x: Axis
+    y: Axis
+    layers: tuple[Layer, ...]
+    top: Axis | None = None
+    note: str = ""
+
+    def layer(self, look: str) -> Layer:
+        """The first of this look, or one without points."""
+        nothing = Layer("dots", look, np.empty(0), np.empty(0))
+        return next((layer for layer in self.layers if layer.look == look), nothing)
+
+
+def curve_panels(
+    curve: RadiusCurve,
+    checks: Checks,
+    simulated_as: str = "simulation",
+    *,
+    fit: Checks | None = None,
+    what_if: Checks | None = None,
+    draws: tuple[Floats, Floats, Floats] | None = None,
+) -> list[Panel]:
+    """The radius, measured and simulated, then what is left between, if anything was compared.
+
+    checks: what was found when its answer was simulated; a failed one leaves the measured points alone. simulated_as:
+    the name of the line. fit and what_if: the simulations of a conventional fit and of other values. draws: the band in
+    which those of the draws run: times (s), lower and upper radius (m). Raises ValueError: times and values of a line
+    are not as many.
+    """
+    if checks.verdict == "failed":
+        checks = Checks("failed")
+    units = _Units.of(curve)
+    time, radius = units.points(curve.time, curve.radius)
+    line, difference = units.simulation(checks, "simulated", simulated_as)
+    has_answer, rmse = checks.verdict != "failed", 100.0 * (checks.rmse_over_rmax or 0.0)
+    compared = np.full(len(time), not has_answer)
+    if len(difference.x):
+        slack = 1e-6 * (time[-1] - time[0])
+        compared = (time >= difference.x[0] - slack) & (time <= difference.x[-1] + slack)
+    low, high = _view(time, difference.x)
+    measured = np.isfinite(radius) & (time >= low) & (time <= high)
+    share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # as much as the simulation has
+    layers = [
+        Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some))
+        for look, name, some in (
+            ("measured", "measured", measured & compared),
+            ("outside", "not compared", measured & ~compared),
+        )
+    ] + [line]
+    if draws:
+        area = units.points(draws[0], np.column_stack(draws[1:]))
+        layers.insert(0, Layer("area", "draws", *area, "90 % of the draws", share=0.2))
+    differences = [difference]
+    for look, name, simulation in (("fit", "least squares", fit), ("what-if", "sliders", what_if)):
+        if simulation and simulation.reconstruction_time is not None:
+            line, left = units.simulation(simulation, look, name)
+            layers.append(line)
+            differences.append(replace(left, shape="line", look=look))
+    layers = [layer for layer in layers if len(layer.y)]
+    remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
+    x, y = Axis(units.time, low, high, remark), Axis(units.radius, 0.0, 1.05 * _largest(layers, 0.0) or 1.05)
+    t_c = (checks.time_scale or 0.0) * units.per_second
+    note = "" if has_answer else "no answer: no line is drawn"
+    note = note if measured.any() else "no measured radius"
+    panels = [Panel(x, y, tuple(layers), Axis("t*", low / t_c, high / t_c) if t_c else None, note)]
+    if len(difference.y):
+        largest = 1.15 * max(_largest(differences, 0.1), rmse)
+        ends = np.array([low, high])
+        band = [Layer("band", "band", ends, np.array([-rmse, rmse]))] if rmse else []
+        zero = Layer("line", "zero", ends, np.zeros(2))
+        note = f"band: ± RMSE = {digits.significant(rmse, 2)} %" if rmse else ""
+        panels.append(Panel(x, Axis(f"residual (% {RMAX})", -largest, largest), (*band, zero, *differences), note=note))
+    return panels
+
+
+def _largest(layers: Sequence[Layer], least: float) -> float:
+    """The largest of all numbers along `y`, whatever their sign; `least` at least."""
+    return max([least, *(float(np.nanmax(np.abs(layer.y), initial=0.0)) for layer in layers)])
+
+
+def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> list[Panel]:
+    """The panels of a curve as its row says: a row without an answer has none of the simulation."""
+    name = f"simulation: {digits.simulated(record.method)}"
+    return curve_panels(curve, checks if record.has_answer else Checks("failed"), name)
+
+
+def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
+    """The panel of a curve before it is answered: which frames are compared (those of `window`), which stand out, and
+    which have no radius. Raises InputError: the curve has no R_max."""
+    (panel,) = curve_panels(curve, Checks("unverified", compared_time=window.time))
+    time, radius = _Units.of(curve).points(curve.time, curve.radius)
+    within = (time >= panel.x.low) & (time <= panel.x.high)
+    outliers = np.isin(np.arange(len(time)), curve.spikes()) & within
+    missing = np.isnan(radius) & within
+    layers = (
+        Layer("dots", "outlier", time[outliers], radius[outliers], "stands out, kept"),
+        Layer("ticks", "missing", time[missing], np.zeros(np.count_nonzero(missing)), "no radius"),
+    )
+    return [replace(panel, layers=(*panel.layers, *(layer for layer in layers if len(layer.x))))]
+
+
+class _Units(NamedTuple):
+    """How the axes of a curve count: names of both, origin (s), units per second and per metre."""
+
+    time: str
+    radius: str
+    origin: float
+    per_second: float
+    per_metre: float
+
+    @classmethod
+    def of(cls, curve: RadiusCurve) -> _Units:
+        """µs after R_max and µm, as far as the scales of the curve are known."""
+        radius, per_metre = "R (µm)", 1e6
+        if curve.unscaled:
+            radius, per_metre = "R / largest R", 1.0 / float(np.nanmax(curve.radius, initial=1e-300))
+        if curve.time_unscaled:
+            return cls("time (no scale)", radius, 0.0, 1.0, per_metre)
+        with suppress(InputError):  # no maximum
+            return cls(f"time after {RMAX} (µs)", radius, curve.time_of_max, 1e6, per_metre)
+        return cls("time of the recording (µs)", radius, 0.0, 1e6, per_metre)
+
+    def points(self, time: Floats, radius: Floats) -> tuple[Floats, Floats]:
+        """Along both axes, of seconds and metres."""
+        return (time - self.origin) * self.per_second, radius * self.per_metre
+
+    def simulation(self, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
+        """The line of a simulation, and what is left between; without values where there are none."""
+        names = ("reconstruction_time", "reconstruction_radius", "compared_time", "residual_over_rmax")
+        arrays = (getattr(checks, name) for name in names)
+        time, radius, compared_time, residual = (np.empty(0) if values is None else values for values in arrays)
+        for values, times in ((radius, time), (residual, compared_time)):
+            if values.size and values.shape != times.shape:
+                raise ValueError(f"{len(values)} values at {len(times)} times")
+        compared_time, _ = self.points(compared_time, compared_time)
+        return (
+            Layer("line", look, *self.points(time, radius), name, share=0.4),
+            Layer("dots", "residual", compared_time, 100.0 * residual, share=0.2),
+        )
+
+
+def _view(time: Floats, window: Floats) -> tuple[float, float]:
+    """From the first frame to half a window beyond the window: a long quiet tail would squeeze what was compared."""
+    if not len(time):
+        return 0.0, 1.0
+    first, last = float(time[0]), float(time[-1])
+    if len(window):
+        last = min(last, float(window[-1] + 0.5 * (window[-1] - window[0])))
+        first = max(first, float(window[0] - (window[-1] - window[0])))
+    margin = 0.015 * (last - first) or 1.0
+    return first - margin, last + margin
+
+
+def shots_of(pairs: Pairs, rows: Sequence[CurveRecord], indices: Sequence[int]) -> list[Shot]:
+    """Those of these curves that were answered."""
+    return [(pairs[i][0], pairs[i][1].checks, rows[i]) for i in indices if rows[i].has_answer]
+
+
+def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> list[Panel]:
+    """The shots of a group that were answered, R/R_max over t*, darker where R_max is smaller; then one or two panels
+    of a parameter over another, or over R_max. unit: that of moduli."""
+    records = [record for *_, record in shots]
+    names = parameters_of(records)
+    upper = next((name for name in CONSTANTS if name in names), names[0])
+    lower = ["shear_modulus"] if "shear_modulus" in names and upper != "shear_modulus" else []
+    all_elastic = lower and all(record.shear_modulus_Pa.median is not None for record in records)
+    lower += [] if all_elastic and upper not in group.slopes else [_SIZE]
+    curves, t_c = [curve for curve, *_ in shots], [checks.time_scale or np.nan for _, checks, _ in shots]
+    tones = _tones(np.array([curve.max_radius for curve in curves]))
+    end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
+    answers = [_answers(records, group, unit, upper, across, tones) for across in lower]
+    return [_overlay(curves, t_c, 1.1 * end, scaled=True), *answers]
+
+
+def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> list[Panel]:
+    """All curves in µs and µm, and as R/R_max over t* in the medium of each; unusable ones are left out."""
+    usable = []
+    for curve, medium in zip(curves, media, strict=True):
+        with suppress(InputError):
+            usable.append((curve, medium.time_scale(curve.max_radius)))
+    if not usable:
+        return []
+    shots, units = zip(*usable, strict=True)
+    return [_overlay(shots, [1e-6] * len(shots), scaled=False), _overlay(shots, units, scaled=True)]
+
+
+def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float = np.inf, *, scaled: bool) -> Panel:
+    """The curves over each other, darker where R_max is smaller. units: of the time of each curve, s. scaled: radii
+    over R_max (else µm), and times (t*) from shortly before R_max to `end`."""
+    sizes = np.array([curve.max_radius for curve in curves])
+    layers = []
+    for curve, unit, size, tone in zip(curves, units, sizes, _tones(sizes), strict=True):
+        time = (curve.time - curve.time_of_max) / unit
+        some = (time >= -1.1) & (time <= end) if scaled else np.isfinite(time)
+        radius = curve.radius[some] / (size if scaled else 1e-6)
+        layers.append(Layer("line", "shot", time[some], radius, tones=tone[None]))
+    times = np.concatenate([layer.x for layer in layers])
+    radii = np.concatenate([layer.y for layer in layers])
+    low, high = (-1.1 if scaled else times.min(), end if np.isfinite(end) else times.max(initial=1.0))
+    smallest, largest = 1e6 * sizes.min(), 1e6 * sizes.max()
+    key = f"{RMAX} {smallest:.0f} µm" + f" (dark) to {largest:.0f} µm (light)" * bool(np.ptp(sizes))
+    labels = (f"t* = t √(p/ρ) / {RMAX}", f"R / {RMAX}") if scaled else (f"time after {RMAX} (µs)", "R (µm)")
+    top = 1.06 * float(np.nanmax(radii, initial=0.0)) or 1.06
+    return Panel(Axis(labels[0], float(low), float(high)), Axis(labels[1], 0.0, top), tuple(layers), note=key)
+
+
+def _tones(sizes: Floats) -> Floats:
+    return (sizes - sizes.min()) / (np.ptp(sizes) or 1.0)
+
+
+def _answers(
+    records: Sequence[CurveRecord], group: GroupRecord, unit: Unit, upper: str, across: str, tones: Floats
+) -> Panel:
+    """Rings are answers that do not count."""
+    x, mean_x, x_label = _along(across, records, group, unit)
+    y, mean_y, y_label = _along(upper, records, group, unit)
+    trusted = np.array([record.trusted for record in records])
+    finite = np.isfinite(x).all(axis=1) & np.isfinite(y).all(axis=1)
+    over_size, material = across == _SIZE, group.material
+    layers = [
+        Layer("bars", "interval", x[finite], y[finite], tones=tones[finite]),
+        Layer("dots", "estimate", x[finite, 1], y[finite, 1], tones=tones[finite]),
+        Layer("dots", "ring", x[finite & ~trusted, 1], y[finite & ~trusted, 1], "does not count"),
+    ]
+    marks: list[Mark] = []
+    if over_size and (slope := group.slopes.get(upper)):
+        power, some = slope.median or 0.0, (y[:, 1] > 0) & (trusted | (slope.n_trusted < slope.n))
+        level = np.median(np.log(y[some, 1]) - power * np.log(x[some, 1]))
+        line = np.linspace(x[:, 1].min(), x[:, 1].max(), 60)
+        layers.append(Layer("line", "centre", line, np.exp(level) * line**power, f"{RMAX}^{slope.words}"))
+    elif (across, upper) == ("shear_modulus", "viscosity") and material and (contour := material.contour()) is not None:
+        of_modulus = in_unit("shear_modulus", unit)[1]
+        layers.append(Layer("line", "contour", of_modulus * contour[:, 1], contour[:, 0], "90 % of shots"))
+        centre = _ends([material.value(across)], of_modulus)[0], _ends([material.value(upper)])[0]
+        marks.append(("centre", "material", *centre))
+    elif mean_y is not None and group.value(upper).std is not None and (over_size or mean_x is not None):
+        marks.append(("centre", "mean ± std", None if over_size else mean_x, mean_y))
+    if not (over_size and group.shear_modulus_Pa.mean is not None):  # once
+        for method, values in group.published.items():
+            of_x, of_y = (_mean(values.get(name, Spread()), in_unit(name, unit)[1]) for name in (across, upper))
+            if of_y is not None and (over_size or of_x is not None):
+                marks.append(("published", digits.elide(method, 14), of_x, of_y))
+    layers += [Layer("bars", look, x[None], y[None], name) for look, name, x, y in marks if x is not None]
+    ends = ([x, *(layer.x for layer in layers)], [y, *(layer.y for layer in layers), *(y for *_, y in marks)])
+    axes = Axis(x_label, *_around(ends[0], close=over_size)), Axis(y_label, *_around(ends[1]))
+    width = np.array([axes[0].low, axes[0].high])
+    for look, name, place, (low, middle, high) in marks:
+        if place is None:
+            layers.append(Layer("line", look, width, np.full(2, middle), name))
+            layers.append(Layer("band", f"{look}-range", width, np.array([low, high])))
+    return Panel(*axes, tuple(layer for layer in layers if len(layer.x)))
+
+
+def _along(
+    name: str, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit
+) -> tuple[Floats, Floats | None, str]:
+    """(n, 3) of a parameter or of R_max, (3,) of the group's mean, and the axis's label."""
+    if name == _SIZE:
+        radii = [1e6 * (record.max_radius_m or np.nan) for record in records]
+        return np.column_stack([radii] * 3), None, f"{RMAX} (µm)"
+    symbol, factor, written = in_unit(name, unit)
+    viscous = name in ("viscosity", AT_RATE)
+    values = _ends([record.viscosity if viscous else record.value(name) for record in records], factor)
+    return values, _mean(group.value(name), factor), f"{symbol} ({written})" if written else symbol
+
+
+def _mean(value: Spread, factor: float) -> Floats | None:
+    if value.mean is None:
+        return None
+    return factor * (value.mean + (value.std or 0.0) * np.array([-1.0, 0.0, 1.0]))
+
+
+def _ends(values: Sequence[Quantity], factor: float = 1.0) -> Floats:
+    """(n, 3) lower end, median and upper end; the median thrice where there is no interval."""
+    ends = factor * np.array([(value.q05, value.median, value.q95) for value in values], dtype=float).reshape(-1, 3)
+    return np.where(np.isnan(ends), ends[:, 1:2], ends)
+
+
+def _around(parts: Sequence[Floats], *, close: bool = False) -> tuple[float, float]:
+    """Limits about all of these positive numbers: from zero where the smallest is far below the largest, else close, so
+    that what differs by little lies apart. close: in any case."""
+    numbers = np.concatenate([np.ravel(part) for part in parts])
+    numbers = numbers[np.isfinite(numbers)]
+    if not len(numbers) or numbers.max() <= 0.0:
+        return 0.0, 1.0
+    low, high = float(numbers.min()), float(numbers.max())
+    begin = 0.0 if low < high / FAR and not close else low
+    margin = 0.1 * (high - begin) or 0.1 * high
+    return max(begin - margin, 0.0), high + margin
