@@ -199,6 +199,15 @@ def test_hdf5_layout(tmp_path):
     assert curves[0].stretch == 7.0
 
 
+@pytest.mark.parametrize(
+    "names", [("time_um", "radius_um"), ("time", "radius_us"), ("time", "radius", "radius_std_um")]
+)
+def test_hdf5_units_of_another_quantity_or_of_two_kinds_are_refused(tmp_path, names):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.update(dict.fromkeys(names, RADIUS))
+    assert code_of(lambda: read_curves(tmp_path / "a.h5")) == "table.units"
+
+
 @pytest.mark.parametrize(("group", "name"), [(b"", b"t_\xb5s"), (b"gel \xb5/", b"time_us")])
 def test_hdf5_names_in_latin_1(tmp_path, group, name):
     with h5py.File(tmp_path / "a.h5", "w") as file:
