@@ -1,7 +1,6 @@
 """The face of the package in Python: names, options, and one sentence for each wrong call."""
 
 import dataclasses
-import importlib
 import inspect
 import json
 import os
@@ -20,7 +19,7 @@ import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, RadiusCurve
 from cavirheo.inference.verify import Verification, VerificationOptions, verify
 from cavirheo.inference.verify.evidence import rank_laws
-from cavirheo.loading import KINDS
+from cavirheo.loading import KINDS, named
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.media import MEDIA, medium
@@ -216,7 +215,7 @@ def pyright(*words: str, cwd: Path | None = None) -> dict[str, Any]:
 @pytest.mark.slow
 def test_all_public_types_are_known():
     symbols = pyright("--verifytypes", "cavirheo", "--ignoreexternal")["typeCompleteness"]["symbols"]
-    documents = [getattr(importlib.import_module(f"cavirheo.{one.module}"), one.name) for one in KINDS.values()]
+    documents = [named(kind) for kind, _ in KINDS.values()]
     objects = [*(getattr(cavirheo, name) for name in cavirheo.__all__), *documents]
     names = {f"cavirheo.{name}" for name in cavirheo.__all__}
     names |= {f"{one.__module__}.{one.__qualname__}" for one in objects}
