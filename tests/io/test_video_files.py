@@ -160,6 +160,7 @@ def several(place, shot):
         (lambda place, shot: tifffile.imwrite(place, shot.frames[:3] * 0, photometric="minisblack"), "video.no_bubble"),
         (lambda place, shot: tifffile.imwrite(place, np.repeat(shot.frames[:1], 9, 0)), "video.no_bubble"),
         (lambda place, shot: [place.mkdir(), *several(place, shot)], "video.sizes"),
+        (lambda place, shot: place.mkdir(), "video.no_images"),
         (lambda place, shot: None, "reading.missing"),
     ],
 )

@@ -228,6 +228,8 @@ def _unsigned(images: Pixels) -> Pixels:
 
 def _folder(path: Path) -> Footage:
     names = _images(path)
+    expected = f"expected at least 3 images of one kind ({', '.join(IMAGES + STACKS)})"
+    require(bool(names), f"no recording in this folder; {expected}", "video.no_images")
     frames = _joined(frame for name in names for frame in _by_pillow(name, 1))
     note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
     return Footage(_unsigned(frames), notes=(note,))
