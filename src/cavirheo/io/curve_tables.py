@@ -86,8 +86,7 @@ CURVES = Vocabulary(
 def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
     """The curves of a text table, or of the first sheet of a workbook; the options are those of `read_curves`.
 
-    Raises:
-        InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
+    Raises InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
     """
     (table,) = read_columns(path, CURVES)
     curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)

@@ -32,12 +32,8 @@ def few(count: int, most: int, what: str) -> None:
 
 
 def arrays(items: Iterable[Any]) -> None:
-    """HDF5 datasets that are about to be read.
-
-    Raises:
-        InputError: they declare more samples than are read ("limits.shape"), chunks as large ("limits.chunks"), or no
-            shape at all ("limits.no_shape"), or take their numbers from other files ("limits.elsewhere").
-    """
+    """HDF5 datasets that are about to be read. Raises InputError: they declare more samples than are read, chunks as
+    large, or no shape at all, or take their numbers from other files."""
     total = 0
     for item in items:
         name = as_text(item.name)

@@ -77,11 +77,7 @@ def _plain(item: Any) -> Floats:
 
 
 def curves(variables: Variables, names: list[str], density: float, pressure: float) -> list[RadiusCurve]:
-    """The curves that the variables make; `names` of all that are in the file.
-
-    Raises:
-        InputError: they make none.
-    """
+    """The curves that the variables make; `names` of all that are in the file. Raises InputError: they make none."""
     cell_arrays = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELL_ARRAYS]
     message = f"{', '.join(cell_arrays)}: a cell array; expected an array of numbers, as cell2mat makes it"
     require(not cell_arrays, message, "matlab.cells")
@@ -138,7 +134,7 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         if not len(max_radii):  # time and radius both wait for the user's R_max
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
             fields: dict[str, Any] = {"stated_time_of_max": 0.0, "time_unscaled": True, "unscaled": reason}
-            unscaled = make_curve(time * per_radius, radius, None, "s", "m", meta, **fields)
+            unscaled = make_curve(time * per_radius, radius, time_unit="s", radius_unit="m", meta=meta, **fields)
             return unscaled.labelled(notes=(*notes, reason))
         if not max_radius > 0:
             reason = f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m"
@@ -146,7 +142,7 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
         shown = {**meta, "notes": (f"seconds from t* with {scale}", *notes)}
         seconds, metres = time * (max_radius * per_radius), radius * max_radius
-        scaled = make_curve(seconds, metres, None, "s", "m", shown, stated_time_of_max=0.0)
+        scaled = make_curve(seconds, metres, time_unit="s", radius_unit="m", meta=shown, stated_time_of_max=0.0)
         return scaled.labelled(warnings=(*scaled.warnings, *_density_warning(scaled.frame_rate, density)))
 
     return [curve(k, *arrays) for k, arrays in enumerate(zip(radii, times, strict=True))]
@@ -176,7 +172,7 @@ def _imr(variables: Variables) -> list[RadiusCurve]:
         notes.append(f"frame times from deltat = {frame * 1e6:.6g} us")
         time = frame * np.arange(radius.size)
     unit = "m" if np.nanmax(radius, initial=0.0) < _LARGEST else None  # some files have um
-    return _rows(time, radius, "s", unit, {"notes": hints + notes, "hints": hints})
+    return _rows(time, radius, time_unit="s", radius_unit=unit, meta={"notes": hints + notes, "hints": hints})
 
 
 def _shifted(variables: Variables) -> list[RadiusCurve]:
@@ -185,14 +181,14 @@ def _shifted(variables: Variables) -> list[RadiusCurve]:
     fits = normal.ndim == 2 and len(normal) == len(largest)
     require(fits, f"Rmax has {len(largest)} values but shift_normRnew the shape {normal.shape}")
     note = "R/R_max times Rmax of the shot; the frame times t are used, not the normalised shift_normTnew"
-    return _rows(variables["t"], normal * largest[:, None], "s", None, {"notes": (note,)})
+    return _rows(variables["t"], normal * largest[:, None], time_unit="s", meta={"notes": (note,)})
 
 
-def _rows(time: Floats, radius: Floats, *options: Any) -> list[RadiusCurve]:
+def _rows(time: Floats, radius: Floats, **options: Any) -> list[RadiusCurve]:
     """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time; `options` of
-    `make_curve` after the deviations."""
+    `make_curve`."""
     if radius.ndim != 2 or min(radius.shape) <= 1:
         radius = radius.reshape(1, -1)
     elif radius.shape[1] != time.size:
         radius = radius.T
-    return [make_curve(time, shot, None, *options) for shot in radius]
+    return [make_curve(time, shot, **options) for shot in radius]

@@ -50,8 +50,7 @@ def make_curve(
     of order are among the curve's `warnings` too. A unit that the size contradicts is no scale. fields: other fields of
     the curve.
 
-    Raises:
-        InputError: no unit of time is given and it cannot be told.
+    Raises InputError: no unit of time is given and it cannot be told.
     """
     t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
