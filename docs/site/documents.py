@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Collection, Iterator
-from importlib import import_module
 from inspect import cleandoc
 from typing import Any
 
@@ -53,7 +52,7 @@ def formats() -> Iterator[str]:
 
 def others() -> list[type[Document]]:
     """The documents that `cavirheo.load` gives, but for result.json."""
-    kinds = [getattr(import_module(f"cavirheo.{kind.module}"), kind.name) for kind in loading.KINDS.values()]
+    kinds = [loading.named(kind) for kind, _ in loading.KINDS.values()]
     return [kind for kind in kinds if kind is not Result]
 
 

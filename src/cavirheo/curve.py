@@ -140,10 +140,9 @@ class RadiusCurve:
             RADIUS.check("radius", float(np.nanmedian(radius)), "curve.radius_unit")
         if len(time) > 1 and not self.time_unscaled:
             INTERVAL.check("the time between frames", float(np.median(np.diff(time))), "curve.time_unit")
-        for name, array in (("time", time), ("radius", radius), ("radius_std", std)):
+        for array in (time, radius, std):
             array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        object.__setattr__(self, "meta", _labels(self.meta))
+        vars(self).update(time=time, radius=radius, radius_std=std, meta=_labels(self.meta))
 
     def __repr__(self) -> str:
         rate = f" at {self.frame_rate:.4g}/s" if self.frame_rate else ""
@@ -222,8 +221,8 @@ class RadiusCurve:
     def labelled(self, *, warnings: tuple[Message, ...] | None = None, **meta: Any) -> RadiusCurve:
         """The same samples with these entries of `meta`, or these warnings; what was read off them stays known."""
         curve = copy(self)
-        object.__setattr__(curve, "meta", _labels({**self.meta, **meta}))
-        object.__setattr__(curve, "warnings", self.warnings if warnings is None else warnings)
+        kept = self.warnings if warnings is None else warnings
+        vars(curve).update(meta=_labels({**self.meta, **meta}), warnings=kept)
         return curve
 
     def with_notes(self, *notes: str) -> RadiusCurve:

@@ -70,13 +70,10 @@ def sha256(path: Path) -> str:
 
 def read_object(path: str | Path, most: int) -> dict[str, Any]:
     """The object in a JSON file. Raises InputError as `read_bytes`, and "files.json"."""
+    content, reason = read_bytes(path, most), "it holds no object"
     try:
-        content = json.loads(read_bytes(path, most).decode("utf-8-sig"))
-        if isinstance(content, dict):
-            return content
-        reason: object = "it holds no object"
-    except InputError:
-        raise
+        if isinstance(value := json.loads(content.decode("utf-8-sig")), dict):
+            return value
     except (ValueError, RecursionError) as error:
-        reason = error
+        reason = str(error)
     raise InputError(f"{path} is damaged or not JSON: {reason}", "files.json")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from cavirheo.errors import InputError, as_path, expect, require
 from cavirheo.files import read_object
@@ -17,24 +17,16 @@ if TYPE_CHECKING:
 Loaded = TypeVar("Loaded", bound="Document | Dataset")
 
 
-class Kind(NamedTuple):
-    """A kind of document: where its class is, and the function that prints its table."""
-
-    module: str
-    name: str
-    table: str
-
-
-# by `kind`, which with the ending .json is the usual name of its file
+# by `kind`, which with the ending .json is the usual name of its file: its class, and what prints its table
 KINDS = {
-    "result": Kind("reporting.record", "Result", "reporting.table.print_all"),
-    "laws": Kind("reporting.laws", "Laws", "reporting.laws.print_table"),
-    "rheometer": Kind("companions.rheometer", "Rheometry", "companions.rheometer.print_rheometry"),
-    "collapse-time": Kind("companions.collapse_times", "CollapseTimes", "companions.collapse_times.print_table"),
-    "measure": Kind("video.document", "Measured", "video.document.print_table"),
-    "design": Kind("companions.design", "Design", "companions.design.print_table"),
-    "metrics": Kind("training.evaluate", "Metrics", "training.evaluate.print_metrics"),
-    "training": Kind("training.evaluate", "TrainingRun", "training.evaluate.print_run"),
+    "result": ("reporting.record.Result", "reporting.table.print_all"),
+    "laws": ("reporting.laws.Laws", "reporting.laws.print_table"),
+    "rheometer": ("companions.rheometer.Rheometry", "companions.rheometer.print_rheometry"),
+    "collapse-time": ("companions.collapse_times.CollapseTimes", "companions.collapse_times.print_table"),
+    "measure": ("video.document.Measured", "video.document.print_table"),
+    "design": ("companions.design.Design", "companions.design.print_table"),
+    "metrics": ("training.evaluate.Metrics", "training.evaluate.print_metrics"),
+    "training": ("training.evaluate.TrainingRun", "training.evaluate.print_run"),
 }
 NAMES = tuple(f"{kind}.json" for kind in KINDS)
 
@@ -62,9 +54,9 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     """
     expect(object if kind is None else kind, type, "a class such as Result, of cavirheo.reporting.record")
     loaded = _load(path)
-    if kind is not None and not isinstance(loaded, kind):
-        message = f"{path} is a {type(loaded).__name__}, not a {kind.__name__}"
-        raise InputError(f"{message}: give another file, or leave out the kind", "loading.kind")
+    message = f"{path} is a {type(loaded).__name__}, not a {getattr(kind, '__name__', kind)}"
+    right = kind is None or isinstance(loaded, kind)
+    require(right, f"{message}: give another file, or leave out the kind", "loading.kind")
     return loaded
 
 
@@ -87,11 +79,15 @@ def _load(path: str | Path) -> Document | Dataset:
             raise
     message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
     require(isinstance(name, str) and name in KINDS, message, "document.other")
-    kind = KINDS[str(name)]
-    return read_json(path, getattr(import_module(f"cavirheo.{kind.module}"), kind.name))
+    return read_json(path, named(KINDS[str(name)][0]))
 
 
 def print_table(document: Document) -> None:
     """The table of a document, as its verb and `cavirheo show` print it."""
-    module, _, name = KINDS[document.kind].table.rpartition(".")
-    getattr(import_module(f"cavirheo.{module}"), name)(document)
+    named(KINDS[document.kind][1])(document)
+
+
+def named(place: str) -> Any:
+    """What is imported from a place in the package, such as "reporting.record.Result"."""
+    module, _, name = place.rpartition(".")
+    return getattr(import_module(f"cavirheo.{module}"), name)

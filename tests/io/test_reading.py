@@ -273,6 +273,16 @@ def test_a_pressure_trace(tmp_path, content):
         assert trace.pressure == pytest.approx([0, -250500, 0])
 
 
+@pytest.mark.parametrize(
+    "names", [("time_um", "radius_um"), ("time", "radius_us"), ("time", "radius", "radius_std_um")]
+)
+def test_hdf5_units_of_another_quantity_or_of_two_kinds_are_refused(tmp_path, names):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.update(dict.fromkeys(names, RADIUS))
+    with refused("table.units"):
+        read_curves(tmp_path / "a.h5")
+
+
 def test_csv_round_trip(tmp_path):
     """No remark above it is a formula."""
     curve = RadiusCurve(TIME, np.where(np.arange(len(TIME)) == 3, np.nan, RADIUS), np.linspace(1e-6, 2e-6, len(TIME)))

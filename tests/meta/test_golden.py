@@ -11,7 +11,6 @@ import json
 import re
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import pytest
 
 import cavirheo
 from cavirheo import Bubble, Medium, fit, infer, read_curves
-from cavirheo.loading import KINDS
+from cavirheo.loading import KINDS, named
 
 HERE = Path(__file__).resolve().parent / "golden"
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,10 +49,10 @@ def _signature(thing: Any) -> str:
 def schema() -> dict[str, Any]:
     """Of every document: the fields of each of its records, with their types."""
     found = {}
-    for about in KINDS.values():
-        whole = getattr(import_module(f"cavirheo.{about.module}"), about.name).model_json_schema(by_alias=True)
-        records = {about.name: whole, **whole.get("$defs", {})}
-        found[about.name] = {
+    for document in (named(kind) for kind, _ in KINDS.values()):
+        whole = document.model_json_schema(by_alias=True)
+        records = {document.__name__: whole, **whole.get("$defs", {})}
+        found[document.__name__] = {
             record: {field: _kind(one) for field, one in sorted(content.get("properties", {}).items())}
             for record, content in sorted(records.items())
         }

@@ -21,7 +21,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
 from cavirheo.io.formats import unit_of
-from cavirheo.io.samples import RADIUS_UNITS, TIME_UNITS, make_curve
+from cavirheo.io.samples import RADIUS_UNITS, TIME_UNITS, check_units, make_curve
 from cavirheo.io.tables import Column, Name, Table, Term, Vocabulary, read_columns, single
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.writing.document import write_rows
@@ -86,31 +86,22 @@ CURVES = Vocabulary(
 def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
     """The curves of a text table, or of the first sheet of a workbook; the options are those of `read_curves`.
 
-    Raises:
-        InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
+    Raises InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
     """
     (table,) = read_columns(path, CURVES)
     curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
-    notes = ["read from the first sheet of the workbook"] if table.sheet else []
-    return [curve.with_notes(*notes) for curve in curves] if notes else curves
+    return [curve.with_notes("read from the first sheet of the workbook") if table.sheet else curve for curve in curves]
 
 
 def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
     shot, std, max_radius, *stretches = map(table.only, ("curve", "radius_std", "max_radius", "stretch", "stretch_std"))
-    radii, radius_notes = _radii(table)
-    clock, time_unit, clock_notes = _clock(table, frame_rate)
-    units = [column.unit for column in radii]
-    fine = time_unit in (None, *TIME_UNITS) and {*units} <= {None, *RADIUS_UNITS}
-    message = f"the header {table.titles} gives time in {time_unit} and radius in {' and '.join(map(str, units[:2]))}"
-    require(fine, message, "table.units")
-    notes = [*table.notes, *radius_notes, *clock_notes]
-    deviation = np.full(len(clock), np.nan)
+    radii, (clock, time_unit) = _radii(table), _clock(table, frame_rate)
     if std and len(radii) > 1:
-        notes.append(f"{std.title!r} is not used: there are {len(radii)} columns of radii")
-    elif std:
-        message = f"radius is in {units[0]} but radius_std in {std.unit}; give both in one unit"
-        require(std.unit in (None, units[0]), message, "table.units")
-        deviation = std.numbers
+        table.notes.append(f"{std.title!r} is not used: there are {len(radii)} columns of radii")
+        std = None
+    for column in radii:
+        check_units(f"the header {table.titles}", time_unit, column.unit, std.unit if std else None)
+    deviation = std.numbers if std else np.full(len(clock), np.nan)
     message = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other" if shot else ""
     require(not shot or len(radii) == 1, message, "table.twice")
     shots: dict[str, list[int]] = {}
@@ -121,18 +112,10 @@ def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
     for column in radii:
         radius = column.numbers * (0.5 if column.name.kind == "diameter" else 1.0)
         for label, rows in shots.items():
-            meta, stretch_notes = _stated_stretch(stretches, rows)
+            meta = _stated_stretch(stretches, rows, table.notes)
             if shot or len(radii) > 1:
                 meta["label"] = label if shot else re.sub(r"\s*[\[(].*", "", column.title) or column.title
-            curve = make_curve(
-                clock[rows],
-                radius[rows],
-                deviation[rows],
-                time_unit=time_unit,
-                radius_unit=column.unit,
-                notes=(*notes, *stretch_notes),
-                **meta,
-            )
+            curve = make_curve(clock[rows], radius[rows], deviation[rows], time_unit, column.unit, meta)
             curves.append(_with_size(curve, max_radius, rows) if max_radius else curve)
     return curves
 
@@ -149,34 +132,36 @@ def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCur
     RADIUS.check(column.title, size := sizes[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
         factor = size / curve.max_radius
-        scaled = "radii scaled to it"
-        if abs(factor - 1.0) >= ONE_SCALE:
-            scaled = f"radii of {curve.name} scaled by {factor:.3g}"
+        off = abs(factor - 1.0) >= ONE_SCALE
+        scaled = f"radii of {curve.name} scaled by {factor:.3g}" if off else "radii scaled to it"
         hint = f"R_max of each shot as the column {column.title!r} has it: {scaled}"
         return curve.labelled(hints=(*curve.hints, hint)).with_max_radius(size)
     return curve
 
 
-def _stated_stretch(columns: list[Column | None], rows: list[int]) -> tuple[dict[str, Any], list[str]]:
-    """What columns state of the stretch of one curve, and notes; one that changes from frame to frame is another."""
-    meta, notes = dict[str, Any](), list[str]()
+def _stated_stretch(columns: list[Column | None], rows: list[int], notes: list[str]) -> dict[str, Any]:
+    """What columns state of the stretch of one curve, after these notes; one that changes from frame to frame is
+    another quantity."""
+    meta: dict[str, Any] = {"notes": [*notes]}
     for column in filter(None, columns):
         values = {float(value) for value in column.numbers[rows] if np.isfinite(value)}
         if len(values) == 1:
             meta[column.name.kind] = values.pop()
         elif values:
-            notes.append(f"the column {column.title!r} is not used: it changes from frame to frame")
+            meta["notes"].append(f"the column {column.title!r} is not used: it changes from frame to frame")
     if "stretch" in meta:
-        notes.append(f"the file states the stretch {meta['stretch']:.4g} +- {meta.get('stretch_std', np.nan):.2g}")
-    return meta, notes
+        spread = meta.get("stretch_std", np.nan)
+        meta["notes"].append(f"the file states the stretch {meta['stretch']:.4g} +- {spread:.2g}")
+    return meta
 
 
-def _radii(table: Table) -> tuple[list[Column], list[str]]:
-    """(the columns of radii, one curve each; notes). Raises InputError: it is not clear which they are."""
-    kind = next(kind for kind in ("radius", "diameter") if table.all(kind))
-    radii, notes = table.all(kind), ["diameters halved"] if kind == "diameter" else []
+def _radii(table: Table) -> list[Column]:
+    """The columns of radii, one curve each. Raises InputError: it is not clear which they are."""
+    radii = table.all("radius") or table.all("diameter")
+    table.notes.extend(["diameters halved"] * (radii[0].name.kind == "diameter"))
     if scaled := [column for column in radii if column.unit != "px"]:
-        notes += ["the column in pixels is not used: there is one in a unit of length"] * (len(scaled) < len(radii))
+        note = "the column in pixels is not used: there is one in a unit of length"
+        table.notes.extend([note] * (len(scaled) < len(radii)))
         radii = scaled
     unnumbered = [column for column in radii if not column.name.number]
     if unnumbered and len(unnumbered) < len(radii):
@@ -188,27 +173,26 @@ def _radii(table: Table) -> tuple[list[Column], list[str]]:
     require(len({column.title for column in radii}) == len(radii), message, "table.twice")
     if len(radii) > 1:
         titles = ", ".join(column.title for column in radii[:6]) + (", ..." if len(radii) > 6 else "")
-        notes.append(f"{len(radii)} columns of radii, a curve each: {titles}")
-    return radii, notes
+        table.notes.append(f"{len(radii)} columns of radii, a curve each: {titles}")
+    return radii
 
 
-def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, list[str]]:
-    """((rows,) times, their unit, notes), of the times in the file, or its frame numbers and the frame rate.
+def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
+    """((rows,) times, their unit), of the times in the file, or its frame numbers and the frame rate.
 
-    Raises:
-        InputError: two columns of times, or no frame rate.
+    Raises InputError: two columns of times, or no frame rate.
     """
     time, frame = table.only("time"), table.only("frame")
     if time:
-        idle = ["the frame rate that is given is not used: the file has times"] if frame_rate else []
-        return time.numbers, time.unit, idle
+        table.notes.extend(["the frame rate that is given is not used: the file has times"] if frame_rate else [])
+        return time.numbers, time.unit
     assert frame is not None  # a header without times has frames
     if frame_rate is None:
         message = f"{frame.title!r} has numbers of frames and no times: give the frame rate (--fps 1e6)"
         raise InputError(message, "table.frame_rate")
     FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
-    note = f"times of the numbers in {frame.title!r} at {frame_rate:.6g} frames per second, as given"
-    return frame.numbers / frame_rate, "s", [note]
+    table.notes.append(f"times of the numbers in {frame.title!r} at {frame_rate:.6g} frames per second, as given")
+    return frame.numbers / frame_rate, "s"
 
 
 def _without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
@@ -221,16 +205,17 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
     separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
     if len(separators) and columns == 2:
         limits.few(len(separators), limits.CURVES, "curves")
-        blocks = [b[np.any(b != _SEPARATOR, axis=1)] for b in np.split(numbers, separators)]
-        filled = [b for b in blocks if np.count_nonzero(b[:, 1] > 1e-9) > 0]
-        without = sum(len(b) > 0 for b in blocks) - len(filled)
-        require(len(filled) > 0, "no curve between the rows of -1000 holds a radius", "table.empty")
+        blocks = [block[np.any(block != _SEPARATOR, axis=1)] for block in np.split(numbers, separators)]
+        filled = [block for block in blocks if (block[:, 1] > 1e-9).any()]
+        without = sum(len(block) > 0 for block in blocks) - len(filled)
+        require(bool(filled), "no curve between the rows of -1000 holds a radius", "table.empty")
         note = "curves separated by rows of -1000, no header"
         note += f"; {without} blocks of the file hold no radius and were left out" if without else ""
-        return [make_curve(b[:, 0], b[:, 1], notes=(note,)).with_notes(*table.notes) for b in filled]
+        curves = (make_curve(block[:, 0], block[:, 1], meta={"notes": (note,)}) for block in filled)
+        return [curve.with_notes(*table.notes) for curve in curves]
     require(columns == 2, f"{columns} columns and no header; {_ADVICE}", "table.header")
-    note = "no header: columns taken as time and radius"
-    curve = make_curve(values[0], values[1], notes=(note,)).with_notes(*table.notes)
+    meta = {"notes": ("no header: columns taken as time and radius",)}
+    curve = make_curve(values[0], values[1], meta=meta).with_notes(*table.notes)
     ratio = curve.rayleigh_ratio(density, pressure)
     proven = ratio is not None and _PROVEN[0] <= ratio <= _PROVEN[1]
     require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")

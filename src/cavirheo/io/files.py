@@ -87,8 +87,7 @@ def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda 
 
     A file that is missing or cannot be read is named too: its reader refuses it, and the others are answered.
 
-    Raises:
-        InputError: an empty folder ("files.none_in_folder"), or a pattern that nothing matches ("files.no_match").
+    Raises InputError: an empty folder ("files.none_in_folder"), or a pattern that nothing matches ("files.no_match").
     """
     paths: list[Path] = []
     for argument in arguments:

@@ -80,8 +80,7 @@ def read_sheets(path: Path, is_header: IsHeader, *, most: int | None = None) -> 
     it. Without a header it is the separator that all of the first twenty lines hold. A comment is a row (without its
     mark) if it is a header over rows that are none.
 
-    Raises:
-        InputError: larger than is read (limits.py), damaged, or neither text nor a workbook ("tabular.binary").
+    Raises InputError: larger than is read (limits.py), damaged, or neither text nor a workbook ("tabular.binary").
     """
     with path.open("rb") as file:
         kind = kind_of(file.read(1024))
@@ -197,11 +196,7 @@ def is_number(cell: str) -> bool:
 
 
 def number(cell: str) -> float:
-    """NaN where the cell is missing.
-
-    Raises:
-        InputError: no number ("tabular.number"), or one with a comma of unknown meaning ("tabular.comma").
-    """
+    """NaN where the cell is missing. Raises InputError: no number, or one with a comma of unknown meaning."""
     if is_float(cell):
         return float(cell)
     if _WITH_COMMA.fullmatch(cell):

@@ -16,7 +16,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.io import limits
 from cavirheo.io.curve_tables import CURVES
-from cavirheo.io.samples import make_curve
+from cavirheo.io.samples import check_units, make_curve
 
 _EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
 
@@ -69,4 +69,6 @@ def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve
         require(number, f"the attribute stretch of {path} is no number: {stretch}"[:200], "hdf5.stretch")
         meta["stretch"] = float(stretch.item())
     samples: dict[str, Any] = {kind: np.asarray(item[()]) for kind, (item, _) in arrays.items()}
-    return make_curve(**samples, time_unit=arrays["time"][1] or "s", radius_unit=arrays["radius"][1] or "m", **meta)
+    units = {"time": "s", "radius": "m"} | {kind: unit for kind, (_, unit) in arrays.items() if unit}
+    check_units(path, units["time"], units["radius"], units.get("radius_std"))
+    return make_curve(**samples, time_unit=units["time"], radius_unit=units["radius"], meta=meta)

@@ -32,17 +32,14 @@ def few(count: int, most: int, what: str) -> None:
 
 
 def arrays(items: Iterable[Any]) -> None:
-    """HDF5 datasets that are about to be read.
-
-    Raises:
-        InputError: they declare more samples than are read ("limits.shape"), chunks as large ("limits.chunks"), or no
-            shape at all ("limits.no_shape"), or take their numbers from other files ("limits.elsewhere").
-    """
+    """HDF5 datasets that are about to be read. Raises InputError: they declare more samples than are read, chunks as
+    large, or no shape at all, or take their numbers from other files."""
     total = 0
     for item in items:
         name = as_text(item.name)
         require(item.shape is not None, f"{name} has no shape: it holds nothing", "limits.no_shape")
-        _require_inside(not (item.external or item.is_virtual), f"{name} takes its numbers from another file")
+        elsewhere = f"{name} takes its numbers from another file; copy them into this one"
+        require(not (item.external or item.is_virtual), elsewhere, "limits.elsewhere")
         total += prod(item.shape)
         for what, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
             declared = f"{name} declares the {what} {getattr(item, what)}"
@@ -60,9 +57,6 @@ def local_item(group: Any, name: str | bytes) -> Any:
 
     links, key = group.id.links, name if isinstance(name, bytes) else name.encode()  # get(getlink=True) wants UTF-8
     link = links.exists(key) and links.get_info(key).type == h5py.h5l.TYPE_EXTERNAL
-    _require_inside(not link, f"{as_text(name)} is a link to another file")
+    elsewhere = f"{as_text(name)} is a link to another file; copy them into this one"
+    require(not link, elsewhere, "limits.elsewhere")
     return group.get(name)
-
-
-def _require_inside(fine: bool, what: str) -> None:
-    require(fine, f"{what}; copy them into this one", "limits.elsewhere")

@@ -33,8 +33,7 @@ def read_matfile(path: Path, names_wanted: Container[str]) -> tuple[dict[str, An
     """(numeric variables of the wanted names, names of all): an array as (…,) float64, a cell array as a list of its
     numeric cells in MATLAB's order, each flat; other cells are empty arrays.
 
-    Raises:
-        InputError: the file breaks its own format, or holds more than is read.
+    Raises InputError: the file breaks its own format, or holds more than is read.
     """
     limits.few(path.stat().st_size, limits.INFLATED, "bytes")
     content = path.read_bytes()

@@ -77,11 +77,7 @@ def _plain(item: Any) -> Floats:
 
 
 def curves(variables: Variables, names: list[str], density: float, pressure: float) -> list[RadiusCurve]:
-    """The curves that the variables make; `names` of all that are in the file.
-
-    Raises:
-        InputError: they make none.
-    """
+    """The curves that the variables make; `names` of all that are in the file. Raises InputError: they make none."""
     cell_arrays = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELL_ARRAYS]
     message = f"{', '.join(cell_arrays)}: a cell array; expected an array of numbers, as cell2mat makes it"
     require(not cell_arrays, message, "matlab.cells")
@@ -112,49 +108,44 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
     count = len(radii)
     require(count == len(times), f"R_nondim_All has {count} cells but t_nondim_All {len(times)}")
     require(count > 0, "R_nondim_All has no cells: no curve", "matlab.cells")
-    shared, hints, meta = list[str](), list[str](), dict[str, Any]()
-    constants = {"pressure": pressure, "density": density}
+    notes, hints, constants = list[str](), list[str](), {"pressure": pressure, "density": density}
     for word, name, unit in (("pressure", "P_inf", "Pa"), ("density", "rho", "kg/m3")):
         value, of_medium = _scalar(variables, name), constants[word]
         if value is not None and value > 0:
-            shared.append(f"{name} = {value:.6g} {unit} taken from the file")
+            notes.append(f"{name} = {value:.6g} {unit} taken from the file")
             constants[word] = value
             hint = f"the file states a {word} of {value:.6g} {unit}, with which its times are made seconds, and "
             hint += f"the medium has {of_medium:.6g}: --{word} {value:.6g} simulates with it, too"
             hints += [hint] if abs(value / of_medium - 1.0) > 1e-3 else []
     pressure, density = constants.values()
-    shared += hints
-    if hints:
-        meta["hints"] = tuple(hints)
+    notes += hints
+    meta: dict[str, Any] = {"hints": tuple(hints)} if hints else {}
     stretch, spread = (_scalar(variables, name) for name in ("lambda_max_mean", "lambda_max_std"))
     if stretch is not None:
         meta |= {"stretch": stretch, "stretch_std": spread}
-        shared.append(f"the file states one stretch for all shots: {stretch:.4g} +- {spread or float('nan'):.2g}")
+        notes.append(f"the file states one stretch for all shots: {stretch:.4g} +- {spread or float('nan'):.2g}")
     max_radii = variables.get("RmaxList", np.empty(0)).ravel()
     per_radius = float(np.sqrt(density / pressure))  # s per m of R_max and unit of t*
-    fields: dict[str, Any] = {"stated_time_of_max": 0.0}
-    units: dict[str, Any] = {"time_unit": "s", "radius_unit": "m"}
-    bdt_curves = []
-    for k, (radius, time) in enumerate(zip(radii, times, strict=True)):
-        cell = f"cell {k + 1} of {count}"
-        max_radius = float(max_radii[k]) if k < len(max_radii) else np.nan
+
+    def curve(k: int, radius: Floats, time: Floats) -> RadiusCurve:
+        cell, max_radius = f"cell {k + 1} of {count}", float(max_radii[k]) if k < len(max_radii) else np.nan
         if radius.size == 0 or time.size == 0:
-            curve = unusable(f"{cell} is empty", fields, **meta)
-        elif not len(max_radii):  # time and radius both wait for the user's R_max
+            return unusable(f"{cell} is empty", meta, stated_time_of_max=0.0)
+        if not len(max_radii):  # time and radius both wait for the user's R_max
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
-            unscaled = {**fields, "time_unscaled": True, "unscaled": reason}
-            curve = make_curve(time * per_radius, radius, fields=unscaled, **units, **meta)
-            curve = curve.labelled(notes=(*shared, reason))
-        elif not max_radius > 0:
-            curve = unusable(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", fields, **meta)
-        else:
-            scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
-            notes = (f"seconds from t* with {scale}", *shared)
-            seconds, metres = time * (max_radius * per_radius), radius * max_radius
-            curve = make_curve(seconds, metres, notes=notes, fields=fields, **units, **meta)
-            curve = curve.labelled(warnings=(*curve.warnings, *_density_warning(curve.frame_rate, density)))
-        bdt_curves.append(curve)
-    return bdt_curves
+            fields: dict[str, Any] = {"stated_time_of_max": 0.0, "time_unscaled": True, "unscaled": reason}
+            unscaled = make_curve(time * per_radius, radius, time_unit="s", radius_unit="m", meta=meta, **fields)
+            return unscaled.labelled(notes=(*notes, reason))
+        if not max_radius > 0:
+            reason = f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m"
+            return unusable(reason, meta, stated_time_of_max=0.0)
+        scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
+        shown = {**meta, "notes": (f"seconds from t* with {scale}", *notes)}
+        seconds, metres = time * (max_radius * per_radius), radius * max_radius
+        scaled = make_curve(seconds, metres, time_unit="s", radius_unit="m", meta=shown, stated_time_of_max=0.0)
+        return scaled.labelled(warnings=(*scaled.warnings, *_density_warning(scaled.frame_rate, density)))
+
+    return [curve(k, *arrays) for k, arrays in enumerate(zip(radii, times, strict=True))]
 
 
 def _density_warning(rate: float | None, density: float) -> list[Message]:
@@ -181,7 +172,7 @@ def _imr(variables: Variables) -> list[RadiusCurve]:
         notes.append(f"frame times from deltat = {frame * 1e6:.6g} us")
         time = frame * np.arange(radius.size)
     unit = "m" if np.nanmax(radius, initial=0.0) < _LARGEST else None  # some files have um
-    return _rows(time, radius, radius_unit=unit, notes=(*hints, *notes), hints=hints, time_unit="s")
+    return _rows(time, radius, time_unit="s", radius_unit=unit, meta={"notes": hints + notes, "hints": hints})
 
 
 def _shifted(variables: Variables) -> list[RadiusCurve]:
@@ -189,8 +180,8 @@ def _shifted(variables: Variables) -> list[RadiusCurve]:
     normal, largest = variables["shift_normRnew"], variables["Rmax"].ravel()
     fits = normal.ndim == 2 and len(normal) == len(largest)
     require(fits, f"Rmax has {len(largest)} values but shift_normRnew the shape {normal.shape}")
-    notes = ("R/R_max times Rmax of the shot; the frame times t are used, not the normalised shift_normTnew",)
-    return _rows(variables["t"], normal * largest[:, None], notes=notes, time_unit="s")
+    note = "R/R_max times Rmax of the shot; the frame times t are used, not the normalised shift_normTnew"
+    return _rows(variables["t"], normal * largest[:, None], time_unit="s", meta={"notes": (note,)})
 
 
 def _rows(time: Floats, radius: Floats, **options: Any) -> list[RadiusCurve]:

@@ -135,8 +135,7 @@ def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
     """(n,) times in s, (n,) pressures above the ambient one in Pa, and notes of what was recognised or left out, from
     the columns time_us and pressure_kPa (or in other units, which must be named).
 
-    Raises:
-        InputError: the file cannot be read, has no such columns, or a cell that is no number.
+    Raises InputError: the file cannot be read, has no such columns, or a cell that is no number.
     """
     with guarded(path):
         (table,) = read_columns(path, _TRACE)

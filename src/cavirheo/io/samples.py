@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
 from cavirheo.messages import Message
 
@@ -21,37 +21,42 @@ _SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
 _NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (denormals in one published file)
 
 
-def unusable(reason: str, fields: Mapping[str, Any] | None = None, **meta: Any) -> RadiusCurve:
+def check_units(where: str, time: str | None, radius: str | None, radius_std: str | None) -> None:
+    """Raises InputError: a unit is that of another quantity, or radii and their deviations are in two units."""
+    fine = time in (None, *TIME_UNITS) and radius in (None, *RADIUS_UNITS)
+    require(fine, f"{where} gives time in {time} and radius in {radius}", "table.units")
+    message = f"radius is in {radius} but radius_std in {radius_std}; give both in one unit"
+    require(radius_std in (None, radius), message, "table.units")
+
+
+def unusable(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
     """A curve without samples that says why. fields: its other fields."""
-    meta["notes"] = (reason,)
-    return RadiusCurve(np.empty(0), np.empty(0), meta=meta, **{**(fields or {}), "unusable": reason})
+    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, **fields, unusable=reason)
 
 
 def make_curve(
     time: ArrayLike,
     radius: ArrayLike,
     radius_std: ArrayLike | None = None,
-    *,
     time_unit: str | None = None,
     radius_unit: str | None = None,
-    notes: Sequence[str] = (),
-    fields: Mapping[str, Any] | None = None,
-    **meta: Any,
+    meta: Mapping[str, Any] | None = None,
+    **fields: Any,
 ) -> RadiusCurve:
     """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
 
     Frames with NaN or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left out; frames
-    are sorted by time; frames of one time are averaged. Each is counted in the notes; times out of order are among the
-    curve's `warnings` too. A unit that the size contradicts is no scale. fields: other fields of the curve.
+    are sorted by time; frames of one time are averaged. Each is counted in the notes, after those in `meta`; times out
+    of order are among the curve's `warnings` too. A unit that the size contradicts is no scale. fields: other fields of
+    the curve.
 
-    Raises:
-        InputError: no unit of time is given and it cannot be told.
+    Raises InputError: no unit of time is given and it cannot be told.
     """
     t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
-    fields = dict(fields or {})
+    meta = dict(meta or {})
     if len(t) != len(r) or len(std) != len(r):
-        return unusable(f"{len(t)} times but {len(r)} radii", fields, **meta)
+        return unusable(f"{len(t)} times but {len(r)} radii", meta, **fields)
     timed = np.abs(t) < _ABSURD
     t, r, std = t[timed], np.where(np.abs(r) < _ABSURD, r, np.nan)[timed], std[timed]
     n, missing = len(t), np.count_nonzero(np.isnan(r))
@@ -79,13 +84,13 @@ def make_curve(
     step = float(np.median(steps)) if len(steps) > 1 else 0.0
     if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:
         meta.setdefault("frame_rate_hz", 1.0 / step)
-    meta["notes"] = (*notes, *(remark for remark, applies in remarks.items() if applies))
+    meta["notes"] = (*meta.get("notes", ()), *(remark for remark, applies in remarks.items() if applies))
     if hints := (*meta.pop("hints", ()), *filter(None, (time_hint, radius_hint))):
         meta["hints"] = hints
     try:
         return RadiusCurve(t, r, std, meta, **{"unscaled": unscaled, **fields}, warnings=warnings)
     except InputError as error:  # of no bubble: the others of its file are answered
-        return unusable(str(error), fields, **meta)
+        return unusable(str(error), meta, **fields)
 
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from cavirheo.io.curve_tables import ONE_SCALE
 from cavirheo.io.files import file_label, guarded
 from cavirheo.parameters import RADIUS
 from cavirheo.video.frames import is_video
-
-if TYPE_CHECKING:
-    from cavirheo.video.measurement import MeasureOptions
 
 Chosen = str | Iterable[int] | None  # which shots of a file: "1,4-7", numbered from 1 in the order of the file
 Item = TypeVar("Item")
@@ -75,9 +72,9 @@ def read_curves(
     if is_video(path):
         from cavirheo.io.videos import examine
 
-        options: MeasureOptions = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px}
-        options |= {"exposure": exposure, "exclude": exclude}
-        return [with_maximum_notes(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
+        camera: dict[str, Any] = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px, "exposure": exposure}
+        _, curve = examine(path, sheet=True, exclude=exclude, **camera)
+        return selected([with_maximum_notes(curve)], shots)
     message = f"{file_label(path)}: frames are excluded of recordings; of a table empty their radius"
     require(exclude is None, message, "reading.exclude")
     with guarded(path, _EXPECTED):

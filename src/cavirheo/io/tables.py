@@ -19,17 +19,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.io.formats import (
-    CellTexts,
-    Row,
-    Sheet,
-    is_number,
-    number,
-    plain,
-    plain_title,
-    read_sheets,
-    unit_of,
-)
+from cavirheo.io.formats import CellTexts, Row, Sheet, is_number, number, plain, plain_title, read_sheets, unit_of
 
 _LONGEST = 120  # characters of a title; more is a sentence, and takes time
 # of rows that are no measurements, as `plain_title` writes them
@@ -101,12 +91,9 @@ class Vocabulary:
     def code(self, mistake: str) -> str:
         return self.codes.get(mistake, f"tabular.{mistake}")
 
-    def units(self, kind: str) -> Mapping[str, float]:
-        """Of a kind; none of texts and of what is not known."""
-        return self.terms[kind].units if kind else {}
-
-    def label(self, kind: str) -> str:
-        return self.terms[kind].label or kind
+    def term(self, kind: str) -> Term:
+        """Of a kind; one without units of what is not known."""
+        return self.terms.get(kind, Term(""))
 
     @cached_property
     def _kinds(self) -> dict[str, str]:
@@ -164,10 +151,10 @@ class Column:
         units, unit, vocabulary = self._term.units, self.unit, self.table.vocabulary
         if not units:
             return 1.0
-        missing = unit is None or np.isnan(units.get(unit, 1.0))
+        named = unit is not None and not np.isnan(units.get(unit, 1.0))
         first_units = ", ".join([name for name in units if name.isascii()][:4])
         hint = self._term.hint or f"write it into the title, as in {self.title.split()[0]} ({next(iter(units))})"
-        require(not missing, f"{self.title!r} has no unit: {hint}; {vocabulary.expected}", vocabulary.code("no_unit"))
+        require(named, f"{self.title!r} has no unit: {hint}; {vocabulary.expected}", vocabulary.code("no_unit"))
         unknown = f"{self.title!r} has the unknown unit {unit!r} ({first_units}); {vocabulary.expected}"
         require(unit in units, unknown, vocabulary.code("unit"))
         return units[str(unit)]
@@ -180,7 +167,7 @@ class Column:
 
     @property
     def _term(self) -> Term:
-        return self.table.vocabulary.terms[self.name.kind]
+        return self.table.vocabulary.term(self.name.kind)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,20 +210,15 @@ def single(columns: Sequence[Column]) -> Column | None:
     if len(columns) > 1:
         vocabulary, kind = columns[0].table.vocabulary, columns[0].name.kind
         two = " and ".join(repr(column.title) for column in columns[:2])
-        message = f"two columns for {vocabulary.label(kind)}: {two}; {vocabulary.terms[kind].twice}"
+        term = vocabulary.term(kind)
+        message = f"two columns for {term.label or kind}: {two}; {term.twice}"
         raise InputError(message, vocabulary.code("twice"))
     return columns[0] if columns else None
 
 
 def read_columns(path: Path, vocabulary: Vocabulary) -> list[Table]:
-    """The table of a text file or of a workbook's first sheet; with sections all tables of all sheets.
-
-    Args:
-        path: text of any dialect (formats.py), .xlsx, .xls, .xlsb or .ods.
-        vocabulary: what columns may hold.
-
-    Returns:
-        The tables, at least one; no row has more cells than there are titles.
+    """The table of a text file (formats.py) or of a workbook's first sheet; with sections all tables of all sheets.
+    There is at least one, and no row has more cells than there are titles.
 
     Raises:
         InputError: the file cannot be read (`read_sheets`), has no such titles ("columns") or nothing below them
@@ -263,7 +245,7 @@ def _no_titles(rows: list[CellTexts], vocabulary: Vocabulary) -> InputError:
     kinds = {vocabulary.name(cell).kind for cell in closest}
     titles = ", ".join(repr(title[:30]) for title in closest[:_LISTED])
     missing = [kind for kind in vocabulary.need if kinds.isdisjoint(kind.split("|"))]
-    names = " and ".join(vocabulary.label(kind.split("|")[0]) for kind in missing)
+    names = " and ".join(vocabulary.term(kind.split("|")[0]).label or kind.split("|")[0] for kind in missing)
     lack = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}"
     return InputError(f"{lack}; {vocabulary.expected}", vocabulary.code("columns"))
 
@@ -282,11 +264,10 @@ def _tables(sheet: Sheet, vocabulary: Vocabulary) -> Iterator[Table]:
         if vocabulary.sections:
             rows = list(takewhile(lambda row: not _begins_section(row), rows))
         for row in rows:
-            if any(row.texts[len(titles) :]):
-                message = f"row {row.number} has {len(row.texts)} cells, the header {len(titles)}"
-                message += ": is a comma decimal, or part of a text that needs quotes?"
-                raise InputError(message, vocabulary.code("width"))
-        measured = any(map(vocabulary.units, (vocabulary.name(title).kind for title in titles)))
+            message = f"row {row.number} has {len(row.texts)} cells, the header {len(titles)}"
+            hint = "is a comma decimal, or part of a text that needs quotes?"
+            require(not any(row.texts[len(titles) :]), f"{message}: {hint}", vocabulary.code("width"))
+        measured = any(vocabulary.term(vocabulary.name(title).kind).units for title in titles)
         last = rows[-1].texts if rows and measured else []
         if word := next((cell for cell in last if plain_title(cell) in _SUMMARIES.split()), ""):
             message = f"row {rows[-1].number} is a {word} and no measurement: remove it, and others like it"
@@ -309,7 +290,7 @@ def _with_units(titles: CellTexts, rows: list[Row], vocabulary: Vocabulary) -> t
     for _, texts in units:
         for k, (title, cell) in enumerate(zip(titles, texts, strict=False)):
             kind, unit, _ = vocabulary.name(title)
-            units_of_kind, bare = vocabulary.units(kind), cell.strip("[]() ")
+            units_of_kind, bare = vocabulary.term(kind).units, cell.strip("[]() ")
             below = unit_of(bare, units_of_kind)
             if not units_of_kind or (below is None and is_number(bare)):
                 continue
@@ -324,7 +305,7 @@ def _with_units(titles: CellTexts, rows: list[Row], vocabulary: Vocabulary) -> t
 
 def _are_words(titles: CellTexts, texts: CellTexts, vocabulary: Vocabulary) -> bool:
     """Whether a row has words and units, not numbers, in the columns that have units."""
-    units = [vocabulary.units(vocabulary.name(title).kind) for title in titles]
+    units = [vocabulary.term(vocabulary.name(title).kind).units for title in titles]
     measured = [(cell, of_kind) for cell, of_kind in zip(texts, units, strict=False) if of_kind and cell]
     words = [cell for cell, of_kind in measured if unit_of(cell.strip("[]() "), of_kind) is None or not is_number(cell)]
     words = words or (texts if vocabulary.sections else [])

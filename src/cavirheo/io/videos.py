@@ -76,17 +76,14 @@ class Camera(NamedTuple):
 def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -> tuple[Camera, list[str]]:
     """The camera that these texts say; why a recording with this ending cannot be measured so, field by field, empty
     where it can. unscaled: its file is known to state no scale."""
-    values, wrong = list[float | None](), list[str]()
-    for text, field in zip(texts, Camera._fields, strict=True):
+    played = "missing: type the rate of the camera; the file states only how fast it is played"
+    scale = "missing: type how many micrometres a pixel shows"
+    wrong = ["" if ending in CAMERAS else played, scale if unscaled or ending not in STACKS else "", ""]
+    values: list[float | None] = [None, None, None]
+    for k, (text, field) in enumerate(zip(texts, Camera._fields, strict=True)):
         try:
-            value = number_of(text, field.replace("_", " "))
-            why = "" if value is None or 0 < value < inf else "must be a positive number"
+            if (value := number_of(text, field.replace("_", " "))) is not None:
+                values[k], wrong[k] = value, "" if 0 < value < inf else "must be a positive number"
         except InputError as error:
-            value, why = None, str(error)
-        values.append(value)
-        wrong.append(why)
-    if values[0] is None and ending not in CAMERAS:
-        wrong[0] = wrong[0] or "missing: type the rate of the camera; the file states only how fast it is played"
-    if values[1] is None and (ending not in STACKS or unscaled):
-        wrong[1] = wrong[1] or "missing: type how many micrometres a pixel shows"
+            wrong[k] = str(error)
     return Camera(*values), wrong

@@ -68,23 +68,21 @@ class Measured(Document):
     optics_sigma_px: Finite
     flags: dict[str, int]
     max_radius_px: Finite
-    max_radius_m: Finite
-    time_of_max_s: Finite
-    collapse_times_s: list[float]
-    unusable: str
+    max_radius_m: Finite = None
+    time_of_max_s: Finite = None
+    collapse_times_s: list[float] = []
+    unusable: str = ""
     doubts: list[str]
     columns: dict[str, str] = COLUMNS
 
 
 def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:
     """The document of a measurement; `warnings`: of the curve in its medium."""
-    landmarks: tuple[float | None, float | None, list[float]] = None, None, []
-    unusable = ""
     try:
-        landmarks = curve.max_radius, curve.time_of_max, curve.collapse_times().tolist()
+        head |= {"max_radius_m": curve.max_radius, "time_of_max_s": curve.time_of_max}
+        head["collapse_times_s"] = curve.collapse_times().tolist()
     except InputError as error:
-        unusable = str(error)
-    max_radius, time_of_max, collapse_times = landmarks
+        head["unusable"] = str(error)
     footage, track = measurement.recording, measurement.track
     return Measured(
         **head,
@@ -101,10 +99,6 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
         optics_sigma_px=track.optics,
         flags=measurement.counts,
         max_radius_px=float(np.nanmax(track.radius)),
-        max_radius_m=max_radius,
-        time_of_max_s=time_of_max,
-        collapse_times_s=collapse_times,
-        unusable=unusable,
         doubts=warnings,
     )
 

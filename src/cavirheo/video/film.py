@@ -81,12 +81,11 @@ class Film:
 
             imwrite(path, self.frames, photometric="minisblack")
             return
-        how = {".mp4": ("libx264", "yuv420p", {"crf": str(crf)}), ".mkv": ("ffv1", "gray", {})}
-        require(path.suffix in how, f"a film is saved as .mp4, .mkv or .tif, got {path.name}", "render.kind")
-        codec, kind, options = how[path.suffix]
         pixels = "gray16le" if self.frames.dtype == np.uint16 else "gray"
-        require(kind == "gray" or pixels == "gray", "16 bits are saved as .mkv or .tif", "render.bits")
-        write_movie(path, self.frames, pixels, codec, pixels if kind == "gray" else kind, options)
+        how = {".mp4": ("libx264", "yuv420p", {"crf": str(crf)}), ".mkv": ("ffv1", pixels, {})}
+        require(path.suffix in how, f"a film is saved as .mp4, .mkv or .tif, got {path.name}", "render.kind")
+        require(path.suffix == ".mkv" or pixels == "gray", "16 bits are saved as .mkv or .tif", "render.bits")
+        write_movie(path, self.frames, pixels, *how[path.suffix])
 
 
 def write_movie(

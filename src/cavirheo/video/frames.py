@@ -10,6 +10,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from itertools import islice
 from os.path import isdir  # of a name that none can have, too
 from pathlib import Path
 from typing import Any
@@ -85,8 +86,7 @@ def read(path: Path) -> Footage:
     require(len(shape) == 3 and shape[0] > 0, f"no frame in it (shape {shape})", "video.no_frames")
     small = f"frames of {shape[2]} x {shape[1]} pixels; at least 16 x 16 are needed"
     require(min(shape[1:]) >= 16, small, "video.small")
-    single = "one frame is no recording: a bubble must be seen to grow and collapse"
-    require(shape[0] > 1, single, "video.one_frame")
+    require(shape[0] > 1, "one frame is no recording: a bubble must be seen to grow and collapse", "video.one_frame")
     return footage if len(footage.damaged) else replace(footage, damaged=np.zeros(shape[0], bool))
 
 
@@ -190,17 +190,19 @@ def _stack(path: Path) -> Footage:
             at_once = imagej.get("images", 1) > pages
             images = file.asarray() if at_once else _joined(_grey(page.asarray()) for page in file.pages)
         except (ValueError, ImportError):  # a compression that needs another library
-            images = _joined(map(_grey, _pillow_pages(path)))
+            images = _joined(_by_pillow(path))
     images = images.reshape(-1, *images.shape[-2:])
     return Footage(_unsigned(images), um_per_px=scale, notes=notes)
 
 
-def _pillow_pages(path: Path) -> Iterator[Pixels]:
+def _by_pillow(path: Path, most: int | None = None) -> Iterator[Pixels]:
+    """The brightness of the first `most` images in a file."""
+    need("PIL")
     from PIL import Image, ImageSequence
 
     with Image.open(path) as image:
-        for page in ImageSequence.Iterator(image):
-            yield np.asarray(page)
+        for page in islice(ImageSequence.Iterator(image), most):
+            yield _grey(np.asarray(page.convert("RGB") if page.mode in ("P", "CMYK", "YCbCr") else page))
 
 
 def _tiff_scale(page: Any, imagej: dict[str, Any]) -> tuple[float | None, tuple[str, ...]]:
@@ -225,15 +227,10 @@ def _unsigned(images: Pixels) -> Pixels:
 
 
 def _folder(path: Path) -> Footage:
-    need("PIL")
-    from PIL import Image
-
-    def image_of(path: Path) -> Pixels:
-        with Image.open(path) as image:
-            return _grey(np.asarray(image.convert("RGB") if image.mode in ("P", "CMYK", "YCbCr") else image))
-
     names = _images(path)
-    frames = _joined(map(image_of, names))
+    expected = f"expected at least 3 images of one kind ({', '.join(IMAGES + STACKS)})"
+    require(bool(names), f"no recording in this folder; {expected}", "video.no_images")
+    frames = _joined(frame for name in names for frame in _by_pillow(name, 1))
     note = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
     return Footage(_unsigned(frames), notes=(note,))
 
@@ -276,8 +273,7 @@ def _cine(path: Path) -> Footage:
     with path.open("rb") as file:
         head = file.read(44)
         count, _, setup, images = struct.unpack_from("<4I", head, 20)
-        fits = 44 <= setup < images <= _HEADER
-        require(fits, "the header of the .cine file is damaged", "video.cine")
+        require(44 <= setup < images <= _HEADER, "the header of the .cine file is damaged", "video.cine")
         head += file.read(images - 44)
     rate = float(struct.unpack_from("<I", head, setup + 768)[0])
     at, blocks = setup + struct.unpack_from("<H", head, setup + 142)[0], {}
@@ -306,7 +302,8 @@ def _cine(path: Path) -> Footage:
             warnings.append(Message("check_input.time_stamps"))
     if len(blocks.get(1003, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
-    return Footage(movie.frames, time, rate or None, exposure, None, movie.damaged, tuple(notes), tuple(warnings))
+    movie = replace(movie, notes=tuple(notes), warnings=tuple(warnings))
+    return replace(movie, time=time, frame_rate=rate or None, exposure=exposure)
 
 
 def _cut_short(frames: int, stated: float, precision: str = "") -> Message:

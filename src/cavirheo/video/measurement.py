@@ -19,7 +19,7 @@ from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE
 from cavirheo.video import frames
 from cavirheo.video.frames import Footage
-from cavirheo.video.stage import Stage, set_stage
+from cavirheo.video.stage import set_stage
 from cavirheo.video.track import FLAGS, USED, Track, follow
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Record
@@ -59,7 +59,6 @@ class Measurement:
     um_per_px: StatedNumber
     exposure: StatedNumber
     options: dict[str, Any]
-    footage_notes: tuple[str, ...]  # of the file
     warnings: tuple[Message, ...]
     first: int = 1
     corner: tuple[int, int] = (0, 0)
@@ -74,7 +73,7 @@ class Measurement:
     def notes(self) -> tuple[str, ...]:
         """What the recording tells, and what became of its frames."""
         used = sum(self.counts.get(flag, 0) for flag in USED)
-        notes = [*self.footage_notes, f"{used} of {len(self.track.flags)} frames measured"]
+        notes = [*self.recording.notes, f"{used} of {len(self.track.flags)} frames measured"]
         usual = ("ok", "before", "excluded")
         notes += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in self.counts.items() if flag not in usual]
         if listed := self.options.get("exclude"):
@@ -144,25 +143,17 @@ def measure(
     exclude: str | Iterable[int] | None = None,
     begin: Callable[[int], Callable[[], None]] = lambda count: lambda: None,
 ) -> Measurement:
-    """Measure a recording.
-
-    Args:
-        frame_rate: 1/s; a camera's own stamps or header count where it is not given.
-        um_per_px: where it is missing radii stay in pixels. exposure: s.
-        polarity: whether the bubble is "dark" or "bright"; "auto" finds it.
-        roi: (x, y, width, height) px: the part that is looked at.
-        reference_frame: number of a frame without the bubble, from 1; span: (first, last) frame that is looked at.
-        exclude: frames that are left out after that, as `Measurement.without`.
-        begin: told the number of frames, it gives what is called after each.
-
-    Raises InputError, and what libraries raise of damaged files.
-    """
+    """Measure a recording; options as of `cavirheo.measure`. begin: told the number of frames, it gives what is called
+    after each. Raises InputError, and what libraries raise of damaged files."""
     for name, value in (("frame_rate", frame_rate), ("um_per_px", um_per_px), ("exposure", exposure)):
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
     whole = frames.read(path)
+    counted = whole.frame_rate, "the camera's header"
+    if whole.time is not None:
+        counted = float(1.0 / np.median(np.diff(whole.time))), "the camera's time stamps"
     by_camera = {
-        "frames per second": (frame_rate, *_camera_rate(whole)),
+        "frames per second": (frame_rate, *counted),
         "seconds of exposure": (exposure, whole.exposure, "the camera's header"),
         "um per pixel": (um_per_px, whole.um_per_px, "the resolution stored by ImageJ"),
     }
@@ -175,40 +166,35 @@ def measure(
     if rate.value is None:
         raise InputError(_NO_RATE, "video.frame_rate")
     FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
-    count = len(whole.frames)
+    count, height, width = whole.frames.shape
     time = np.arange(count) / rate.value if whole.time is None or frame_rate else whole.time
     first, last = span or (1, count)
-    footage = whole.part(first, last) if span else whole
-    corner = (0, 0)
-    if roi:
-        corner, footage = roi[:2], replace(footage, frames=_region(footage.frames, roi))
-    if reference_frame is not None:
-        fine = first <= reference_frame <= last
-        require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
-        reference_frame -= first - 1
+    footage, region = whole.part(first, last), roi or (0, 0, width, height)
+    footage = replace(footage, frames=_region(footage.frames, region))
+    fine = reference_frame is None or first <= reference_frame <= last
+    require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
     between = float(np.median(np.diff(time)))
     exposed = shutter.value / between if shutter.value else None
     longer = f"{1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * between:.4g} us between frames"
     require(not exposed or exposed <= 1.001, f"an exposure of {longer}", "video.exposure")
-    stage = set_stage(footage, polarity, reference_frame)
+    stage = set_stage(footage, polarity, reference_frame and reference_frame - first + 1)
     track = follow(stage, exposed, begin(len(footage.frames)))
     options = {
         "polarity": "dark" if stage.depth > 0 else "bright",
         "roi": roi,
         "frames": f"{first}:{last}",
-        "reference_frame": reference_frame and reference_frame + first - 1,
+        "reference_frame": reference_frame,
         "frames_without_bubble": stage.empty,
     }
-    warnings = (*whole.warnings, *differ, *_warnings(track, stage))
+    warnings = [*whole.warnings, *differ]
+    measured = int(np.isfinite(track.radius).sum())
+    if track.twins >= _TWINS * measured:
+        warnings.append(Message("check_input.two_bubbles", {"frames": track.twins, "measured": measured}))
+    if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT:
+        warnings.append(Message("check_input.overexposed"))
     numbers = time[first - 1 : last], rate, scale, shutter
-    measurement = Measurement(track, footage, *numbers, options, whole.notes, warnings, first, corner)
+    measurement = Measurement(track, footage, *numbers, options, tuple(warnings), first, region[:2])
     return measurement if exclude is None else measurement.without(exclude)
-
-
-def _camera_rate(recording: Footage) -> tuple[float | None, str]:
-    if recording.time is None:
-        return recording.frame_rate, "the camera's header"
-    return float(1.0 / np.median(np.diff(recording.time))), "the camera's time stamps"
 
 
 def _stated(stated: float | None, value: float | None, origin: str) -> StatedNumber:
@@ -224,11 +210,3 @@ def _region(images: frames.Pixels, roi: tuple[int, int, int, int]) -> frames.Pix
     message = f"region {x},{y},{width},{height} of frames of {wide} x {high} pixels"
     require(inside, f"{message}; give x,y,width,height within them, at least 16 x 16", "video.roi")
     return images[:, y : y + height, x : x + width]
-
-
-def _warnings(track: Track, stage: Stage) -> tuple[Message, ...]:
-    measured = int(np.isfinite(track.radius).sum())
-    burnt = stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT
-    twins = Message("check_input.two_bubbles", {"frames": track.twins, "measured": measured})
-    warnings = ((twins, track.twins >= _TWINS * measured), (Message("check_input.overexposed"), burnt))
-    return tuple(message for message, applies in warnings if applies)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import astuple, dataclass, replace
 from math import hypot
 
 import numpy as np
@@ -149,17 +149,12 @@ def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
             return fit
         neighbours = [outlines[k] for k in sorted(whole, key=lambda k: abs(k - i))[: RULES.neighbours]]
         weight = np.array([1.0 / max(each.sigma, 0.02) for each in neighbours])
-        x, y = (_weighted_median(np.array([getattr(each, axis) for each in neighbours]), weight) for axis in "xy")
-        spread = 1.4826 * float(np.median([hypot(each.x - x, each.y - y) for each in neighbours])) + 0.3
+        centres = np.array([(each.x, each.y) for each in neighbours])
+        x, y = map(float, np.quantile(centres, 0.5, axis=0, method="inverted_cdf", weights=weight))
+        spread = 1.4826 * float(np.median([hypot(*away) for away in centres - (x, y)])) + 0.3
         return outline.fitted(fit.points, (fit.x, fit.y), fit.edge, (x, y, spread)) or fit
 
     return {i: centred(i, fit) for i, fit in outlines.items()}
-
-
-def _weighted_median(values: Floats, weights: Floats) -> float:
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
 def _judged(
@@ -215,8 +210,7 @@ def _judged(
     used = np.isin(flags, USED)
     systematic = np.hypot(RULES.systematic_width * width, np.nan_to_num(mode) / 6.0)
     columns = np.where(used, (radius, sigma, systematic, x, y, mode / radius, width, arc), np.nan)
-    arrays = dict(zip((each.name for each in fields(Track)), columns, strict=False))
-    return Track(**arrays, flags=flags, optics=optics, exposure_hint=hint, twins=twins)
+    return Track(*columns, flags, optics, hint, twins)  # type: ignore[call-arg]
 
 
 def _exposure_hint(radius: Floats, width: Floats, flags: NDArray[np.str_], optics: float) -> float | None:
@@ -248,7 +242,7 @@ def _reversals(radius: Floats, exposure: float) -> list[int]:
 
 
 def _turn(radius: Floats, measured: list[int], k: int) -> float:
-    """When the wall turns near the smallest radius known[k], in frames.
+    """When the wall turns near the smallest radius, that of frame measured[k], in frames.
 
     Between the lowest point of the parabola through three frames, which a gentle turn has, and where the branches of
     R^(5/2) meet, which in a collapse are straight.
