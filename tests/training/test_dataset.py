@@ -12,9 +12,8 @@ from cavirheo.inference.latent import COORDINATES
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.training import dataset
-from cavirheo.training.camera import film
-from cavirheo.training.curves import NODES, STEPS, TOP, CurveStore
 from cavirheo.training.dataset import generate, load
+from cavirheo.training.recordings import NODES, STEPS, TOP, CurveStore, film
 
 
 @pytest.fixture

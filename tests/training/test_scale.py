@@ -17,8 +17,7 @@ from cavirheo.parallel import Threads
 from cavirheo.posterior import Checks
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
-from cavirheo.training.dataset import generate, load, survey
-from cavirheo.training.shards import write_hdf5
+from cavirheo.training.dataset import generate, load, survey, write_hdf5
 from cavirheo.workflow import analyse
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.store import keep, read_kept
