@@ -22,9 +22,8 @@ from cavirheo.physics.bubble import FIELD
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate_many
 from cavirheo.prior import uniforms
-from cavirheo.training.camera import film
-from cavirheo.training.curves import COLUMNS, CurveStore, simulated_curve
 from cavirheo.training.recipe import read_recipe
+from cavirheo.training.recordings import COLUMNS, CurveStore, film, simulated_curve
 
 SHOWN = ("viscosity", "shear_modulus", "stretch", "accommodation", "confinement_damping")  # of the coverage
 SEED = 4242  # of curves; the training has others

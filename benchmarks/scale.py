@@ -23,11 +23,9 @@ from distributed import Client, LocalCluster
 
 from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
-from cavirheo.training.dataset import CHUNK, SHARD, generate, grid_layout
+from cavirheo.training.dataset import SHARD, Rows, fill, generate, layout_of
 from cavirheo.training.recipe import read_recipe
-from cavirheo.training.shards import Rows, fill
-from cavirheo.workflow.cluster.check import identity
-from cavirheo.workflow.cluster.executor import AHEAD, Workers, seconds_for
+from cavirheo.workflow.workers import AHEAD, Workers, identity, seconds_for
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "laptop.toml"
 
@@ -181,14 +179,14 @@ def million(workers: Workers) -> float:
     a curve."""
     with tempfile.TemporaryDirectory() as folder:
         blocks = {Path(folder, f"{k:05d}.h5"): range(k * SHARD, (k + 1) * SHARD) for k in range(200)}
-        layout = grid_layout(read_recipe(RECIPE).problem)
+        layout = layout_of(read_recipe(RECIPE).problem)
         times, began = [time.perf_counter()], processor()
 
         def write(path: Path, block: range, parts: list[Rows]) -> None:
             layout.write({}, path, block, parts)
             times.append(time.perf_counter())
 
-        fill(blocks, CHUNK, filled, write, workers, lambda _: None)
+        fill(blocks, filled, write, workers, lambda _: None)
         cost = (processor() - began) / 100_000
     first, last = np.diff(times)[20:100].mean(), np.diff(times)[100:180].mean()
     print(f"100,000 curves through the driver in {times[-1] - times[0]:.1f} s, {1e6 * cost:.1f} us of processor each; "

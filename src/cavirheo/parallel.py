@@ -77,20 +77,8 @@ class Threads:
     def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
         """As `Executor.flow`. An exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has
         begun ends by itself. BLAS has one thread meanwhile."""
-        with one_blas_thread:
-            yield from self._flow(function, jobs)
-
-    def _flow(
-        self, function: Callable[[Job], Output], jobs: Sequence[Job]
-    ) -> Generator[tuple[int, Output], None, None]:
         waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
-        count = len(waiting)
-        threads = min(cores(self.workers), count)
-        if threads < 2:
-            for index in waiting:
-                yield index, function(jobs[index])
-            return
-        pool = ThreadPoolExecutor(threads)
+        threads = min(cores(self.workers), len(jobs))
 
         def labour() -> None:  # a future for each job would cost a tenth of a simulation
             with suppress(IndexError):
@@ -101,17 +89,23 @@ class Threads:
                     except BaseException as error:  # raised again in the thread that waits
                         ended.put((index, None, error))
 
-        try:
-            for _ in range(threads):
-                pool.submit(labour)
-            for _ in range(count):
-                index, result, error = ended.get()
-                if error:
-                    raise error
-                yield index, result
-        finally:
-            waiting.clear()
-            pool.shutdown(wait=False)
+        with one_blas_thread:
+            if threads < 2:
+                for index in waiting:
+                    yield index, function(jobs[index])
+                return
+            pool = ThreadPoolExecutor(threads)
+            try:
+                for _ in range(threads):
+                    pool.submit(labour)
+                for _ in range(len(jobs)):
+                    index, result, error = ended.get()
+                    if error:
+                        raise error
+                    yield index, result
+            finally:
+                waiting.clear()
+                pool.shutdown(wait=False)
 
 
 def each(

@@ -89,10 +89,8 @@ class TrainingProblem:
         require(0 < radius < np.inf, f"reference_max_radius must be positive, got {radius} m", "problem.max_radius")
         RADIUS.check("reference_max_radius", radius, "problem.max_radius")
         end, scale = (self.grid.frames - 1) * self.grid.frame_interval, self.medium.time_scale(radius)
-        message = (
-            f"the grid ends {end:.3g} s after R_max, more than the {LONGEST:g} collapse times of {scale:.3g} s that are"
-        )
-        require(end <= LONGEST * scale, f"{message} simulated; is a unit wrong?", "problem.grid")
+        message = f"the grid ends {end:.3g} s after R_max, more than the {LONGEST:g} collapse times of {scale:.3g} s"
+        require(end <= LONGEST * scale, f"{message} that are simulated; is a unit wrong?", "problem.grid")
         message = f"the stretch R_max/R_0 must be 1 or more and not of log10_, got the prior {self.prior.to_dict()}"
         require("stretch" in names and self.prior.bounds("stretch")[0] >= 1, message, "problem.prior")
         for ends in (self.prior.low, self.prior.high):

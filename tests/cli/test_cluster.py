@@ -26,10 +26,8 @@ from cavirheo.problem import TrainingProblem
 from cavirheo.training import dataset
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.analyse import Unfinished
-from cavirheo.workflow.cluster import check, connected
-from cavirheo.workflow.cluster.check import Identity, admitted, code_of, identity
-from cavirheo.workflow.cluster.executor import Workers
-from cavirheo.workflow.cluster.slurm import read_settings
+from cavirheo.workflow.cluster import connected, jobs_of, read_settings
+from cavirheo.workflow.workers import Identity, Workers, admitted, code_of, identity, self_description
 
 PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
 
@@ -38,7 +36,7 @@ PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 
 def workers() -> Iterator[Workers]:
     """Of two workers in this process."""
     how = {"processes": False, "n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
-    quiet = config.set({"distributed.worker.profile.enabled": False})  # it can stop Python (cluster/slurm.py)
+    quiet = config.set({"distributed.worker.profile.enabled": False})  # it can stop Python (workflow/cluster.py)
     with quiet, LocalCluster(**how) as cluster, Client(cluster) as client:
         yield Workers(client, identity())
 
@@ -144,7 +142,7 @@ def test_another_version_and_a_worker_without_the_package_are_refused_by_name(ru
 
 @pytest.mark.parametrize("part", ["bits", "code", "version"])
 def test_a_worker_that_would_answer_otherwise_is_refused(workers, monkeypatch, part):
-    mine = check.self_description()
+    mine = self_description()
     wrong = iter([{}, {part: "0" * 64}])
 
     def reported(function, on_error):
@@ -172,11 +170,9 @@ QUEUE = 'queue = "short"\ncores = 4\nmemory = "8 GB"\nwalltime = "00:30:00"\n'
 
 def test_the_job_of_a_file_is_what_it_says(tmp_path):
     pytest.importorskip("dask_jobqueue")
-    from cavirheo.workflow.cluster import slurm
-
     path = tmp_path / "slurm.toml"
     path.write_text(f'{QUEUE}environment = ["module load python"]\noptions = ["--constraint=icelake"]\ntls = false\n')
-    with slurm.jobs_of(read_settings(path)) as made:
+    with jobs_of(read_settings(path)) as made:
         script = made.job_script()
     asked = "#SBATCH -p short\n#SBATCH -t 00:30:00\n#SBATCH --constraint=icelake\nmodule load python\n"
     ours = "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False\n"

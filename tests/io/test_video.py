@@ -268,6 +268,9 @@ def test_images_of_several_sizes_are_no_recording(tmp_path, shot):
         Image.fromarray(shot.frames[k][: 40 + k]).save(tmp_path / f"{k}.png")
     with refused("video.sizes", tmp_path.name):
         measure(tmp_path, **HOW)
+    (tmp_path / "none").mkdir()
+    with refused("video.no_images", "none"):
+        measure(tmp_path / "none", **HOW)
 
 
 WRONG = {

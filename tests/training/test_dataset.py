@@ -25,10 +25,8 @@ from cavirheo.physics.media import BU2026, WATER
 from cavirheo.posterior import Checks
 from cavirheo.prior import Prior, uniforms
 from cavirheo.problem import FrameGrid, TrainingProblem, natural_values
-from cavirheo.training.camera import film
-from cavirheo.training.curves import NODES, STEPS, TOP, CurveStore
-from cavirheo.training.dataset import generate, load, survey
-from cavirheo.training.shards import write_hdf5
+from cavirheo.training.dataset import generate, load, survey, write_hdf5
+from cavirheo.training.recordings import NODES, STEPS, TOP, CurveStore, film
 from cavirheo.workflow import analyse
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.store import keep, read_kept

@@ -252,7 +252,7 @@ def test_a_damaged_run_is_named(instant, small, run, tmp_path):
 def test_training_says_what_is_not_installed(small, run, monkeypatch):
     for name in ("torch", "onnxscript"):
         with monkeypatch.context() as patch:
-            for loaded in ("train", "export", "loop", "point_network", "posterior_network"):
+            for loaded in ("train", "loop", "point_network", "posterior_network"):
                 patch.delitem(sys.modules, f"cavirheo.training.{loaded}", raising=False)
                 patch.delattr(f"cavirheo.training.{loaded}", raising=False)
             patch.setitem(sys.modules, name, None)

@@ -99,7 +99,7 @@ class TestTorch:
     def _torch(self):
         self.torch = pytest.importorskip("torch")
         pytest.importorskip("safetensors")
-        names = ("export", "loop", "point_network", "train")
+        names = ("train", "loop", "point_network", "train")
         self.export, self.loop, self.point, self.training = (
             import_module(f"cavirheo.training.{name}") for name in names
         )

@@ -69,6 +69,12 @@ class CollapseShot(Record):
     model: Finite = None
     message: str = ""
 
+    @classmethod
+    def of(cls, name: str, origin: str, R: float, stretch: float, t: float) -> CollapseShot:
+        """Of R_max, lambda, which comes from `origin`, and t_1 in SI."""
+        values = {"max_radius_m": R, "stretch": stretch, "collapse_time_s": t}
+        return cls(name=name, stretch_from=origin, message=unusable(R, stretch, t), **values)
+
 
 class CollapseGroup(Record):
     """The shots of one material and what they say.
@@ -109,12 +115,6 @@ class CollapseGroup(Record):
         """Whether a shot was left out, its input is doubtful, or there is no answer."""
         return bool(self.unusable or self.doubts) or self.estimate is None or not self.estimate.complete
 
-    def measured(self) -> Shots:
-        """Of the usable shots."""
-        values = [(shot.max_radius_m, shot.stretch, shot.collapse_time_s) for shot in self.usable]
-        radius, stretch, time = np.array(values, dtype=float).T
-        return Shots(radius, stretch, time, [shot.name for shot in self.usable])
-
     def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
         """Estimate G and mu from the usable shots, if any; `options` are those of `inference.collapse_time.estimate`.
 
@@ -122,11 +122,13 @@ class CollapseGroup(Record):
         """
         if not self.usable:
             return
-        self.estimate = estimate(self.measured(), material, **options)
+        values = [(shot.max_radius_m, shot.stretch, shot.collapse_time_s) for shot in self.usable]
+        radius, stretch, time = np.array(values, dtype=float).T
+        measured = Shots(radius, stretch, time, [shot.name for shot in self.usable])
+        self.estimate = estimate(measured, material, **options)
         if exact:
             try:
-                self.estimate = estimate(self.measured(), material, exact=True, **options)
-                self.model = "exact"
+                self.estimate, self.model = estimate(measured, material, exact=True, **options), "exact"
             except SolverError as error:
                 self.notes.append(f"no exact answer: {error}")
         for record, ratio, model in zip(self.usable, self.estimate.measured, self.estimate.model, strict=True):
@@ -185,23 +187,17 @@ def read_groups(
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
         doubtful = [f"{curve.name}: {warning.text}" for curve in mine for warning in input_checks.plain(curve, medium)]
-        shots = [_read_off(curve, stretch) for curve in mine]
+        shots = [_of_curve(curve, stretch) for curve in mine]
         groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
     return groups, problems + unread, repeated + hints
 
 
-def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
+def _of_curve(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
         shots, origin = shot(curve, stretch)
     except InputError as error:
         return CollapseShot(name=curve.name, message=error.message)
-    return _shot(curve.name, origin, shots.max_radius[0], shots.stretch[0], shots.time[0])
-
-
-def _shot(name: str, origin: str, R: float, stretch: float, t: float) -> CollapseShot:
-    """Of R_max, lambda, which comes from `origin`, and t_1 in SI."""
-    how: Any = {"stretch_from": origin, "message": unusable(R, stretch, t)}
-    return CollapseShot(name=name, max_radius_m=R, stretch=stretch, collapse_time_s=t, **how)
+    return CollapseShot.of(curve.name, origin, shots.max_radius[0], shots.stretch[0], shots.time[0])
 
 
 def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) -> CollapseGroup | None:
@@ -211,8 +207,17 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         InputError: a table without a unit, with a cell that is no number, or no file that can be read.
     """
     with guarded(path):
-        columns, names, notes = _array(path), list[str](), [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
-        if columns is None:
+        variables, found = read_variables(path, (VARIABLE,)) or ({}, [])
+        if VARIABLE in found:
+            array: Any = variables.get(VARIABLE)
+            shape: tuple[int, ...] = getattr(array, "shape", ())  # a cell array has none
+            expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
+            fine = len(shape) == 2 and 3 in shape and 0 not in shape
+            got = f"the shape {shape}" if shape else "a cell array"
+            require(fine, f"{expected}; got {got}", "collapse_time.variable")
+            columns, names = list(array.T if shape[1] == 3 else array), list[str]()
+            notes = [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
+        else:
             try:
                 (table,) = read_columns(path, VOCABULARY)
             except InputError as error:
@@ -230,22 +235,9 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         rows = np.column_stack([radius, np.full(len(time), stretch) if stretches is None else stretches, time]).tolist()
         names = names or [str(k) for k in range(1, len(rows) + 1)]
         origin = "given" if stretches is None else "table"
-        shots = [_shot(name, origin, *row) for name, row in zip(names, rows, strict=True)]
+        shots = [CollapseShot.of(name, origin, *row) for name, row in zip(names, rows, strict=True)]
         head: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
-
-
-def _array(path: Path) -> list[Any] | None:
-    """R_max, lambda and t_1, each (n,), of the variable in a .mat of any version; None where there is none."""
-    variables, names = read_variables(path, (VARIABLE,)) or ({}, [])
-    if VARIABLE not in names:
-        return None
-    array: Any = variables.get(VARIABLE)
-    shape: tuple[int, ...] = getattr(array, "shape", ())  # a cell array has none
-    expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
-    fine = len(shape) == 2 and 3 in shape and 0 not in shape
-    require(fine, f"{expected}; got {f'the shape {shape}' if shape else 'a cell array'}", "collapse_time.variable")
-    return list(array.T if shape[1] == 3 else array)
 
 
 def write_csv(path: Path, document: CollapseTimes) -> None:
@@ -316,13 +308,12 @@ def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
         return drawing
     answer = f"G = {_interval(G, factor)} {name}, µ = {_interval(mu)} Pa s"
     drawing, axes = panel(group.name, answer, r"$R_\mathrm{max}$ (µm)", r"$t_1/t_\mathrm{RC}$")
-    shots = group.measured()
-    radius, heavy = 1e6 * shots.max_radius, np.array(best.weight) >= 0.5
-    measured = shots.ratio(Medium(**document.medium, unusual=True))
+    shots = [(shot.max_radius_m, shot.measured, shot.model) for shot in group.usable]
+    radius, measured, model = np.array(shots, dtype=float).T * [[1e6], [1.0], [1.0]]
+    heavy = np.array(best.weight) >= 0.5
     axes.plot(radius[heavy], measured[heavy], "o", ms=4.5, mew=0, color=BLUE, label="measured")
     if not heavy.all():
         axes.plot(radius[~heavy], measured[~heavy], "o", ms=4.5, mfc="none", mec=BLUE, label="weighted down")
-    model = np.array(best.model, dtype=float)
     axes.plot(radius, model, "s", ms=4.2, mfc="none", mec=VERMILLION, label=f"{group.model} model")
     named_curves(axes, 3)
     return drawing

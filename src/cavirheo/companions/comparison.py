@@ -21,7 +21,7 @@ from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import DOCUMENTS, html, outputs, read_json, result, table, write_report
 from cavirheo.reporting import comparison as tables
-from cavirheo.reporting.group import REFERENCES, Published
+from cavirheo.reporting.group import REFERENCES
 from cavirheo.reporting.record import Result
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.writing.document import Outputs, write_json
@@ -46,25 +46,21 @@ class Answering:
     def __post_init__(self) -> None:
         Analysis("infer", self.model, self.material, self.bubble)
 
-    def check(self, reference: ReferenceSet) -> None:
-        """Raises InputError, with the set: what only inference can judge, before a shot costs time."""
-        try:
-            self.analysis(reference)
-            shot_numbers(reference.settings.get("shots"))
-        except InputError as error:
-            raise error.within(f"{reference.where}, set {reference.name!r}") from None
-
     def analysis(self, reference: ReferenceSet) -> Analysis:
-        """What is asked of the shots of a set."""
+        """What is asked of the shots of a set. Raises InputError, with the set: what only inference can judge."""
         model, law = self.model, reference.settings.get("material", self.material)
         if not reference.solid:  # of the paper's two networks the one for liquids
             model = _OF_LIQUIDS.get(model, model)
         model = str(reference.settings.get("model") or model)
-        if law is None and card(path_of(model)).get("kind") != "point":
-            law = "nhkv" if reference.solid else "newtonian"
         how: dict[str, Any] = {name: reference.settings.get(name) for name in ("stretch", "window")}
-        how |= {"medium": reference.medium, "trust_input": self.trust_input, "bubble": self.bubble}
-        return Analysis("infer", model, law, **how)
+        how |= {"medium": reference.medium, "trust_input": self.trust_input}
+        try:
+            if law is None and card(path_of(model)).get("kind") != "point":
+                law = "nhkv" if reference.solid else "newtonian"
+            shot_numbers(reference.settings.get("shots"))
+            return Analysis("infer", model, law, self.bubble, **how)
+        except InputError as error:
+            raise error.within(f"{reference.where}, set {reference.name!r}") from None
 
 
 class ComparisonRun(NamedTuple):
@@ -110,7 +106,11 @@ def compare(
     require(source.is_dir() or (source.is_file() and source.suffix == ".json"), message, "compare.folder")
     sets = {reference.name: reference for reference in read_references(references)}
     published = {name: reference.values for name, reference in sets.items()}
-    against = _reference_methods(references, published, reference_methods)
+    methods = list(dict.fromkeys(method for values in published.values() for method in values))
+    for name in reference_methods:
+        message = f"reference method {name!r}: not in {references}; it has {', '.join(methods) or 'none'}"
+        require(name in methods, message, "compare.method")
+    against = list(dict.fromkeys(reference_methods)) or [name for name in REFERENCES if name in methods]
     none = f"no relative errors: {references} has no method {' or '.join(REFERENCES)}; see --reference-method"
     notes = [] if against else [none]
     head: dict[str, Any] = {"command": command, "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
@@ -131,15 +131,14 @@ def compare(
         _write_table(table_outputs(), document)
         return ComparisonRun(document)
     how = how or Answering()
-    for reference in sets.values():
-        how.check(reference)
+    analyses = {name: how.analysis(reference) for name, reference in sets.items()}  # before a shot costs time
     shots = _distinct_names({name: shots_of(reference, source, references) for name, reference in sets.items()})
     notes = [f"{name}: {note}" for name, read in shots.items() for note in read.problems + read.remarks] + notes
     curves = [curve for read in shots.values() for curve in read.curves]
     unread = sum(len(read.problems) for read in shots.values())
     unfinished, report = Unfinished(out, visible=progress), outputs(out, curves)
     run_in_thread(load_solver)
-    answers = {name: unfinished.answers(read.curves, how.analysis(sets[name])) for name, read in shots.items()}
+    answers = {name: unfinished.answers(read.curves, analyses[name]) for name, read in shots.items()}
     pairs = [(shots[name].curves[i], answer) for name, of in answers.items() for i, answer in of.numbered()]
     note = unfinished.note(len(pairs), len(curves))
     if note and report.holds("report.html"):  # which stays until all is answered
@@ -151,15 +150,6 @@ def compare(
     if not note:
         unfinished.remove()
     return ComparisonRun(document, unread, bool(note))
-
-
-def _reference_methods(path: Path, published: Mapping[str, Published], requested: Sequence[str]) -> list[str]:
-    """The methods that errors are to. Raises InputError: the file has no such method."""
-    methods = list(dict.fromkeys(method for values in published.values() for method in values))
-    for name in requested:
-        message = f"reference method {name!r}: not in {path}; it has {', '.join(methods) or 'none'}"
-        require(name in methods, message, "compare.method")
-    return list(dict.fromkeys(requested)) or [name for name in REFERENCES if name in methods]
 
 
 def _write_table(outputs: Outputs, document: Result) -> None:

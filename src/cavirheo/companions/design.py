@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy.special import ndtri
+from scipy.stats import gmean, sem
 from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Floats
@@ -183,10 +184,8 @@ class Design(Document):
         goal = f"± {self.wanted_percent:g} % (90 %)"
         law = " and ".join(digits.described(name)[0] for name in best.half_width_percent)
         if self.fewest is None:
-            lines = [
-                f"next: {setting.words}, where one shot tells most about {law} ({setting.gain})",
-                f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots",
-            ]
+            lines = [f"next: {setting.words}, where one shot tells most about {law} ({setting.gain})"]
+            lines.append(f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots")
         elif setting.shots == 0:
             by = f" by {digits.counted(self.shots_before, 'shot')}" * bool(self.shots_before)
             lines = [f"next: nothing, {goal} is already reached{by}; one shot more tells most at {best.words}"]
@@ -197,20 +196,17 @@ class Design(Document):
             single += f"; {goal} of {law} would need {series} such shots"
             single = f"one shot there tells most, too ({best.gain})" if best is setting else single
             lines = [f"next: {shots}{more} at {setting.words}, for {goal} of {law}", single]
-        return [*lines, *(self._words(checked) for checked in self.checked)]
-
-    def _words(self, checked: CheckedSetting) -> str:
-        """'checked: R_max 250 µm at 500,000 frames/s, 6 recordings: G ± 41 % (expected 33); so 12 shots for ± 10 %'."""
-        text = f"checked: {self.settings[checked.setting].words}, {digits.counted(checked.recordings, 'recording')}: "
-        if not checked.answers:
-            return text + "none has an interval"
-        text += f"{checked.answers} with an interval, " * (checked.answers < checked.recordings)
-        text += ", ".join(
-            f"{digits.described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
-            for name, got in checked.reached_percent.items()
-        )
-        count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
-        return text + f"; so {count} for ± {self.wanted_percent:g} %" * (checked.shots != 0)
+        for checked in self.checked:
+            words = f"{self.settings[checked.setting].words}, {digits.counted(checked.recordings, 'recording')}"
+            some = f"{checked.answers} with an interval, " * (checked.answers < checked.recordings)
+            found = ", ".join(
+                f"{digits.described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
+                for name, got in checked.reached_percent.items()
+            )
+            count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
+            so = f"; so {count} for ± {self.wanted_percent:g} %" * (checked.shots != 0)
+            lines.append(f"checked: {words}: {some + found + so if checked.answers else 'none has an interval'}")
+        return lines
 
 
 def width(percent: float | None) -> str:
@@ -282,15 +278,22 @@ def design(
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
     require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
     family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), medium(rig.medium)
-    goal = _goal(family, float(np.log10(1.0 + wanted)), known, group, dict(ranges or {}), spread)
-    settings = _settings(rig, sizes)
-    drawn = Draws(family, *goal.draw(draws, seed), liquid, bubble, seed)
+    half = float(np.log10(1.0 + wanted))
+    goal, law, stretches = _goal(family, half, known, group, dict(ranges or {}), spread, draws, seed)
+    rates, noises = rig.frame_rate, np.broadcast_to(np.asarray(rig.noise, dtype=float), len(rig.frame_rate)).tolist()
+    smallest, largest = rig.max_radius
+    radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1).tolist()
+    settings = [
+        Setting(radius, float(rate), noise, rig.relative_noise, rig.frames, min(rig.exposure, 1.0 / rate))
+        for rate, noise in zip(rates, noises, strict=True)
+        for radius in radii
+    ]
+    drawn = Draws(family, law, stretches, liquid, bubble, seed)
     expected = drawn.expected(settings, workers, done)
     gains = np.array([[goal.gain(shot) for shot in shots] for shots in expected])
     rows = [goal.row(*columns) for columns in zip(settings, expected, gains, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     best, fewest = _chosen(rows, gains)
-    law, stretches = drawn.law, drawn.stretch
     recorded = replace(drawn, law=law[:check], stretch=stretches[:check], seed=seed + CHECKED)
     recommended = dict.fromkeys((best, best if fewest is None else fewest)) if check else ()
     checked = [goal.checked(i, check, recorded.reached(settings[i], workers), expected[i]) for i in recommended]
@@ -303,8 +306,8 @@ def design(
         medium=liquid,
         wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
-        spreads_decades=goal.by_parameter(scatter),
-        known={name: _quantity(values) for name, values in samples.items()},
+        spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
+        known={name: Quantity.of(*10.0 ** np.quantile(logs, (0.05, 0.5, 0.95))) for name, logs in samples.items()},
         shots_before=goal.shots,
         settings=rows,
         best=best,
@@ -313,45 +316,20 @@ def design(
     )
 
 
-def _settings(rig: Rig, sizes: int) -> list[Setting]:
-    """So many radii with each frame rate. Raises InputError: a setting that cannot be."""
-    (smallest, largest), rates = rig.max_radius, rig.frame_rate
-    radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1).tolist()
-    noises = np.broadcast_to(np.asarray(rig.noise, dtype=float), len(rates)).tolist()
-    return [
-        Setting(radius, float(rate), noise, rig.relative_noise, rig.frames, min(rig.exposure, 1.0 / rate))
-        for rate, noise in zip(rates, noises, strict=True)
-        for radius in radii
-    ]
-
-
 @dataclass(frozen=True, eq=False)
 class _Goal:
-    """Each parameter of a law to within `half` decades, from what is known of the material, in log10 of the law's
-    parameters: mean (l,), covariance (l, l), and that of its shots about it (l, l). stretch: log10 (low, high), or
-    (mean, deviation) where it is `measured`. shots: how many say so."""
+    """Each parameter of a law to within `half` decades, from what is known of them in log10: covariance (l, l) of the
+    material, `scatter` (l, l) that of its shots about it. shots: how many say so."""
 
     family: Family
     half: float
-    mean: Floats
     covariance: Floats
     scatter: Floats
-    stretch: tuple[float, float]
-    measured: bool = False
-    shots: int = 0
+    shots: int
 
-    def draw(self, draws: int, seed: int) -> tuple[Floats, Floats]:
-        """(draws, l) log10 of the law's and (draws,) stretches: normal points of a Halton sequence, so that few of them
-        cover what is known; ranges are drawn evenly."""
-        cube = Halton(len(self.mean) + 1, seed=seed).random(draws)
-        first, second = self.stretch
-        deviation = np.sqrt(np.diag(self.covariance))
-        law = self.mean + deviation * (ndtri(cube[:, :-1]) if self.shots else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
-        logs = first + second * ndtri(cube[:, -1]) if self.measured else first + (second - first) * cube[:, -1]
-        return law, np.clip(10.0**logs, STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
-
-    def by_parameter(self, values: Floats) -> dict[str, Any]:
-        return dict(zip(self.family.parameters, values.tolist(), strict=True))
+    def percent(self, decades: Floats) -> dict[str, Any]:
+        """(l,) decades as parts of each parameter."""
+        return dict(zip(self.family.parameters, (100.0 * (10.0**decades - 1.0)).tolist(), strict=True))
 
     def gain(self, shot: Expected | None) -> float:
         """Nats of a shot; nothing where its recording cannot be read."""
@@ -375,10 +353,10 @@ class _Goal:
             frames=setting.frames,
             noise_m=setting.sigma,
             readable=share,
-            half_width_percent=self.by_parameter(_percent(np.median(widths, axis=0))),
+            half_width_percent=self.percent(np.median(widths, axis=0)),
             shots=self.count([shot.information for shot in read], share),
             gain_nats=float(np.mean(gains)),
-            gain_error_nats=_error(gains),
+            gain_error_nats=sem(gains),
         )
 
     def checked(
@@ -388,15 +366,15 @@ class _Goal:
         wider the answers' intervals are."""
         answers = len(widths[0])
         none = np.full(len(self.family.parameters), np.nan)
-        expected_width, answered_width = (np.exp(np.mean(np.log(each), axis=0)) if answers else none for each in widths)
-        scale = np.outer(expected_width / answered_width, expected_width / answered_width)
-        information = [shot.information * scale for shot in expected if shot]
+        expected_width, answered_width = (gmean(each) if answers else none for each in widths)
+        narrower = expected_width / answered_width
+        information = [shot.information * np.outer(narrower, narrower) for shot in expected if shot]
         return CheckedSetting(
             setting=setting,
             recordings=recordings,
             answers=answers,
-            told_percent=self.by_parameter(_percent(expected_width)),
-            reached_percent=self.by_parameter(_percent(answered_width)),
+            told_percent=self.percent(expected_width),
+            reached_percent=self.percent(answered_width),
             shots=self.count(information, answers / recordings) if answers else None,
         )
 
@@ -410,21 +388,7 @@ def _chosen(rows: Sequence[DesignedSetting], gains: Floats) -> tuple[int, int | 
     if fewest is None:
         return best, None
     less = gains[best] - gains[fewest]
-    return fewest if np.mean(less) <= SURE * _error(less) else best, fewest
-
-
-def _percent(decades: Floats) -> Floats:
-    return 100.0 * (10.0**decades - 1.0)
-
-
-def _error(values: Floats) -> float:
-    """Standard error of the mean."""
-    return float(np.std(values, ddof=1) / np.sqrt(len(values)))
-
-
-def _quantity(logs: Floats) -> Quantity:
-    low, middle, high = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95))
-    return Quantity(q05=low, median=middle, q95=high)
+    return fewest if np.mean(less) <= SURE * sem(less) else best, fewest
 
 
 def _goal(
@@ -434,7 +398,11 @@ def _goal(
     group: str | None,
     ranges: dict[str, Sequence[float]],
     spread: float | None,
-) -> _Goal:
+    draws: int,
+    seed: int,
+) -> tuple[_Goal, Floats, Floats]:
+    """The goal, and what a shot may meet: (draws, l) log10 of the law's parameters and (draws,) stretches, points of a
+    Halton sequence, so that few of them cover what is known."""
     names = (*family.parameters, "stretch")
     unknown = ", ".join(set(ranges) - {*names})
     require(not unknown, f"{family.name} has no {unknown}; known: {', '.join(names)}", "design.range")
@@ -443,22 +411,23 @@ def _goal(
         require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, message, "design.range")
         ends = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
         require(ends[0] < pair[0] and pair[1] < ends[1], f"a stretch is {ends[0]:g} to {ends[1]:g}", "design.range")
-    low, high = np.log10(ranges.get("stretch", STRETCHES)).tolist()
-    size = len(family.parameters)
-    scatter = None if spread is None else spread**2 * np.eye(size)
-    if result is None:
-        searched = zip(family.parameters, family.bounds(started=True), strict=True)
-        logs = np.array([np.log10(ranges[name]) if name in ranges else ends for name, ends in searched])
-        wide, none = np.diag(np.ptp(logs, axis=1) ** 2 / 12.0), np.zeros((size, size))
-        return _Goal(family, half, logs.mean(axis=1), wide, none if scatter is None else scatter, (low, high))
-    if not isinstance(result, Result):
-        result = read_json(Path(result) / "result.json" if Path(result).is_dir() else result)
-    chosen, rows = _answers(result, group, family)
-    mean, covariance, scatter, shots = _material(chosen, rows, family, scatter)
-    logs = np.log10([row.stretch.median for row in rows if row.stretch.median])
-    measured = "stretch" not in ranges and len(logs) > 0
-    stretch = (float(np.mean(logs)), max(float(np.std(logs)), NARROWEST)) if measured else (low, high)
-    return _Goal(family, half, mean, covariance, scatter, stretch, measured, shots)
+    searched = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
+    logs = np.array([np.log10(ranges[name]) if name in ranges else ends for name, ends in searched.items()])
+    mean, deviation, normal = logs.mean(axis=1), np.ptp(logs, axis=1) / np.sqrt(12.0), np.zeros(len(names), bool)
+    covariance, scatter, shots = np.diag(deviation[:-1] ** 2), (spread or 0.0) ** 2 * np.eye(len(names) - 1), 0
+    if result is not None:
+        if not isinstance(result, Result):
+            result = read_json(Path(result) / "result.json" if Path(result).is_dir() else result)
+        chosen, rows = _answers(result, group, family)
+        mean[:-1], covariance, scatter, shots = _material(chosen, rows, family, None if spread is None else scatter)
+        deviation[:-1], normal[:-1] = np.sqrt(np.diag(covariance)), True
+        seen = np.log10([row.stretch.median for row in rows if row.stretch.median])
+        if "stretch" not in ranges and len(seen):
+            mean[-1], deviation[-1], normal[-1] = np.mean(seen), max(np.std(seen), NARROWEST), True
+    cube = Halton(len(names), seed=seed).random(draws)
+    logs = mean + deviation * np.where(normal, ndtri(cube), np.sqrt(12.0) * (cube - 0.5))
+    stretches = np.clip(10.0 ** logs[:, -1], STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
+    return _Goal(family, half, covariance, scatter, shots), logs[:, :-1], stretches
 
 
 def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:

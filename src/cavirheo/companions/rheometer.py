@@ -175,7 +175,13 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
         first, last, level = linear
         sweep.plateau_from, sweep.plateau_storage_Pa = gamma[first], level
         sweep.plateau_loss_Pa = float(np.median(sweep.loss[first : last + 1]))
-        sweep.plateau_to, sweep.departs = _limit(gamma, storage, last, level, tolerance)
+        end = gamma[last]
+        if last + 1 < len(gamma):
+            sweep.departs, edge = ("softens", -1) if storage[last + 1] < level else ("stiffens", 1)
+            inside, outside = np.log(storage[last : last + 2] / (level * (1 + edge * tolerance)))
+            part = np.clip(inside / (inside - outside), 0.0, 1.0) if inside != outside else 1.0
+            end *= (gamma[last + 1] / gamma[last]) ** part
+        sweep.plateau_to = end
         if first:
             off = 100 * np.max(np.abs(storage[:first] / level - 1))
             points = f"{counted(first, 'point')} below the linear range left out of it"
@@ -183,10 +189,7 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
     else:
         band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
-    yields = [(x, modulus) for x, modulus, falls in _crossovers(sweep) if falls and x > gamma[first]]
-    if yields:
-        sweep.crossover, sweep.crossover_modulus_Pa = yields[0]
-    return sweep
+    return _with_crossover(sweep, solid=True, above=gamma[first])
 
 
 def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int, int, float] | None:
@@ -207,16 +210,6 @@ def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int
         if abs(np.median((y[i + b] - y[i + a]) / (x[i + b] - x[i + a]))) <= tolerance:
             return int(i), int(j), float(np.median(part[~outside]))
     return None
-
-
-def _limit(gamma: Floats, storage: Floats, last: int, level: float, tolerance: float) -> tuple[float, str | None]:
-    """The strain at which G' leaves the band, and how; or the largest strain and None."""
-    if last == len(gamma) - 1:
-        return float(gamma[last]), None
-    departs, edge = ("softens", 1 - tolerance) if storage[last + 1] < level else ("stiffens", 1 + tolerance)
-    inside, outside = np.log(storage[last : last + 2] / (level * edge))
-    part = np.clip(inside / (inside - outside), 0.0, 1.0) if inside != outside else 1.0
-    return float(gamma[last] * (gamma[last + 1] / gamma[last]) ** part), departs
 
 
 def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
@@ -246,9 +239,7 @@ def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
         storage, loss = np.exp(moduli(math.log(np.clip(at, omega[0], omega[-1])))).tolist()
         sweep.viscosity_Pa_s, sweep.tan_delta = loss / at, loss / storage
         sweep.complex_viscosity_Pa_s = math.hypot(storage, loss) / at
-    if crossovers := _crossovers(sweep):
-        sweep.crossover, sweep.crossover_modulus_Pa, _ = crossovers[0]
-    return sweep
+    return _with_crossover(sweep)
 
 
 def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
@@ -265,15 +256,16 @@ def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
     return (first, last) if x[last] - x[first] >= _DECADE else None
 
 
-def _crossovers(sweep: Sweep) -> list[tuple[float, float, bool]]:
-    """(x, G' = G'', whether G'' wins beyond), in the logarithms."""
-    x, storage, gap = sweep.x, sweep.storage, np.log(sweep.storage / sweep.loss)
-    crossovers = []
+def _with_crossover(sweep: Sweep, *, solid: bool = False, above: float = 0.0) -> Sweep:
+    """The sweep with its first G' = G'' above an x, in the logarithms; of a `solid` the first where G'' wins beyond."""
+    gap = np.log(sweep.storage / sweep.loss)
     for k in np.flatnonzero((gap[1:] > 0) != (gap[:-1] > 0)):
         part = gap[k] / (gap[k] - gap[k + 1])
-        position, modulus = (values[k] * (values[k + 1] / values[k]) ** part for values in (x, storage))
-        crossovers.append((float(position), float(modulus), bool(gap[k] > 0)))
-    return crossovers
+        x, modulus = (values[k] * (values[k + 1] / values[k]) ** part for values in (sweep.x, sweep.storage))
+        if x > above and (gap[k] > 0 or not solid):
+            sweep.crossover, sweep.crossover_modulus_Pa = x, modulus
+            break
+    return sweep
 
 
 def read_sweeps(path: str | Path) -> list[Sweep]:
@@ -421,22 +413,6 @@ class Rheometry(Document):
         return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": published}
 
 
-def _columns(document: Rheometry, kind: str) -> dict[str, tuple[str, float]]:
-    """What the table has of the sweeps of a kind: field and factor from SI, by title."""
-    factor, unit = document.unit
-    plateau = {f"plateau G'\n{unit}": ("plateau_storage_Pa", factor)}
-    if kind == "strain":
-        linear = {f"linear, ±{100 * document.tolerance:g} %\n%": ("plateau_to", 100.0)}
-        return linear | plateau | {"G' = G''\nat %": ("crossover", 100.0)}
-    return plateau | {
-        "over\nrad/s": ("plateau_to", 1.0),
-        "µ = G''/ω\nPa s": ("viscosity_Pa_s", 1.0),
-        "tan δ\n": ("tan_delta", 1.0),
-        "|η*|\nPa s": ("complex_viscosity_Pa_s", 1.0),
-        "G' = G''\nat rad/s": ("crossover", 1.0),
-    }
-
-
 def rheometry(
     sweeps: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
 ) -> Rheometry:
@@ -498,11 +474,20 @@ def print_rheometry(document: Rheometry) -> None:
     """The sweeps, the material, the remarks."""
     from rich.text import Text
 
-    console = terminal.console()
-    for kind in ("strain", "frequency"):
+    console, (factor, unit) = terminal.console(), document.unit
+    plateau = {f"plateau G'\n{unit}": ("plateau_storage_Pa", factor)}
+    linear = {f"linear, ±{100 * document.tolerance:g} %\n%": ("plateau_to", 100.0)}
+    strain = linear | plateau | {"G' = G''\nat %": ("crossover", 100.0)}  # field and factor from SI by title
+    frequency = plateau | {
+        "over\nrad/s": ("plateau_to", 1.0),
+        "µ = G''/ω\nPa s": ("viscosity_Pa_s", 1.0),
+        "tan δ\n": ("tan_delta", 1.0),
+        "|η*|\nPa s": ("complex_viscosity_Pa_s", 1.0),
+        "G' = G''\nat rad/s": ("crossover", 1.0),
+    }
+    for kind, columns in (("strain", strain), ("frequency", frequency)):
         if not (sweeps := document.of(kind)):
             continue
-        columns = _columns(document, kind)
         table = terminal.table(f"{kind} sweep", list(columns))
         for sweep in sweeps:
             table.add_row(sweep.name, *(_cell(sweep, *column) for column in columns.values()))

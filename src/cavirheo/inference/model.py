@@ -107,7 +107,7 @@ class _File(BaseModel):
 
 
 class ModelCard(BaseModel):
-    """The card of a network that gives one value; a card says more, for people (training/export.py).
+    """The card of a network that gives one value; a card says more, for people (training/train.py).
 
     Attributes:
         schema_version: `schema` in the file; always 1.
@@ -167,7 +167,7 @@ class _Scores(BaseModel):
 
 
 class PosteriorCard(BaseModel):
-    """The card of a posterior network; a card says more, for people (training/export.py).
+    """The card of a posterior network; a card says more, for people (training/train.py).
 
     Attributes:
         schema_version: `schema` in the file; always 1.

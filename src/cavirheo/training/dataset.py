@@ -1,9 +1,9 @@
-"""Training sets: simulated curves of a problem in shards of HDF5, the same bytes however they were made.
+"""Training sets: simulated curves of a problem in files of HDF5, the same bytes however they were made.
 
-Curve i depends on (problem, seed, i) alone and a shard holds a fixed range of i: processes or machines can share the
-work, and a killed run goes on where it stopped. A shard gets its name when it is complete. In a set on a grid of times
-a failed simulation keeps its row (NaN where nothing was computed) with the solver's message: leaving it out would
-silently change the prior.
+Curve i depends on (problem, seed, i) alone and a file holds a fixed range of i: processes or machines can share the
+work, and a killed run goes on where it stopped. A file gets its name when it is complete, and is read within limits. In
+a set on a grid of times a failed simulation keeps its row (NaN where nothing was computed) with the solver's message:
+leaving it out would silently change the prior.
 """
 
 from __future__ import annotations
@@ -14,45 +14,99 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib.metadata import version
 from itertools import islice
+from math import prod
 from pathlib import Path
+from reprlib import repr as short
 from tempfile import TemporaryFile
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.files import sha256
+from cavirheo.io import limits
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
-from cavirheo.training.curves import CurveStore, curves_layout
-from cavirheo.training.recipe import PosteriorTable
-from cavirheo.training.shards import FileKind, Layout, Rows, Shard, fill, read_shard
-from cavirheo.writing.document import into
+from cavirheo.training.recipe import PosteriorTable, difference
+from cavirheo.training.recordings import COLUMNS, CurveStore, simulated_curves
+from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar
 
 Indices = NDArray[np.int64]
+Rows = Mapping[str, Any]  # columns (curves, ...) by name
+Part = TypeVar("Part")
 
-SHARD = 500  # curves in a file
+SHARD, CURVES = 500, 1000  # curves in a file of a set on a grid, and of a posterior network
 CHUNK = 50  # curves of a unit of work: about half a second
 SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do not sort the split by a parameter
+WIDE = ("time", "radius")  # columns that may be on the disk
+PROBLEMS: dict[str, Callable[[Any], Any]] = {  # by the attribute of a file, from its JSON
+    "problem": TrainingProblem.from_dict,
+    "posterior": PosteriorTable.model_validate,
+}
+PACKING: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}  # with a checksum
 
 
-def grid_layout(problem: TrainingProblem) -> Layout:
-    """Curves on the problem's grid of times. theta: in the prior's scale. radius: over the reference R_max."""
-    prior, frames = problem.prior, problem.grid.frames
-    ranges = zip(prior.names, prior.low, prior.high, strict=True)
-    summary = [f"curves of {frames} frames: {problem.material_name} in {problem.medium.name}"]
-    summary += [f"{name}: {low:g} to {high:g}" for name, low, high in ranges]
-    columns = {"theta": (np.float64, (len(prior.names),)), "radius": (np.float32, (frames,)), "status": (object, ())}
-    return Layout(json.dumps(problem.to_dict()), SHARD, columns, partial(_simulated, problem), summary)
+@dataclass(frozen=True)
+class Layout:
+    """How the curves of a problem are simulated, and how they lie in files."""
+
+    prefix: str  # beginning of the files' names
+    attribute: str  # of a file, that holds the problem
+    problem: str  # as JSON
+    per_file: int  # curves in a file
+    columns: Mapping[str, tuple[Any, tuple[int, ...]]]  # kind of the numbers and shape of a row; "status": texts
+    simulate: Callable[[int, range], Rows]  # columns of (seed, block of curves); no "status": failed ones are left out
+    summary: Sequence[str]  # what the curves are of, in lines
+
+    def name(self, number: int) -> str:
+        """Of a file, counted from 0."""
+        return f"{self.prefix}-{number:05d}.h5"
+
+    def check_space(self, n: int, free: int, place: str) -> None:
+        """Raises InputError: n curves, which are not packed, need more bytes than are free."""
+        need = n * sum((np.dtype(kind).itemsize * prod(shape) for kind, shape in self.columns.values()), 8)
+        message = f"the set ({n} curves) needs {need / 1e9:.3g} GB {place}, and there are {free / 1e9:.3g} GB"
+        require(need <= free, f"{message}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
+
+    def write(self, head: Mapping[str, Any], path: Path, block: range, parts: Sequence[Rows]) -> None:
+        """The file of the curves `block`, of what `simulate` gave for its parts."""
+        datasets: dict[str, dict[str, Any]] = {}
+        for name, (kind, _) in self.columns.items():
+            values = np.concatenate([np.asarray(part[name], kind) for part in parts])
+            how: dict[str, Any] = {"dtype": h5py.string_dtype()} if name == "status" else PACKING
+            datasets[name] = {"data": values} | how
+        failed = {} if "status" in datasets else {"failed": len(block) - len(values)}
+        write_hdf5(path, {**head, "start": block.start, **failed}, datasets)
+
+
+def layout_of(problem: TrainingProblem | PosteriorTable) -> Layout:
+    """Of curves on the problem's grid of times (theta: in the prior's scale, radius: over the reference R_max); or of
+    those of a posterior network (recordings.py), of which failed ones are left out: 1.2 kB each, from 2.1."""
+    if isinstance(problem, TrainingProblem):
+        prior, frames = problem.prior, problem.grid.frames
+        ranges = zip(prior.names, prior.low, prior.high, strict=True)
+        summary = [f"curves of {frames} frames: {problem.material_name} in {problem.medium.name}"]
+        summary += [f"{name}: {low:g} to {high:g}" for name, low, high in ranges]
+        radius = (np.float32, (frames,))
+        columns = {"theta": (np.float64, (len(prior.names),)), "radius": radius, "status": (object, ())}
+        simulate, text = partial(_simulated, problem), json.dumps(problem.to_dict())
+        return Layout("shard", "problem", text, SHARD, columns, simulate, summary)
+    text = json.dumps(problem.model_dump(mode="json", exclude_none=True), sort_keys=True)
+    summary = [f"{law}: {share:.0%} of the curves" for law, share in sorted(problem.laws.items())]
+    summary += [f"bubble {name}: {share:.0%}" for name, share in sorted(problem.bubbles.items())]
+    summary.append("R_max {:g} to {:g} um".format(*problem.max_radius_um))
+    return Layout("curves", "posterior", text, CURVES, COLUMNS, partial(simulated_curves, problem), summary)
 
 
 def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
@@ -65,17 +119,13 @@ def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
     return {"theta": theta, "radius": radius.astype(np.float32), "status": status}
 
 
-GRID = FileKind("shard", "problem", lambda problem: grid_layout(TrainingProblem.from_dict(problem)))
-CURVES = FileKind("curves", "posterior", lambda table: curves_layout(PosteriorTable.model_validate(table)))
-
-
 @dataclass(frozen=True)
 class Generated:
-    """What a call of `generate` did; failures count the curves of all its shards, old and new, by status."""
+    """What a call of `generate` did; failures count the curves of all its files, old and new, by status."""
 
     curves: int
-    written: int  # shards
-    skipped: int  # shards that were complete already
+    written: int  # files
+    skipped: int  # files that were complete already
     failures: dict[str, int]
     seconds: float
     simulated: int  # curves that were simulated in this call
@@ -173,27 +223,23 @@ def generate(
     Raises:
         InputError: the folder holds files of another problem, seed, number of curves or version.
     """
-    if isinstance(problem, TrainingProblem):
-        kind, layout = GRID, grid_layout(problem)
-    else:
-        kind, layout = CURVES, curves_layout(problem)
-    part, parts = shard
+    layout, (part, parts) = layout_of(problem), shard
     message = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"
     require(n >= 1 and 1 <= part <= parts, message, "dataset.shard")
-    head = {kind.attribute: layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
+    head = {layout.attribute: layout.problem, "seed": seed, "total": n, "made_by": version("cavirheo")}
     began = time.perf_counter()
     with into(out_dir) as folder:
-        _check_space(layout, n // parts, shutil.disk_usage(folder).free, f"on the disk of {folder}")
-        for path in sorted(folder.glob(f"{kind.prefix}-*.h5")):
-            read_shard(path, kind, head)
+        layout.check_space(n // parts, shutil.disk_usage(folder).free, f"on the disk of {folder}")
+        for path in sorted(folder.glob(f"{layout.prefix}-*.h5")):
+            read_shard(path, head)
         size = layout.per_file
         starts = range(0, n, size)[part - 1 :: parts]
-        files = {folder / kind.name(start // size): range(n)[start : start + size] for start in starts}
+        files = {folder / layout.name(start // size): range(n)[start : start + size] for start in starts}
         todo = {path: block for path, block in files.items() if not path.exists()}
         simulated, write = sum(map(len, todo.values())), partial(layout.write, head)
         with bar("simulating", simulated, visible=progress) as advance:
-            fill(todo, CHUNK, partial(layout.simulate, seed), write, executor or Threads(workers), advance)
-        statuses = sum((read_shard(path, kind).statuses for path in files), Counter[str]())
+            fill(todo, partial(layout.simulate, seed), write, executor or Threads(workers), advance)
+        statuses = sum((read_shard(path, head).statuses for path in files), Counter[str]())
     failures = {status: count for status, count in statuses.items() if status != "ok"}
     curves, seconds = sum(map(len, files.values())), time.perf_counter() - began
     return Generated(curves, len(todo), len(files) - len(todo), failures, seconds, simulated)
@@ -205,7 +251,7 @@ def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
     Raises:
         InputError: no shards, a missing or damaged shard, files of different sets, or more than fits there.
     """
-    first, columns = _load(data_dir, GRID, {}, scratch, ("radius",))
+    first, columns = _load(data_dir, "shard", {}, scratch)
     problem = TrainingProblem.from_dict(json.loads(first.layout.problem))
     return Dataset(problem, first.head["seed"], first.head["made_by"], **columns)
 
@@ -216,78 +262,164 @@ def load_curves(problem: PosteriorTable, data_dir: str | Path, scratch: Path) ->
     Raises:
         InputError: none, some missing or damaged, or made with another recipe.
     """
-    expected = {"posterior": curves_layout(problem).problem, "made_by": version("cavirheo")}
-    return CurveStore(**_load(data_dir, CURVES, expected, scratch, ("time", "radius"))[1])
+    expected = {"posterior": layout_of(problem).problem, "made_by": version("cavirheo")}
+    return CurveStore(**_load(data_dir, "curves", expected, scratch)[1])
 
 
 def survey(data_dir: str | Path) -> Survey:
     """What is there of a set that may still grow. Raises InputError: nothing, or damaged files, or of several sets."""
-    kind = CURVES if any(Path(data_dir).glob(f"{CURVES.prefix}-*.h5")) else GRID
-    paths, statuses, whole = _paths(data_dir, kind), Counter[str](), hashlib.sha256()
-    for shard in _shards(paths, kind, {}):
+    paths = _paths(data_dir, "curves" if any(Path(data_dir).glob("curves-*.h5")) else "shard")
+    statuses, digest = Counter[str](), hashlib.sha256()
+    for path, shard in zip(paths, _shards(paths, {}), strict=True):
         statuses.update(shard.statuses)
-    for path in paths:
-        whole.update(bytes.fromhex(sha256(path)))
+        digest.update(bytes.fromhex(sha256(path)))
     head, size = shard.head, sum(path.stat().st_size for path in paths)
     lacking = -(-head["total"] // shard.layout.per_file) - len(paths)
     origin = head["made_by"], head["seed"], head["total"], shard.layout.summary
-    return Survey(*origin, dict(statuses), len(paths), lacking, size, whole.hexdigest())
+    return Survey(*origin, dict(statuses), len(paths), lacking, size, digest.hexdigest())
 
 
 def _load(
-    data_dir: str | Path, kind: FileKind, expected: Mapping[str, Any], scratch: Path | None, wide: Sequence[str]
+    data_dir: str | Path, prefix: str, expected: Mapping[str, Any], scratch: Path | None
 ) -> tuple[Shard, dict[str, Any]]:
     """The first file of a complete set, and all columns; with the folder `scratch` those that are wide are there."""
-    paths = _paths(data_dir, kind)
-    first = read_shard(paths[0], kind, expected)
-    layout, total, names = first.layout, first.head["total"], {path.name for path in paths}
-    starts = range(0, total, layout.per_file)
-    missing = list(islice((name for name in map(kind.name, range(len(starts))) if name not in names), 3))
-    lacking = f"{data_dir}: {len(starts) - len(paths)} of {len(starts)} files are missing ({', '.join(missing)}, ...)"
+    paths = _paths(data_dir, prefix)
+    first = read_shard(paths[0], expected)
+    layout, total, present = first.layout, first.head["total"], {path.name for path in paths}
+    count = len(range(0, total, layout.per_file))
+    missing = list(islice((name for name in map(layout.name, range(count)) if name not in present), 3))
+    lacking = f"{data_dir}: {count - len(paths)} of {count} files are missing ({', '.join(missing)}, ...)"
     require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
-    foreign = sorted(names - {*map(kind.name, range(len(starts)))})
+    foreign = sorted(present - {*map(layout.name, range(count))})
     require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
     files: dict[str, Any] = {}
     if scratch is not None:
-        _check_space(layout, total, shutil.disk_usage(scratch).free, f"on the disk of {scratch}")
+        layout.check_space(total, shutil.disk_usage(scratch).free, f"on the disk of {scratch}")
+        wide = [name for name in WIDE if name in layout.columns]
         files = {name: TemporaryFile(dir=scratch) for name in wide}  # noqa: SIM115  gone with the arrays mapped to it
     elif hasattr(os, "sysconf"):  # all but Windows
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        _check_space(layout, 2 * total, memory, "of memory")  # read, and joined
+        layout.check_space(2 * total, memory, "of memory")  # read, and joined
     parts: dict[str, list[Any]] = {name: [] for name in layout.columns if name not in files}
-    count = 0
-    for shard in _shards(paths, kind, expected):
-        count += len(next(iter(shard.rows.values())))
+    for shard in _shards(paths, expected):
         for name, file in files.items():
             file.write(shard.rows[name].tobytes())
         for name, values in parts.items():
             values.append(shard.rows[name])
-    require(count > 0, f"{data_dir}: every simulation of this set failed", "dataset.none")
     columns = {name: np.concatenate(values) for name, values in parts.items()}
+    curves = len(next(iter(columns.values())))
+    require(curves > 0, f"{data_dir}: every simulation of this set failed", "dataset.none")
     for name, file in files.items():
         file.flush()
         number, shape = layout.columns[name]
-        columns[name] = np.asarray(np.memmap(file, number, "r", shape=(count, *shape)))
+        columns[name] = np.asarray(np.memmap(file, number, "r", shape=(curves, *shape)))
     return first, columns
 
 
-def _paths(data_dir: str | Path, kind: FileKind) -> list[Path]:
-    paths = sorted(Path(data_dir).glob(f"{kind.prefix}-*.h5"))
-    message = f"{data_dir} holds no training set ({kind.prefix}-*.h5); make one with `cavirheo generate`"
+def _paths(data_dir: str | Path, prefix: str) -> list[Path]:
+    paths = sorted(Path(data_dir).glob(f"{prefix}-*.h5"))
+    message = f"{data_dir} holds no training set ({prefix}-*.h5); make one with `cavirheo generate`"
     require(bool(paths), message, "dataset.none")
     return paths
 
 
-def _shards(paths: Sequence[Path], kind: FileKind, expected: Mapping[str, Any]) -> Iterator[Shard]:
+def _shards(paths: Sequence[Path], expected: Mapping[str, Any]) -> Iterator[Shard]:
     """The files of one set. Raises InputError: one is of another."""
     for path in paths:
-        shard = read_shard(path, kind, expected)
-        expected = {key: shard.head[key] for key in (kind.attribute, "seed", "total", "made_by")}
+        shard = read_shard(path, expected)
+        expected = {key: shard.head[key] for key in (shard.layout.attribute, "seed", "total", "made_by")}
         yield shard
 
 
-def _check_space(layout: Layout, n: int, free: int, place: str) -> None:
-    """Raises InputError: n curves need more bytes than are free."""
-    need = n * layout.curve_bytes
-    message = f"the set ({n} curves) needs {need / 1e9:.3g} GB {place}, and there are {free / 1e9:.3g} GB"
-    require(need <= free, f"{message}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
+class Shard(NamedTuple):
+    """A file of a training set. head: its attributes. rows: its columns. statuses: how many curves ended how."""
+
+    head: Mapping[str, Any]
+    layout: Layout
+    rows: Rows
+    statuses: Counter[str]
+
+
+def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
+    """A file of a training set.
+
+    Raises:
+        InputError: not readable, attributes other than expected, or columns that are not what these say.
+    """
+    try:
+        require(path.is_file(), "it is no file", "dataset.unreadable")  # a pipe would be waited for
+        with h5py.File(path, "r") as file:
+            attribute = "posterior" if "posterior" in file.attrs else "problem"
+            types = {attribute: str, "seed": int, "total": int, "made_by": str}
+            head: dict[str, Any] = {key: np.asarray(file.attrs[key]).item() for key in (*types, "start")}
+            for key, of in types.items():
+                require(type(head[key]) is of, f"{key} is {short(head[key])}", "dataset.unreadable")
+            for key, value in expected.items():
+                if head[key] != value:
+                    both = [json.loads(text) if key == attribute else {key: text} for text in (head[key], value)]
+                    message = f"made with another {key} ({difference(*both) or 'other keys'})"
+                    raise InputError(f"{message}; use an empty folder or its settings", f"dataset.another_{key}")
+            layout, start = layout_of(PROBLEMS[attribute](json.loads(head[attribute]))), head["start"]
+            failed = 0 if "status" in layout.columns else int(file.attrs["failed"])
+            count = min(layout.per_file, head["total"] - start) - failed
+            items = {name: limits.local_item(file, name) for name in layout.columns}
+            limits.arrays(items.values())
+            shapes = {name: (item.dtype, item.shape) for name, item in items.items()}
+            needed = {name: (np.dtype(of), (count, *shape)) for name, (of, shape) in layout.columns.items()}
+            fine = shapes == needed and path.name == layout.name(start // layout.per_file)
+            require(fine, f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
+            rows = {name: np.array((item.asstr() if name == "status" else item)[:]) for name, item in items.items()}
+        if "status" in rows:
+            rows["status"] = rows["status"].astype(str)
+            ok = rows["status"] == "ok"
+            finite = np.isfinite(rows["radius"][ok]).all() and np.isfinite(rows["theta"][ok]).all()
+            require(finite, "values of its good curves are not finite", "dataset.values")
+            return Shard(head, layout, rows, Counter(rows["status"].tolist()))
+        return Shard(head, layout, rows, +Counter({"ok": count, "failed, left out": failed}))
+    except InputError as error:
+        hint = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
+        raise InputError(f"{path}: {error}{hint}", error.code) from error
+    except Exception as error:  # libraries raise nearly anything of a damaged file
+        message = f"{path} cannot be read as a training set ({error}); delete it and generate again"
+        raise InputError(message, "dataset.unreadable") from error
+
+
+def fill(
+    todo: Mapping[Path, range],
+    simulate: Callable[[range], Part],
+    write: Callable[[Path, range, list[Part]], None],
+    executor: Executor,
+    advance: Callable[[int], None],
+) -> None:
+    """`write(path, block, parts)` for each path, where parts are what `simulate` gave for the chunks of its block.
+
+    No more is held than the files that are begun. `simulate` may be sent to another machine: a function of a module, or
+    a `partial` of one.
+    """
+    units = [(path, block[k : k + CHUNK]) for path, block in todo.items() for k in range(0, len(block), CHUNK)]
+    unfinished: dict[Path, dict[int, Part]] = {}
+    with closing(executor.flow(simulate, [unit for _, unit in units])) as flow:
+        for index, rows in flow:
+            path, unit = units[index]
+            parts = unfinished.setdefault(path, {})
+            parts[unit.start] = rows
+            advance(len(unit))
+            block = todo[path]
+            if len(parts) == -(-len(block) // CHUNK):
+                write(path, block, [parts[start] for start in sorted(parts)])
+                del unfinished[path]
+
+
+def write_hdf5(path: Path, attributes: Mapping[str, Any], datasets: Mapping[str, Mapping[str, Any]]) -> None:
+    """A file of these attributes and datasets (by name, as `create_dataset` takes them), whole or not at all.
+
+    It is made in memory: on a full disk HDF5 itself would end the process. Nothing in it depends on the date.
+    """
+    with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
+        file.attrs.update(attributes)
+        for name, how in datasets.items():
+            file.create_dataset(name, track_times=False, **how)
+        file.flush()
+        content = file.id.get_file_image()
+    with whole(path) as temporary:
+        temporary.write_bytes(content)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -22,17 +22,7 @@ from cavirheo.writing.style import BLUE, INK, available
 
 PICTURE = "predicted.png"
 BINS = 4  # of a parameter whose prior is not logarithmic; the others are cut by decades
-# heading and format of each column
-METRICS = {
-    "r2": ("R²", ".4f"),
-    "r2_natural": ("R² of the natural value", ".4f"),
-    "median_absolute_error": ("median error", ".3f"),
-    "p90_absolute_error": ("90 % below", ".3f"),
-    "rmse": ("RMSE", ".3f"),
-    "bias": ("bias", "+.3f"),
-    "median_relative_error": ("median relative error", ".1%"),
-}
-_ROW = {
+_ROW = {  # heading and format of each column
     "low": ("from", "g"),
     "high": ("to", "g"),
     "curves": ("curves", "d"),
@@ -187,14 +177,11 @@ def markdown(result: Mapping[str, Any]) -> str:
     text = [f"# {result['model']} on {result['curves']} curves, {which}", ""]
     text += [f"Note: {note}." for note in result["notes"]]
     text += ["Errors of log10 quantities are in decades.", ""]
-    text += _table(
-        ["output", *_heads(METRICS)], [[outputs[k], *_formatted(result["metrics"][k], METRICS)] for k in outputs]
-    )
+    text += _table("output", METRICS, [(words, result["metrics"][name]) for name, words in outputs.items()])
     for name, words in outputs.items():
         text += ["", f"## Where the error of {words} sits", ""]
-        parameters = result["breakdown"][name]
-        lines = [[label(key), *_formatted(row, _ROW)] for key, rows in parameters.items() for row in rows]
-        text += _table(["true value of", *_heads(_ROW)], lines)
+        bins = result["breakdown"][name].items()
+        text += _table("true value of", _ROW, [(label(key), row) for key, rows in bins for row in rows])
     return "\n".join(text) + "\n"
 
 
@@ -229,20 +216,19 @@ def label(name: str) -> str:
     return "log10 " * name.startswith(LOG10) + words + f" ({unit})" * (unit != "1")
 
 
-def _heads(columns: Mapping[str, tuple[str, str]]) -> list[str]:
-    return [heading for heading, _ in columns.values()]
-
-
-def _formatted(values: Mapping[str, float | None], columns: Mapping[str, tuple[str, str]]) -> list[str]:
-    return ["-" if (value := values[key]) is None else format(value, form) for key, (_, form) in columns.items()]
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def _table(
+    first: str, columns: Mapping[str, Sequence[Any]], rows: Sequence[tuple[str, Mapping[str, Any]]]
+) -> list[str]:
     """Lines of a Markdown table whose columns also stand under each other in a terminal."""
-    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    cells = [[first, *(heading for heading, *_ in columns.values())]]
+    for name, values in rows:
+        numbers = ["-" if values[key] is None else format(values[key], form) for key, (_, form, *_) in columns.items()]
+        cells.append([name, *numbers])
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     rule = ["-" * (widths[0] + 1), *("-" * width + ":" for width in widths[1:])]
     form = " | ".join(f"{{:{'>' if k else '<'}{width}}}" for k, width in enumerate(widths))
-    return [f"| {form.format(*head)} |", f"|-{'|-'.join(rule)}|", *(f"| {form.format(*row)} |" for row in rows)]
+    head, *lines = (f"| {form.format(*row)} |" for row in cells)
+    return [head, f"|-{'|-'.join(rule)}|", *lines]
 
 
 def print_metrics(document: Metrics) -> None:
@@ -272,17 +258,8 @@ def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dic
     require(fine, f"need truth and prediction of 2 curves or more for {', '.join(names)}, {shapes}", "metrics.shape")
     result = {}
     for name, t, p in zip(names, truth.T, predicted.T, strict=True):
-        t_natural, p_natural = natural(name, t), natural(name, p)
-        values = {
-            "r2": _r2(t, p),
-            "r2_natural": _r2(t_natural, p_natural),
-            "median_absolute_error": np.median(np.abs(p - t)),
-            "p90_absolute_error": np.quantile(np.abs(p - t), 0.9),
-            "rmse": np.sqrt(np.mean((p - t) ** 2)),
-            "bias": np.mean(p - t),
-            "median_relative_error": np.median(np.abs(p_natural / t_natural - 1.0)),
-        }
-        result[name] = {key: float(value) for key, value in values.items()}
+        scales = {"prior": (t, p), "natural": (natural(name, t), natural(name, p))}
+        result[name] = {key: float(of(*scales[scale])) for key, (*_, scale, of) in METRICS.items()}
     return result
 
 
@@ -300,18 +277,27 @@ def breakdown(outputs: Sequence[str], prior: Prior, theta: Floats, error: Floats
         place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
         for output, e in zip(outputs, error.T, strict=True):
             total = max(np.sum(e**2), np.finfo(float).tiny)
-            bins = enumerate(pairwise(edges.tolist()))
-            result[output][name] = [_row(e[place == k], *ends, total) for k, ends in bins]
+            rows = result[output][name] = []
+            for k, (first, last) in enumerate(pairwise(edges.tolist())):
+                mine = e[place == k]
+                bias, rmse = (float(mine.mean()), float(np.sqrt(np.mean(mine**2)))) if len(mine) else (None, None)
+                row = {"low": first, "high": last, "curves": len(mine), "bias": bias, "rmse": rmse}
+                rows.append(row | {"share": float(np.sum(mine**2) / total)})
     return result
-
-
-def _row(error: Floats, low: float, high: float, total: float) -> dict[str, Any]:
-    row: dict[str, Any] = {"low": low, "high": high, "curves": len(error), "bias": None, "rmse": None}
-    if len(error):
-        row |= {"bias": float(error.mean()), "rmse": float(np.sqrt(np.mean(error**2)))}
-    return row | {"share": float(np.sum(error**2) / total)}
 
 
 def _r2(truth: Floats, predicted: Floats) -> float:
     """Coefficient of determination: 1 - sum of squared errors over that of the mean as predictor."""
     return float(1.0 - np.sum((predicted - truth) ** 2) / np.sum((truth - truth.mean()) ** 2))
+
+
+# heading, format, scale, and formula for truth t and prediction p
+METRICS: dict[str, tuple[str, str, str, Callable[[Floats, Floats], Any]]] = {
+    "r2": ("R²", ".4f", "prior", _r2),
+    "r2_natural": ("R² of the natural value", ".4f", "natural", _r2),
+    "median_absolute_error": ("median error", ".3f", "prior", lambda t, p: np.median(np.abs(p - t))),
+    "p90_absolute_error": ("90 % below", ".3f", "prior", lambda t, p: np.quantile(np.abs(p - t), 0.9)),
+    "rmse": ("RMSE", ".3f", "prior", lambda t, p: np.sqrt(np.mean((p - t) ** 2))),
+    "bias": ("bias", "+.3f", "prior", lambda t, p: np.mean(p - t)),
+    "median_relative_error": ("median relative error", ".1%", "natural", lambda t, p: np.median(np.abs(p / t - 1.0))),
+}

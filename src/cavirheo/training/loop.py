@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from cavirheo.errors import InputError, require
 from cavirheo.files import read_object
-from cavirheo.training.recipe import difference
+from cavirheo.training.recipe import PosteriorRecipe, Recipe, difference
 from cavirheo.writing.document import whole
 from cavirheo.writing.terminal import bar
 
@@ -30,35 +30,20 @@ LARGEST = 200_000_000  # bytes of a result.json
 
 
 class Training(ABC, Generic[Network]):
-    """One training in one folder, taken up where it stopped.
+    """One training in one folder, taken up where it stopped. `history` has a line for each validation."""
 
-    Attributes:
-        name: of the recipe.
-        device: on which it learns.
-        network: that learns; its weights are made before.
-        average: of its weights along the way, which is exported; None: the weights of the lowest validation loss.
-        optimiser: of the network's weights.
-        steps: of the whole training.
-        every: steps from one validation, and checkpoint, to the next.
-        clip: largest norm of a gradient.
-        settings: of the recipe; they are stored with the weights.
-        identity: settings and data that must not change within a run.
-        step, history: where it is, and a line for each validation.
-    """
+    network: Network  # that learns
+    average: Network | None = None  # of its weights, which is exported; None: those of the lowest validation loss
+    optimiser: torch.optim.Optimizer  # of the network's weights
+    steps: int  # of the whole training
+    every: int  # steps from one validation, and checkpoint, to the next
+    clip: float = math.inf  # largest norm of a gradient
+    identity: dict[str, Any]  # of the data, which like the recipe's settings must not change within a run
 
-    name: str
-    device: torch.device
-    network: Network
-    average: Network | None = None
-    optimiser: torch.optim.Optimizer
-    steps: int
-    every: int
-    clip: float = math.inf
-    settings: dict[str, Any]
-    identity: Mapping[str, Any]
-    folder: Path
-    step: int
-    history: list[dict[str, Any]]
+    def __init__(self, recipe: Recipe | PosteriorRecipe, folder: Path, device: torch.device) -> None:
+        self.name, self.settings, self.folder, self.device = recipe.export.name, recipe.settings(), folder, device
+        self.step, self.history = 0, list[dict[str, Any]]()
+        torch.manual_seed(recipe.training.seed)
 
     @abstractmethod
     def rate(self, step: int) -> float:
@@ -91,26 +76,23 @@ class Training(ABC, Generic[Network]):
             weights, note = read_tensors(self.folder / "best.safetensors")
             with of_run(self.folder / "best.safetensors"):
                 self.exported.load_state_dict(weights)
-            write_text(path, json.dumps(self._document(note) | self.result(), indent=2) + "\n")
+            cuda = self.device.type == "cuda"
+            document = self.settings | {
+                "kind": "training",
+                "schema": 1,
+                "version": version("cavirheo"),
+                "command": f"cavirheo train (recipe of {self.name})",
+                "epochs": len(self.history),
+                "best_epoch": note["epoch"],
+                "best_validation_loss": note["validation_loss"],
+                "seconds": round(sum(line["seconds"] for line in self.history), 1),
+                "device": torch.cuda.get_device_name(self.device) if cuda else self.device.type,
+                "parameters": sum(p.numel() for p in self.network.parameters()),
+                "history": {part: [line[part] for line in self.history] for part in ("train", "validation")},
+                "torch": torch.__version__,
+            }
+            write_text(path, json.dumps(document | self.result(), indent=2) + "\n")
         return read_result(self.folder)
-
-    def _document(self, note: Mapping[str, Any]) -> dict[str, Any]:
-        """What every result.json says; note: of the weights."""
-        cuda = self.device.type == "cuda"
-        return self.settings | {
-            "kind": "training",
-            "schema": 1,
-            "version": version("cavirheo"),
-            "command": f"cavirheo train (recipe of {self.name})",
-            "epochs": len(self.history),
-            "best_epoch": note["epoch"],
-            "best_validation_loss": note["validation_loss"],
-            "seconds": round(sum(line["seconds"] for line in self.history), 1),
-            "device": torch.cuda.get_device_name(self.device) if cuda else self.device.type,
-            "parameters": sum(p.numel() for p in self.network.parameters()),
-            "history": {part: [line[part] for line in self.history] for part in ("train", "validation")},
-            "torch": torch.__version__,
-        }
 
     @property
     def exported(self) -> Network:
@@ -143,13 +125,13 @@ class Training(ABC, Generic[Network]):
         if self.average is not None or line["validation"] <= min(line["validation"] for line in self.history):
             note = self.settings | {"epoch": len(self.history), "validation_loss": line["validation"]}
             write_tensors(self.folder / "best.safetensors", self.exported.state_dict(), note)
-        parts = [(part, net.state_dict().items()) for part, net in self._networks.items()]
-        state = {f"{part}.{name}": values for part, weights_of in parts for name, values in weights_of}
-        state |= adam_tensors(self.optimiser)
-        note = {"identity": self.identity, "history": self.history, "step": self.step}
+        parts = {part: network.state_dict() for part, network in self._networks.items()}
+        adam = self.optimiser.state_dict()["state"].items()
+        parts["adam"] = {f"{index}.{name}": tensor for index, values in adam for name, tensor in values.items()}
+        state = {f"{part}.{name}": tensor for part, tensors in parts.items() for name, tensor in tensors.items()}
+        note = {"identity": self.settings | self.identity, "history": self.history, "step": self.step}
         write_tensors(self.folder / "last.safetensors", state, note)
-        text = "".join(json.dumps(entry) + "\n" for entry in self.history)
-        write_text(self.folder / "history.jsonl", text)
+        write_text(self.folder / "history.jsonl", "".join(json.dumps(entry) + "\n" for entry in self.history))
 
     @property
     def _networks(self) -> dict[str, nn.Module]:
@@ -157,7 +139,6 @@ class Training(ABC, Generic[Network]):
         return networks if self.average is None else networks | {"mean": self.average}
 
     def _resume(self, result: Path) -> None:
-        self.step, self.history = 0, []
         path = self.folder / "last.safetensors"
         if not path.exists():
             message = f"{self.folder} holds a result but not the run's {path.name}: use another folder"
@@ -165,31 +146,23 @@ class Training(ABC, Generic[Network]):
             return
         state, note = read_tensors(path)
         with of_run(path):
-            changed = difference(note["identity"], json.loads(json.dumps(self.identity)))
+            changed = difference(note["identity"], json.loads(json.dumps(self.settings | self.identity)))
         hint = "use another folder, or the recipe and data that it was begun with"
         require(not changed, f"{self.folder} holds another run ({changed}): {hint}", "training.another_run")
         with of_run(path):
             self.history = [line for line in note["history"] if line["validation"] + line["train"] + line["seconds"]]
-            self.step = int(note.get("step", len(self.history) * self.every))
-            load_adam(self.optimiser, state)
+            self.step = int(note["step"])
+            parts: dict[str, dict[str, Tensor]] = {"adam": {}}
+            for key, tensor in state.items():
+                part, _, name = key.partition(".")
+                parts.setdefault(part, {})[name] = tensor
+            adam: dict[int, dict[str, Tensor]] = {}
+            for key, tensor in parts["adam"].items():
+                index, _, name = key.partition(".")
+                adam.setdefault(int(index), {})[name] = tensor
+            self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": adam})
             for part, network in self._networks.items():
-                weights = {key: tensor for key, tensor in state.items() if key.startswith(f"{part}.")}
-                network.load_state_dict({key.removeprefix(f"{part}."): tensor for key, tensor in weights.items()})
-
-
-def adam_tensors(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """The optimiser's state by names that begin with "adam."."""
-    states = optimiser.state_dict()["state"].items()
-    return {f"adam.{index}.{name}": tensor for index, values in states for name, tensor in values.items()}
-
-
-def load_adam(optimiser: torch.optim.Optimizer, state: Mapping[str, Tensor]) -> None:
-    """Put what `adam_tensors` gave into the optimiser."""
-    adam: dict[int, dict[str, Tensor]] = {}
-    for key in [key for key in state if key.startswith("adam.")]:
-        _, index, name = key.split(".")
-        adam.setdefault(int(index), {})[name] = state[key]
-    optimiser.load_state_dict(optimiser.state_dict() | {"state": adam})
+                network.load_state_dict(parts[part])
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, Any]) -> None:

@@ -126,9 +126,8 @@ class PointTraining(Training[BubbleTransformer]):
     """One training on a set of curves on a grid. Raises InputError: of another problem, or with too few curves."""
 
     def __init__(self, recipe: Recipe, data: Dataset, folder: Path, device: torch.device) -> None:
-        self.recipe, self.schedule, self.data, self.folder, self.device = recipe, recipe.training, data, folder, device
-        self.name, self.settings = recipe.export.name, recipe.settings()
-        problem = recipe.problem
+        super().__init__(recipe, folder, device)
+        self.recipe, self.schedule, self.data, problem = recipe, recipe.training, data, recipe.problem
         message = f"the training set was made for problem {data.problem.id}, the recipe is of {problem.id}"
         fine = data.problem.id == problem.id
         require(fine, f"{message}: generate the data with this recipe", "training.another_problem")
@@ -141,11 +140,10 @@ class PointTraining(Training[BubbleTransformer]):
         self.parts = {name: (i, target[i].to(device)) for name, i in split.items()}
         self.every = math.ceil(len(split["train"]) / self.schedule.batch)
         self.steps = self.schedule.epochs * self.every
-        torch.manual_seed(self.schedule.seed)
         self.network = BubbleTransformer(recipe.network, problem.grid.frames, len(recipe.outputs)).to(device)
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=self.schedule.lr)
         self.batches: Sequence[Tensor] = ()
-        self.identity = self.settings | {"data": data.sha256}
+        self.identity = {"data": data.sha256}
 
     def rate(self, step: int) -> float:
         return learning_rate(self.schedule, step, self.every)

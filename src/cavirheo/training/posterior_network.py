@@ -19,10 +19,9 @@ from torch import Tensor, nn
 
 from cavirheo.inference.bins import SIZE
 from cavirheo.inference.latent import COORDINATES, used
-from cavirheo.training.camera import Filmed, film
-from cavirheo.training.curves import CurveStore
 from cavirheo.training.loop import Training
 from cavirheo.training.recipe import PosteriorNetworkTable, PosteriorRecipe
+from cavirheo.training.recordings import CurveStore, Filmed, film
 
 VALIDATION = 0.03  # of the curves, which no step sees
 MOST_HELD = 4000  # of them: all of these are in memory, as the network reads them
@@ -158,11 +157,9 @@ class PosteriorTraining(Training[PosteriorNetwork]):
     every, clip = EVERY, 2.0
 
     def __init__(self, recipe: PosteriorRecipe, curves: CurveStore, folder: Path) -> None:
-        self.curves, self.folder, self.schedule = curves, folder, recipe.training
-        self.name, self.settings, self.device = recipe.export.name, recipe.settings(), torch.device("cpu")
-        self.steps = self.schedule.steps
-        torch.manual_seed(self.schedule.seed)
-        self.kinds = [(law, bubble) for law, bubble, _ in recipe.posterior.kinds]
+        super().__init__(recipe, folder, torch.device("cpu"))
+        self.curves, self.schedule, self.steps = curves, recipe.training, recipe.training.steps
+        self.kinds = [(law, bubble) for law, bubble, _ in recipe.problem.kinds]
         self.network = PosteriorNetwork(len(self.kinds), recipe.network)
         self.average = deepcopy(self.network).requires_grad_(False)
         self.optimiser = torch.optim.AdamW(
@@ -172,9 +169,8 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         for i, kind in enumerate(self.kinds):
             self.mask[i, used(*kind)] = 1.0
         n = len(curves.kind)
-        first_unseen = round((1.0 - VALIDATION) * n)
-        first_held = max(first_unseen, n - MOST_HELD)
-        self.identity = self.settings | {"curves": n} | ({"held": MOST_HELD} if first_held > first_unseen else {})
+        self.identity = {"curves": n}
+        first_held = max(round((1.0 - VALIDATION) * n), n - MOST_HELD)
         self.train, self.held = np.arange(first_held), np.arange(first_held, n)
         repeated = np.resize(self.held, max(len(self.held), FEWEST_VALIDATED))  # each several times where they are few
         self.validation = film(curves, repeated, 2**31 - 1)
@@ -236,19 +232,17 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         """Shares of the recordings whose truth is in the central 50 and 90 % of the network's draws, by slot."""
         recordings, one_hot, nothing = self.validation, torch.eye(len(self.kinds)), torch.zeros(len(COORDINATES))
         rng, sequential = torch.Generator().manual_seed(0), SequentialDraws(self.exported.eval())
-        below: dict[str, list[float]] = {name: [] for name in COORDINATES}
+        below = np.full(recordings.z.shape, np.nan)
         for i, kind in enumerate(recordings.kind.tolist()):
             uniform = torch.rand((DRAWS, len(COORDINATES), self.exported.parts), generator=rng).clamp(1e-9)
             normal = torch.randn((DRAWS, len(COORDINATES)), generator=rng)
             inputs = torch.from_numpy(recordings.inputs[i : i + 1])
             has, choice = self.mask[kind], -torch.log(-torch.log(uniform))
             z, _, _ = sequential(inputs, one_hot[kind : kind + 1], has, has, choice, normal, normal, nothing)
-            share = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)
-            for k in used(*self.kinds[kind]):
-                below[COORDINATES[k]].append(float(share[k]))
-        away = {name: np.abs(2.0 * np.array(shares) - 1.0) for name, shares in below.items() if shares}
-        by_slot = {
-            name: {str(level): round(float(np.mean(off < level / 100)), 4) for level in (50, 90)}
-            for name, off in away.items()
-        }
+            slots = used(*self.kinds[kind])
+            below[i, slots] = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)[slots]
+        by_slot = {}
+        for name, shares in zip(COORDINATES, below.T, strict=True):
+            if len(off := np.abs(2.0 * shares[np.isfinite(shares)] - 1.0)):
+                by_slot[name] = {str(level): round(float(np.mean(off < level / 100)), 4) for level in (50, 90)}
         return {"recordings": len(recordings.kind), "by_slot": by_slot}

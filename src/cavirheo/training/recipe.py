@@ -94,14 +94,13 @@ class Recipe(Section):
         table = self.problem_table
         constants = {"name": table.medium} if isinstance(table.medium, str) else {"name": "water"} | table.medium
         names = [*(field.name for field in fields(Medium)), "unusual"]
-        special = {"name": ((str,), "a name"), "unusual": ((bool,), "true or false")}
-        for key, value in constants.items():
+        for key in constants:
             similar = get_close_matches(key, names, 1)
             hint = f"did you mean {similar[0]}?" if similar else f"known: {', '.join(names)}"
             require(key in names, f"[problem] medium: unknown constant {key!r}, {hint}", "recipe.medium")
-            kinds, words = special.get(key, ((int, float), "a number in SI units"))
-            message = f"[problem] medium: {key} must be {words}, got {short(value)}"
-            require(type(value) in kinds, message, "recipe.medium")
+        unusual = constants.get("unusual", False)
+        message = f"[problem] medium: unusual must be true or false, got {short(unusual)}"
+        require(isinstance(unusual, bool), message, "recipe.medium")
         liquid = medium(**constants)
         grid = FrameGrid(table.frame_interval_us / 1e6, table.frames)
         prior, reference = Prior.uniform(self.prior), table.reference_max_radius_um / 1e6
@@ -146,19 +145,6 @@ class PosteriorTable(Section):
         laws, bubbles = self.laws.items(), self.bubbles.items()
         return [(law, bubble, share * of_bubble) for law, share in laws for bubble, of_bubble in bubbles]
 
-    def check(self) -> None:
-        """Raises InputError: a range without width, or a law that the coordinates cannot hold."""
-        low, high = self.max_radius_um
-        require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
-        for law, bubble, _ in self.kinds:
-            try:
-                names = {*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA}
-                fits = len({*used(law, bubble)}) == len(names)
-            except ValueError:
-                fits = False
-            message = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(COORDINATES)})"
-            require(fits, message, "recipe.value")
-
 
 class PosteriorNetworkTable(Section):
     width: Annotated[int, Field(ge=8, le=4096)] = 384
@@ -185,29 +171,28 @@ class PosteriorTrainingTable(Section):
 
 
 class PosteriorRecipe(Section):
-    posterior: PosteriorTable
+    problem: PosteriorTable = Field(alias="posterior")
     data: DataTable
     network: PosteriorNetworkTable = PosteriorNetworkTable()
     training: PosteriorTrainingTable
     export: ExportTable
 
-    @property
-    def problem(self) -> PosteriorTable:
-        """What the curves are drawn from."""
-        return self.posterior
-
     def settings(self) -> dict[str, Any]:
         """All that decides the trained weights, apart from the number of curves and of steps."""
-        return self.posterior.model_dump(mode="json", exclude_none=True) | self.network.model_dump()
+        return self.problem.model_dump(mode="json", exclude_none=True) | self.network.model_dump()
 
     def check(self) -> None:
-        """Raises InputError as `PosteriorTable.check`."""
-        self.posterior.check()
-
-
-def sampled_parameters(law: str, bubble: str) -> tuple[str, ...]:
-    """What is drawn uniformly in log10 for a curve of this law and bubble, R_max apart."""
-    return (*Family(law).parameters, "stretch", *(["accommodation"] if "accommodation" in BUBBLE_NAMES[bubble] else []))
+        """Raises InputError: a range without width, or a law that the coordinates cannot hold."""
+        low, high = self.problem.max_radius_um
+        require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
+        for law, bubble, _ in self.problem.kinds:
+            try:
+                names = {*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA}
+                fits = len({*used(law, bubble)}) == len(names)
+            except ValueError:
+                fits = False
+            message = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(COORDINATES)})"
+            require(fits, message, "recipe.value")
 
 
 def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:

@@ -52,7 +52,7 @@ def cluster(
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
     from cavirheo.workflow.cluster import client_of
-    from cavirheo.workflow.cluster.check import identity, reports
+    from cavirheo.workflow.workers import identity, reports
     from cavirheo.writing import terminal
     from cavirheo.writing.digits import MISSING
 

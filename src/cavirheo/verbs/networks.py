@@ -68,16 +68,15 @@ def train(
 ) -> None:
     """Train a recipe's network (the same call resumes) and export it as NAME.onnx with its card NAME.json."""
     try:
-        from cavirheo.training import export
-        from cavirheo.training.train import train as begin
+        from cavirheo.training import train as training
     except ModuleNotFoundError as error:
         raise InputError(f"training needs {error.name}: install cavirheo with the extra [train]") from error
     from cavirheo.training.recipe import read_recipe
 
     content = read_recipe(recipe)
     try:
-        result = begin(content, data, out, device=device, threads=threads, progress=not quiet)
-        path = export.export(content, out, out)
+        result = training.train(content, data, out, device=device, threads=threads, progress=not quiet)
+        path = training.export(content, out, out)
     except RuntimeError as error:  # torch's: no memory left, ...
         raise InputError(f"training stopped: {str(error).partition(chr(10))[0]}", "training.torch") from error
     if quiet:

@@ -82,8 +82,6 @@ class Answers(Sequence[Posterior]):
         return zip(self.indices, self, strict=True)
 
     def __getitem__(self, place: Any) -> Any:
-        if isinstance(place, slice):
-            return [self[k] for k in range(len(self))[place]]
         if answer := self._store.get(self._keys[self.indices[place]]):
             return answer
         message = f"an answer in {self._store.folder} is gone or was changed while it was needed: the same command "

@@ -1,9 +1,10 @@
-"""Recordings of simulated curves: the camera, its noise, what is lost, and R_max as it is read off the frames.
+"""What a posterior network is trained on: curves that are simulated once, and recordings of them, another each time.
 
-Each time that a curve is shown, another camera films it: 20 to 400 frames at 0.1 to 10 us, any phase of the clock,
-exposures of up to a frame, a scale that is wrong by half a per cent, noise of 0.1 to 5 % of R_max (or hardly any),
-in half of them a slow discrepancy of radius and clock (inference/noise.py), frames that are missing, growth recorded or
-not (then R_max lies up to a frame from the first one), and any end after the first collapse. Compiled, for it takes
+A curve is stored as R/R_max at 512 of 2,401 regular times to t* = 6, most of them where it bends. Each time that it is
+shown, another camera films it: 20 to 400 frames at 0.1 to 10 us, any phase of the clock, exposures of up to a frame, a
+scale that is wrong by half a per cent, noise of 0.1 to 5 % of R_max (or hardly any), in half of them a slow discrepancy
+of radius and clock (inference/noise.py), frames that are missing, growth recorded or not (then R_max lies up to a frame
+from the first one), and any end after the first collapse. R_max is as it is read off the frames. Compiled, for it takes
 place before every step of the training.
 """
 
@@ -19,15 +20,109 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Floats
+from cavirheo.errors import InputError
 from cavirheo.inference.bins import END, SCALE, binned, half_widths
-from cavirheo.inference.latent import COORDINATES
+from cavirheo.inference.latent import BUBBLE_NAMES, COORDINATES, damping, to_latent, z_index
+from cavirheo.inference.law import Family
+from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.accuracy import ROUGH
+from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.media import WATER
-from cavirheo.training.curves import STEPS, TOP, CurveStore
+from cavirheo.physics.simulate import simulate
+from cavirheo.prior import uniforms
+from cavirheo.training.recipe import PosteriorTable
 
+NODES = 512
+STEPS = 2400  # regular times
+TOP = 1.1  # R/R_max of the largest number that is stored
 FEWEST, MOST = 20, 400  # frames
 FASTEST, SLOWEST = 1e-7, 1e-5  # s between them
 _ROOM = 3 * MOST
+
+
+@dataclass(frozen=True)
+class CurveStore:
+    """Many curves. time, radius: (n, NODES) as whole numbers, perhaps on the disk; z: (n, 9); kind: (n,) index of
+    law and bubble; max_radius: (n,) m."""
+
+    time: NDArray[np.uint16]
+    radius: NDArray[np.uint16]
+    z: NDArray[np.float32]
+    kind: NDArray[np.uint8]
+    max_radius: NDArray[np.float32]
+
+
+COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
+    "time": (np.uint16, (NODES,)),
+    "radius": (np.uint16, (NODES,)),
+    "z": (np.float32, (len(COORDINATES),)),
+    "kind": (np.uint8, ()),
+    "max_radius": (np.float32, ()),
+}
+
+
+def simulated_curves(table: PosteriorTable, seed: int, block: range) -> dict[str, Any]:
+    """Columns of those of these curves whose simulation did not fail."""
+    curves = [curve for index in block if (curve := simulated_curve(table, seed, index)) is not None]
+    rows = np.array(curves, dtype=[(name, *column) for name, column in COLUMNS.items()])
+    return {name: rows[name] for name in COLUMNS}
+
+
+def simulated_curve(table: PosteriorTable, seed: int, index: int) -> tuple[Any, ...] | None:
+    """Curve `index`: (time, radius, z, kind, max_radius), or None if its simulation failed."""
+    draws = uniforms(seed, index, 9)
+    shares = np.cumsum([share for *_, share in table.kinds])
+    kind = int(np.searchsorted(shares, draws[0] * shares[-1], side="right"))
+    law, bubble_name, _ = table.kinds[kind]
+    family, extra = Family(law), ["accommodation"] if "accommodation" in BUBBLE_NAMES[bubble_name] else []
+    names = (*family.parameters, "stretch", *extra)  # drawn uniformly in log10, as R_max is
+    bounds = np.array([PARAMETERS[name].searched for name in names])
+    low, high = (1e-6 * end for end in table.max_radius_um)
+    log10 = bounds[:, 0] + draws[2 : 2 + len(names)] * (bounds[:, 1] - bounds[:, 0])
+    max_radius = float(low * (high / low) ** draws[1])
+    z = to_latent(names, log10[None])[0]
+    bubble = FIELD
+    if bubble_name == "real":
+        z[z_index("confinement_damping")] = ndtri(draws[8])
+        damped = float(damping(z[z_index("confinement_damping")]))
+        bubble = Bubble("kinetic", float(10.0 ** log10[-1]), confinement_damping=damped)
+    law_size = len(family.parameters)
+    stretch = float(10.0 ** log10[law_size])
+    times = np.linspace(0.0, END, STEPS + 1) * WATER.time_scale(max_radius)
+    material = family.material(log10[:law_size])
+    settings: dict[str, Any] = {"time": times, "bubble": bubble, "accuracy": ROUGH, "throw": False}
+    try:
+        run = simulate(material, max_radius=max_radius, stretch=stretch, **settings)
+    except InputError:
+        return None
+    if not run.ok or not np.isfinite(run.radius).all():
+        return None
+    radius = run.radius / max_radius
+    chosen = nodes(radius)
+    return chosen, np.round(np.clip(radius[chosen] / TOP, 0.0, 1.0) * 65535), z, kind, max_radius
+
+
+def nodes(radius: Floats) -> NDArray[np.int64]:
+    """(NODES,) indices, ascending and different, of a curve (STEPS + 1,) between which straight lines follow it."""
+    bend = np.zeros(STEPS + 1)
+    bend[1:-1] = np.abs(np.diff(radius, 2))
+    bend = np.maximum(bend, np.maximum(np.roll(bend, 1), np.roll(bend, -1)))
+    density = np.sqrt(bend)
+    density /= np.sum(density) + 1e-12
+    # never more than one of a time: what is above is given to the others
+    share = 0.3 / (STEPS + 1) + 0.7 * density
+    for _ in range(6):
+        share = np.minimum(share, 1.0 / NODES)
+        share /= np.sum(share)
+    filled = np.cumsum(share) * (NODES - 1)
+    chosen = np.unique(np.concatenate([[0, STEPS], np.searchsorted(filled, np.arange(1, NODES - 1))]))
+    chosen = chosen[chosen <= STEPS]
+    if len(chosen) < NODES:
+        free = np.setdiff1d(np.arange(STEPS + 1), chosen)
+        more = free[np.argsort(-share[free], kind="stable")[: NODES - len(chosen)]]
+        chosen = np.sort(np.concatenate([chosen, more]))
+    return chosen
 
 
 @dataclass(frozen=True)
@@ -48,7 +143,10 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     top = shots.max_radius[index].astype(float)
     nodes, radii = (columns[index].astype(float) for columns in (shots.time, shots.radius))
     nodes, radii = nodes * (END / STEPS), radii * (TOP / 65535.0)
-    camera = _cameras(rng, _first_collapse(nodes, radii), WATER.time_scale(1.0) * top)
+    middle = radii[:, 1:-1]
+    low = (middle < radii[:, :-2]) & (middle <= radii[:, 2:]) & (middle < 0.9 * radii[:, :1])
+    collapse = np.where(low.any(axis=1), nodes[np.arange(m), np.argmax(low, axis=1) + 1], 1.5)  # t*, of the first one
+    camera = _cameras(rng, collapse, WATER.time_scale(1.0) * top)
     time, radius, summary = np.empty((m, _ROOM)), np.empty((m, _ROOM)), np.zeros((m, 5))
     _film(nodes, radii, camera, int(rng.integers(2**31)), time, radius, summary)
     count, origin, read, noise, late = summary.T
@@ -70,14 +168,6 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     z[:, COORDINATES.index("radius_scale")] = (camera.scale - 1.0) / SCALE
     kind = shots.kind[index][good].astype(np.int64)
     return Filmed(inputs, z, kind, discrepancy.astype(np.float32), np.array(camera.white))
-
-
-def _first_collapse(time: Floats, radius: Floats) -> Floats:
-    """(m,) t* of the first deep minimum of curves (m, NODES); 1.5 where there is none."""
-    middle = radius[:, 1:-1]
-    low = (middle < radius[:, :-2]) & (middle <= radius[:, 2:]) & (middle < 0.9 * radius[:, :1])
-    first = np.argmax(low, axis=1)
-    return np.where(low.any(axis=1), time[np.arange(len(time)), first + 1], 1.5)
 
 
 def _cameras(rng: np.random.Generator, collapse: Floats, t_c: Floats) -> Any:
