@@ -11,8 +11,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference import input_checks
@@ -21,8 +19,9 @@ from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family, softened
 from cavirheo.inference.model import Network, card, path_of
 from cavirheo.inference.options import FREE, FREED, SCALE_BOUND, Options, check_wall
+from cavirheo.messages import Message
 from cavirheo.parallel import cores, each, one_blas_thread
-from cavirheo.parameters import LOG10, units
+from cavirheo.parameters import LOG10
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as medium_of
@@ -208,8 +207,8 @@ class Analysis:
             raise
         except Exception as error:  # a defect, of ours or of a library, costs this curve alone
             _log.exception("%s has no answer", curve.name)
-            checks = input_checks.failed(error, curve, medium_of(self.medium))
-            return self._nothing(curve, self.laws[0], self._options(self.bubbles[0]), checks)
+            empty = self._nothing(curve, self.laws[0], self._options(self.bubbles[0]))
+            return replace(empty, checks=input_checks.failed(error, curve, medium_of(self.medium)))
 
     def _starts(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
         """What the verification begins with, of each law and bubble."""
@@ -218,13 +217,13 @@ class Analysis:
 
         if self.before:
             return [self.before.answer(curve, workers=workers)]
-        models = list(product(self.laws, self.bubbles))
+        models, medium = list(product(self.laws, self.bubbles)), medium_of(self.medium)
         if self.method == "fit":
             return [self._start(curve, law, self._options(bubble)) for law, bubble in models]
         if self.method == "search":
             cut: dict[str, Any] = {"window": self.window, "stretch": self.stretch}
             return [self._start(curve, law, Options(**cut, bubble=bubble)) for law, bubble in models]
-        network, medium = network_of(str(self.model)), medium_of(self.medium)
+        network = network_of(str(self.model))
         if isinstance(network, Network):
             stretch: Any = None if self.stretch == "free" else self.stretch
             return [Amortised(network, medium, stretch, self.window, self.trust_input).infer(curve)]  # type: ignore[arg-type]
@@ -234,22 +233,15 @@ class Analysis:
 
     def _start(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
         """What a search begins from: law, bubble, window and input warnings, without any value."""
-        medium = medium_of(self.medium)
-        try:
-            shot = Experiment(curve, Family(law), medium, options)
-            warnings = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
-            plain = Checks("ok", t_star_end=shot.view.end / shot.time_scale)
-            checks = input_checks.warned(plain, warnings, self.trust_input)
-        except input_checks.ERRORS as error:  # of this curve alone
-            checks = input_checks.failed(error, curve, medium)
-        return self._nothing(curve, law, options, checks)
 
-    def _nothing(self, curve: RadiusCurve, law: str, options: Options, checks: Checks) -> Posterior:
+        def window(curve: RadiusCurve) -> tuple[dict[str, Any], list[Message]]:
+            shot = Experiment(curve, Family(law), medium_of(self.medium), options)
+            return {"checks": Checks("ok", t_star_end=shot.view.end / shot.time_scale)}, input_checks.of_walls(shot)
+
+        return input_checks.answered(curve, self._nothing(curve, law, options), window, self.trust_input)
+
+    def _nothing(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
         """An answer without any value."""
-        family, medium = Family(law), medium_of(self.medium)
-        names = tuple(LOG10 + name for name in family.parameters)
-        provenance = {"options": asdict(options), "source_sha256": curve.source_sha256}
-        how: dict[str, Any] = {"provenance": {"cavirheo": version("cavirheo"), **provenance}, "medium": medium}
-        how["bubble"] = options.bubble
-        nothing = np.empty((0, len(names)))
-        return Posterior(names, units(names), nothing, checks, family.name, "least_squares", **how)
+        names = tuple(LOG10 + name for name in Family(law).parameters)
+        how: dict[str, Any] = {"bubble": options.bubble, "medium": medium_of(self.medium), "options": asdict(options)}
+        return input_checks.nothing(curve, names, law, "least_squares", **how)
