@@ -79,7 +79,7 @@ class Scatter:
         along = slope[:, None] * x[:, None]
         densities = []
         for share, wide in ((1.0 - OUTLIERS, 0.0), (OUTLIERS, WIDE**2)):
-            log_p = shots.log_density(centre, along, scatter + wide * np.eye(d))
+            log_p = shots.log_densities(centre, along, scatter + wide * np.eye(d)) + shots.log_share
             densities.append(np.log(share) + _log_sum(log_p, shots.first))
         return densities[0], densities[1]
 
