@@ -13,8 +13,8 @@ from conftest import ROOT, refused, rows_of
 
 import cavirheo
 from cavirheo import Medium, NeoHookeanKelvinVoigt, RadiusCurve, read_curves
-from cavirheo.inference.model import load, path_of
-from cavirheo.inference.posterior_network import load_posterior
+from cavirheo.inference.model import path_of
+from cavirheo.inference.posterior_network import network_of
 from cavirheo.physics.media import WATER
 
 infer = partial(cavirheo.infer, model="bdt-viscoelastic")
@@ -115,7 +115,7 @@ def test_a_point_answer_has_no_interval_and_a_full_record():
     assert answer.interval("shear_modulus") is None
     assert answer.stretch == answer.provenance["stretch"] == 7.0
     assert answer.diagnostics.stretch_source == answer.provenance["stretch_source"] == "given"
-    assert answer.provenance["model_sha256"] == load().sha256
+    assert answer.provenance["model_sha256"] == network_of("bdt-viscoelastic").sha256
     assert answer.best == {name: answer.median(name) for name in ("shear_modulus", "viscosity")} | {"stretch": 7.0}
     assert answer.checks.collapses == 2
     found = answer.checks
@@ -128,11 +128,11 @@ def test_a_network_that_was_read_is_checked_again_when_its_file_changes(tmp_path
     for suffix in (".onnx", ".json"):
         shutil.copy(path_of("posterior").with_suffix(suffix), tmp_path / f"copy{suffix}")
     path = tmp_path / "copy.onnx"
-    assert load_posterior(str(path)) is load_posterior(str(path))
+    assert network_of(str(path)) is network_of(str(path))
     path.write_bytes(path.read_bytes() + b"x")
     for code in ("model.changed", "model.card"):
         with refused(code):
-            load_posterior(str(path))
+            network_of(str(path))
         path.with_suffix(".json").write_text("{}")
 
 
@@ -141,11 +141,11 @@ def test_the_shipped_model_is_what_its_card_says():
     card = json.loads(path_of("bdt-viscoelastic").with_suffix(".json").read_text())
     assert card["data"]["train"] >= 3000
     assert card["data"]["test"] >= 0.09 * card["data"]["n"]
-    problem = load().problem
+    problem = network_of("bdt-viscoelastic").problem
     assert problem.id == card["problem_id"]
     theta = problem.prior.sample(range(10**7, 10**7 + 60), seed=99)  # draws that no training set holds
     curves = np.array([run.radius for run in problem.simulate_many(theta)]) / problem.reference_max_radius
-    error = np.median(np.abs(load()(curves) - theta[:, :2]), axis=0)
+    error = np.median(np.abs(network_of("bdt-viscoelastic")(curves) - theta[:, :2]), axis=0)
     for name, off in zip(("log10_shear_modulus", "log10_viscosity"), error, strict=True):
         assert off < 3 * card["metrics"][name]["median_absolute_error"]
 

@@ -209,14 +209,10 @@ class Draws:
         self, settings: Sequence[Setting], workers: int | None = None, done: Callable[[], None] | None = None
     ) -> list[list[Expected | None]]:
         """Of each setting with each draw; None: a recording that cannot be read."""
-
-        def evaluate(job: tuple[Setting, int]) -> Expected | None:
-            shot = self.shot(*job)
-            return shot[1] if shot else None
-
         count = len(self.law)
         jobs = [(setting, k) for setting in settings for k in range(count)]
-        told = each(evaluate, jobs, workers, (lambda *_: done()) if done else None)
+        shots = each(lambda job: self.shot(*job), jobs, workers, (lambda *_: done()) if done else None)
+        told = [shot[1] if shot else None for shot in shots]
         return [told[i : i + count] for i in range(0, len(jobs), count)]
 
     def reached(self, setting: Setting, workers: int | None = None) -> tuple[Floats, Floats]:

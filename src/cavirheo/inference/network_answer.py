@@ -50,10 +50,6 @@ class Networked:
     checked: bool = True
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        """Raises InputError: an unknown law, or a setting out of its domain."""
-        self._options(), Family(self.material)
-
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
         names = (*(LOG10 + name for name in Family(self.material).parameters), "stretch")
@@ -61,12 +57,10 @@ class Networked:
         empty = input_checks.nothing(curve, names, self.material, "amortised", self.bubble, self.medium, **made)
         return input_checks.answered(curve, empty, self._answer, self.trust_input)
 
-    def _options(self) -> Options:
-        return Options(self.window, None, self.stretch, tuple(FREE), bubble=self.bubble)
-
     def _experiment(self, curve: RadiusCurve) -> Experiment:
+        options = Options(self.window, None, self.stretch, tuple(FREE), bubble=self.bubble)
         exposure = float(curve.exposure or 0.0)
-        return Experiment(curve, Family(self.material), self.medium, self._options(), exposure=exposure)
+        return Experiment(curve, Family(self.material), self.medium, options, exposure=exposure)
 
     def _draws(self, shot: Experiment) -> tuple[NetworkProposal, Floats]:
         """What the network answers, and u (draws, d) of it. Raises InputError: it cannot read it."""

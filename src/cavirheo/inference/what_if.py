@@ -15,7 +15,7 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
-from cavirheo.inference.model import load
+from cavirheo.inference.model import Network
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.reconstruct import Window, check_stretch, window
 from cavirheo.messages import of_error
@@ -31,11 +31,12 @@ Band = tuple[Floats, Floats, Floats]
 def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
     """What is compared with the answer of this analysis. Raises InputError."""
     medium, collapses = medium_of(analysis.medium), cast("int | None", analysis.window)
-    if analysis.method != "bdt":
-        return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
-    problem = load(str(analysis.model)).problem  # of a network that reads its own window
-    end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
-    return window(curve, collapses=collapses, end=end)
+    network = analysis.network if analysis.method == "bdt" else None
+    if isinstance(network, Network):  # it reads its own window
+        problem = network.problem
+        end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
+        return window(curve, collapses=collapses, end=end)
+    return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
 
 
 def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, float], analysis: Analysis) -> Checks:

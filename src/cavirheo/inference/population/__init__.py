@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, expect, expect_whole, require
-from cavirheo.inference.alternatives import model_of
-from cavirheo.inference.law_average import of_one_law
+from cavirheo.inference.alternatives import model_of, of_one_law
 from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihoods, likelihood
 from cavirheo.inference.population.material import Population
 from cavirheo.inference.population.scatter import Scatter
