@@ -132,9 +132,9 @@ class Shots:
         require(shapes == [(n,)] * 3 and n > 0, lengths, "collapse_time.lengths")
         self.max_radius, self.stretch, self.time = arrays
         self.names = self.names or [str(k + 1) for k in range(n)]
-        for k in range(n):
-            trouble = unusable(*(float(a[k]) for a in arrays))
-            require(not trouble, f"shot {k + 1}: {trouble}", "collapse_time.shot")
+        for k, values in enumerate(np.transpose(arrays).tolist(), 1):
+            trouble = unusable(*values)
+            require(not trouble, f"shot {k}: {trouble}", "collapse_time.shot")
 
     def __len__(self) -> int:
         return len(self.time)

@@ -16,6 +16,7 @@ l the law's, n all others. Chaloner and Verdinelli 1995, doi:10.1214/ss/11770099
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -223,15 +224,14 @@ class Draws:
         shots = [shot for shot in each(lambda k: self.shot(setting, k), range(len(self.law)), workers) if shot]
         how: Any = {"material": self.family.name, "medium": self.medium, "bubble": self.bubble, "workers": workers}
         answers = infer_many([curve for curve, _ in shots], **how)
-        widths, inferred = [], []
+        pairs = []
         for answer, (_, told) in zip(answers, shots, strict=True):
             counts = answer.theta.size and answer.checks.verdict != "check_input"  # else the width is the prior's
             ends = [answer.interval(name) if counts else None for name in self.family.parameters]
             if all(ends):
-                widths.append(told.half_width)
-                inferred.append([0.5 * np.log10(high / low) for low, high in filter(None, ends)])
-        shape = (len(widths), len(self.family.parameters))
-        return np.reshape(widths, shape), np.reshape(inferred, shape)
+                pairs.append((told.half_width, [0.5 * np.log10(high / low) for low, high in filter(None, ends)]))
+        widths = np.reshape(pairs, (len(pairs), 2, len(self.family.parameters)))
+        return widths[:, 0], widths[:, 1]
 
 
 def variance(ends: Floats) -> Floats:
@@ -258,10 +258,5 @@ def shots_wanted(information: Floats, covariance: Floats, half_width: float, mos
         left = np.linalg.inv(before + count * information)
         return bool(np.max(NORMAL_90 * np.sqrt(np.diag(left))) <= half_width)
 
-    if not enough(most):
-        return None
-    low, high = -1, most
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if enough(middle) else (middle, high)
-    return high
+    count = bisect_left(range(most + 1), True, key=enough)
+    return count if count <= most else None
