@@ -121,18 +121,12 @@ class Expected:
 
 
 def expected(
-    curve: RadiusCurve,
-    truth: dict[str, float],
-    family: Family,
-    medium: Medium = WATER,
-    *,
-    discrepancy: bool = True,
-    bubble: Bubble = REAL,
+    curve: RadiusCurve, truth: dict[str, float], family: Family, medium: Medium = WATER, bubble: Bubble = REAL
 ) -> Expected:
     """Of a recording whose truth is known. Raises InputError: it cannot be read."""
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options, exposure=float(curve.exposure or 0.0))
-    target = Target(shot, shot.prior(), shot.noise(discrepancy))
+    target = Target(shot, shot.prior(), shot.noise(discrepancy=True))
     mode = climb(target, target.start(shot.from_best(truth)), ROUGH)
     if mode is None:
         raise SolverError(f"{curve.name}: the simulation failed")
@@ -203,7 +197,7 @@ class Draws:
         family, medium, bubble = self.family, self.medium, self.bubble
         with suppress(InputError, SolverError, np.linalg.LinAlgError):
             curve, truth = setting.film(family, self.law[k], float(self.stretch[k]), medium, self.seed + k, bubble)
-            return curve, expected(curve, truth, family, medium, bubble=bubble)
+            return curve, expected(curve, truth, family, medium, bubble)
         return None
 
     def expected(
