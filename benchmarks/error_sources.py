@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo.errors import InputError
-from cavirheo.inference.model import DEFAULT, card, path_of, predict
+from cavirheo.inference.model import card, path_of, predict
 from cavirheo.parameters import LOG10
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.problem import TrainingProblem
@@ -108,7 +108,7 @@ def _list(values: np.ndarray, form: str) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("data", type=Path)
-    parser.add_argument("--model", default=DEFAULT)
+    parser.add_argument("--model", default="bdt-viscoelastic")
     parser.add_argument("--run", type=Path)
     parser.add_argument("--curves", type=int, default=240)
     parser.add_argument("--workers", type=int)

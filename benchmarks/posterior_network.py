@@ -17,7 +17,7 @@ import numpy as np
 from cavirheo import RadiusCurve, infer
 from cavirheo.inference.latent import COORDINATES, used, z_index
 from cavirheo.inference.network_answer import Networked
-from cavirheo.inference.posterior_network import load_posterior
+from cavirheo.inference.posterior_network import network_of
 from cavirheo.physics.bubble import FIELD
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate_many
@@ -66,7 +66,7 @@ def r2_table(n: int, weighed: bool = False) -> list[str]:
     times = np.arange(FRAMES * fine) * (FRAME / fine)
     runs = simulate_many(materials, max_radius=RADIUS, stretch=stretch, time=times)
     settings: Any = {"checked": False, "discrepancy": False, "trust_input": True, "window": "all", "bubble": FIELD}
-    estimator = Networked(load_posterior(), **settings)
+    estimator = Networked(network_of(), **settings)
     exact: Any = {"discrepancy": False, "trust_input": True, "bubble": FIELD}
     rows = [f"| {n} curves drawn as the paper's | answered | R2 of log G | R2 of log mu |", "|---|---|---|---|"]
     for name, view in VIEWS.items():
@@ -103,7 +103,7 @@ def distances(recordings: int) -> list[Distance]:
     """Of each parameter of curves drawn from the whole prior, with either bubble."""
     recipe = read_recipe(Path(__file__).parent.parent / "recipes" / "posterior.toml")
     table = recipe.problem.model_copy(update={"max_radius_um": (30.0, 600.0)})
-    kinds, model = table.kinds, load_posterior()
+    kinds, model = table.kinds, network_of()
     made: list = []
     index = 0
     while len(made) < 2 * recordings:
@@ -116,7 +116,7 @@ def distances(recordings: int) -> list[Distance]:
     rng = np.random.default_rng(SEED)
     found = []
     for i in range(min(recordings, len(shown.z))):
-        z = model.flow.sample(shown.inputs[i : i + 1], int(shown.kind[i]), 400, rng, {})
+        z = model.sample(shown.inputs[i : i + 1], int(shown.kind[i]), 400, rng, {})
         below = np.mean(z < shown.z[i], axis=0)
         about = float(shown.noise[i]), bool(shown.discrepancy[i])
         found += [Distance(k, *about, abs(2 * below[k] - 1)) for k in used(*kinds[shown.kind[i]][:2])]

@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference import infer_many
 from cavirheo.inference.bdt import Amortised
-from cavirheo.inference.model import DEFAULT, load
+from cavirheo.inference.posterior_network import network_of
 from cavirheo.parameters import LOG10, natural_name, scaled
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.materials import MATERIALS
@@ -41,7 +41,7 @@ def shots(
 ) -> tuple[np.ndarray, list[RadiusCurve]]:
     """(n, parameters + 1) theta in the prior's scale with R_max (m) last, and the curves; the default model's problem
     by default."""
-    problem = problem or load().problem
+    problem = problem or network_of("bdt-viscoelastic").problem
     rng = np.random.default_rng(seed)
     low, high = [*problem.prior.low, R_MAX[0]], [*problem.prior.high, R_MAX[1]]
     truth = rng.uniform(low, high, (n, len(low)))
@@ -89,11 +89,11 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--shots", type=int, default=300)
     parser.add_argument("--noise", type=float, default=0.0)
-    parser.add_argument("--model", default=DEFAULT)
+    parser.add_argument("--model", default="bdt-viscoelastic")
     parser.add_argument("--fits", type=int, default=40, help="0 leaves out what is shown without a network")
     parser.add_argument("--seed", type=int, default=20)
     options = parser.parse_args()
-    model = load(options.model)
+    model = network_of(options.model)
     problem, names = model.problem, model.problem.prior.names
     if options.fits:
         print(f"Curves of R_max fitted as if of {problem.reference_max_radius * 1e6:.0f} um, median error\n")

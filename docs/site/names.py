@@ -138,8 +138,7 @@ MORE = Page(
         Group(
             "Collapse times",
             {
-                "cavirheo.inference.collapse_time": "estimate shot Shots",
-                "cavirheo.inference.collapse_answer": "CollapseEstimate CollapseValue",
+                "cavirheo.inference.collapse_time": "estimate shot Shots CollapseEstimate CollapseValue",
                 "cavirheo.physics.collapse": "analytic_time rayleigh_time simulated_time",
             },
             "[How](../docs/how-to/collapse-time.md).",

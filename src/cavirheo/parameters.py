@@ -173,15 +173,11 @@ def of_the_law(name: str) -> bool:
     return natural_name(name) not in ("stretch", *CAMERA, *BUBBLE)
 
 
-def reaches(low: float, high: float, ends: tuple[float, float]) -> tuple[bool, bool]:
-    """Whether an interval reaches the lower and the upper end of a range: there the range decides, not the curve."""
-    room = AT_END * (high - low)
-    return bool(low - ends[0] < room), bool(ends[1] - high < room)
-
-
 def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None:
-    """What is left of an interval that `reaches` an end of a range, in the scale of that range; None: all of it."""
-    below, above = reaches(low, high, ends)
+    """What is left of an interval that reaches an end of a range, in the scale of that range: there the range decides,
+    not the curve; None: all of it."""
+    room = AT_END * (high - low)
+    below, above = low - ends[0] < room, ends[1] - high < room
     if below and above:
         return "undetermined"
     return "upper" if below else "lower" if above else None

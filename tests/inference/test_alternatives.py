@@ -9,8 +9,7 @@ from conftest import messages
 
 import cavirheo
 from cavirheo import Newtonian, population
-from cavirheo.inference.alternatives import compared, contenders, judged
-from cavirheo.inference.law_average import averaged_over_laws
+from cavirheo.inference.alternatives import averaged_over_laws, compared, contenders, judged
 from cavirheo.inference.verify import verify_many
 from cavirheo.messages import Message
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior

@@ -55,7 +55,7 @@ PLANTED = (
     Planted("interval of a collapse time is one-sided", "inference/collapse_time.py",
             "student.ppf((1 + CONFIDENCE) / 2, n - p)", "student.ppf(CONFIDENCE, n - p)", ("test_collapse_time",)),
     Planted("scale's factors upside down", "inference/input_checks.py",
-            "if check.ratio < 1.0 else (1.0", "if check.ratio > 1.0 else (1.0", ("test_inference",)),
+            "if ratio < 1.0 else (1.0", "if ratio > 1.0 else (1.0", ("test_inference",)),
     Planted("spikes that lower a value are no warning", "inference/input_checks.py",
             "if not 1.0 / FACTOR <= factor <= FACTOR}", "if factor > FACTOR}", ("test_inference",)),
     Planted("any operator of a model is run", "inference/graph.py",

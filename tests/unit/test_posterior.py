@@ -21,7 +21,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.posterior_network import load_posterior
+from cavirheo.inference.posterior_network import network_of
 from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, predictive, verification, verify_many
 from cavirheo.inference.verify import mode as mode_module
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
@@ -424,7 +424,7 @@ def test_the_density_of_a_proposal_is_normalised(law, bubble, given, integrated)
     here = experiment(recorded(noise=0.03), law, bubble, **given)
     prior = here.prior()
     prior = prior.of([name for name in prior.names if name not in CAMERA]) if integrated else prior
-    proposal = load_posterior().proposal(here, prior, True)
+    proposal = network_of().proposal(here, prior, True)
     rng = np.random.default_rng(3)
     u = proposal.draw(3000, rng)
     assert u.shape == (3000, len(prior.names))
@@ -515,14 +515,14 @@ class Wrong:
 
 def narrow(target):
     """The network's draws, a twentieth as wide, about a place three standard deviations off."""
-    u = load_posterior().proposal(target.experiment, target.prior, True).draw(300, np.random.default_rng(2))
+    u = network_of().proposal(target.experiment, target.prior, True).draw(300, np.random.default_rng(2))
     spread = np.cov(u.T)
     return Wrong(Mixture(np.ones(1), (np.mean(u, axis=0) + 3 * np.sqrt(np.diag(spread)))[None], spread[None] / 400))
 
 
 @pytest.mark.slow
 def test_an_over_confident_network_does_not_narrow_the_answer():
-    right = planted(lambda target: load_posterior().proposal(target.experiment, target.prior, True))
+    right = planted(lambda target: network_of().proposal(target.experiment, target.prior, True))
     moments = []
     for found in (right, planted(narrow)):
         weight = np.exp(found.sample.log_weight - found.sample.log_weight.max())
@@ -546,7 +546,7 @@ def test_evidences_that_disagree_are_not_signed():
 
 def test_a_law_is_looked_at_where_a_better_one_is_best():
     """A law that contains another one follows the same frames there, wherever the search for it went."""
-    curve, network, parts = recorded(Newtonian(0.05)), load_posterior(), []
+    curve, network, parts = recorded(Newtonian(0.05)), network_of(), []
     for law in ("newtonian", "nhkv"):
         start = Networked(network, law, FIELD, checked=False, trust_input=True).infer(curve)
         settings = Verification(network=network, level="auto")
@@ -572,7 +572,7 @@ def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):
 
 def test_no_answer_is_ok_without_an_interval(monkeypatch):
     monkeypatch.setattr(adaptive_sampling, "TUNING", replace(TUNING, draws=40, emulated_worst=0.0))
-    curve, network = recorded(), load_posterior()
+    curve, network = recorded(), network_of()
     start = Networked(network, bubble=FIELD, checked=False, trust_input=True).infer(curve)
     (answer,) = verify_many([curve], [start], level="full", network=network)
     assert answer.checks.verdict == "no_interval"
@@ -599,7 +599,7 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     card = json.loads((tmp_path / "run" / "small.json").read_text("utf-8"))
     assert card["kind"] == "posterior"
     assert set(card["coverage"]["by_slot"]) == set(COORDINATES)
-    assert load_posterior(str(tmp_path / "run" / "small.onnx")).name == "small"
+    assert network_of(str(tmp_path / "run" / "small.onnx")).name == "small"
 
 
 def test_a_misfit_that_the_real_bubble_explains_is_said():

@@ -23,7 +23,7 @@ from scipy.stats import truncnorm
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
 from cavirheo.inference.experiment import LARGEST, ZETA, Experiment
 from cavirheo.inference.network_answer import Networked
-from cavirheo.inference.posterior_network import load_posterior
+from cavirheo.inference.posterior_network import network_of
 from cavirheo.inference.verify import verify
 from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.bubble import BUBBLES, FIELD, Bubble
@@ -133,7 +133,7 @@ def one(job: tuple[int, str, str, str, bool, bool]) -> dict:
         with narrowed(ranges):
             answer = fit(curve, trust_input=True, seed=seed, **alone)
     elif way == "infer":
-        network = load_posterior()
+        network = network_of()
         start = Networked(network, bubble=bubble, trust_input=True, checked=False)
         answer = verify(curve, start.infer(curve), level="auto", network=network, **how)
     else:

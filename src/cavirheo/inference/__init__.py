@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.inference.analysis import AUTO, DEFAULT, KNOWN_BUBBLES, LEVELS, Analysis
+from cavirheo.inference.analysis import AUTO, DEFAULT, LEVELS, Analysis
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior
 
-__all__ = ["AUTO", "DEFAULT", "KNOWN_BUBBLES", "LEVELS", "Analysis", "infer", "infer_many"]
+__all__ = ["AUTO", "DEFAULT", "LEVELS", "Analysis", "infer", "infer_many"]
 
 
 def infer(

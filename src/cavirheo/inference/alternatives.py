@@ -1,4 +1,5 @@
-"""What other models, and other modes of the same model, mean for an answer: a message each."""
+"""What other models, and other modes of the same model, mean for an answer: a message each; and the answers of several
+laws for one curve as one, in which each law has the part that its evidence gives."""
 
 from __future__ import annotations
 
@@ -9,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.messages import Message
-from cavirheo.parameters import of_the_law
+from cavirheo.messages import Message, of_bound
+from cavirheo.parameters import LOG10, natural_name, of_the_law, parameter_of, units
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, intervals
 
 LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (docs/validation.md)
@@ -18,6 +19,11 @@ LIMIT = 0.2  # prior probability that nothing resists in a real bubble: then it 
 LEAST_PROBABILITY = 1e-3  # of that, from which it counts
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
 _FOLLOWED = ("ok", "undetermined")  # verdicts of answers that their simulation follows
+ELASTIC = 0.05  # probability of the laws with a shear modulus, from which the answer has one
+_MODULUS = LOG10 + "shear_modulus"
+# a viscosity of a law with an exponent is that at 1e5 1/s
+_SAME = {"viscosity": "reference_viscosity", "reference_viscosity": "viscosity"}
+_NEWTONIAN = {"exponent": 0.0}  # log10 of what a law without it has; any other parameter is at the end of its range
 DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible
 
 
@@ -142,16 +148,13 @@ def _above(first: OtherAnswer, second: OtherAnswer) -> float:
 
 def _surely_above(first: OtherAnswer, second: OtherAnswer) -> bool:
     """Whether the evidence rejects the second beside the first, by the rule of `contenders`."""
-    if not (first.evidence and second.evidence):
-        return False
-    return rejects(_above(first, second), (first.evidence.error, second.evidence.error))
+    return rejects(_above(first, second), [model.evidence.error for model in (first, second) if model.evidence])
 
 
 def _other_bubble_disagrees(rival: OtherAnswer, this: OtherAnswer) -> bool:
     """Whether only the bubble differs, is not rejected, and a parameter of the law lies beyond both intervals."""
-    if rival.material != this.material or rival.bubble == this.bubble or _above(rival, this) < -DECISIVE:
-        return False
-    return _disjoint(rival.intervals, this.intervals)
+    possible = rival.material == this.material and rival.bubble != this.bubble and not _above(rival, this) < -DECISIVE
+    return possible and _disjoint(rival.intervals, this.intervals)
 
 
 def _disjoint(first: Mapping[str, _Interval], second: Mapping[str, _Interval]) -> bool:
@@ -181,3 +184,87 @@ def _both(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> di
 def _ends(model: OtherAnswer) -> Mapping[str, _Interval]:
     """Its intervals; without any, each best value as both ends of one."""
     return model.intervals or {name: (value, value, value) for name, value in model.best.items()}
+
+
+def comparable(answers: Sequence[Posterior]) -> bool:
+    """Whether answers are of several laws and one bubble, with draws and evidences whose errors are known."""
+    laws = {answer.material for answer in answers}
+    usable = all(answer.evidence and answer.evidence.error is not None and len(answer.theta) > 1 for answer in answers)
+    return len(laws) == len(answers) > 1 and len({answer.bubble for answer in answers}) == 1 and usable
+
+
+def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
+    """The answer of the likeliest law with the draws of the others beside its own, each law by its probability; the
+    laws are equally likely before the curve is seen (Hoeting et al. 1999, doi:10.1214/ss/1009212519).
+
+    answers: those that are `comparable`. A parameter that a law lacks has the value at which the likeliest law becomes
+    it: no modulus, an exponent of 1. A law with a modulus adds it to the answer. The answer of each law by itself is in
+    `laws`.
+    """
+    logs = np.array([answer.evidence.log for answer in answers if answer.evidence])
+    share = dict(zip((answer.material for answer in answers), np.exp(logs - log_sum(logs)).tolist(), strict=True))
+    top = max(answers, key=lambda answer: share[answer.material])
+    counted = [answer for answer in answers if share[answer.material] > LEAST_PROBABILITY]
+    elastic = sum(share[answer.material] for answer in counted if _MODULUS in answer.names)
+    names, prior = top.names, dict(top.prior)
+    if _MODULUS not in names and elastic > ELASTIC:
+        names = (_MODULUS, *names)
+        prior[_MODULUS] = next(answer.prior[_MODULUS] for answer in counted if _MODULUS in answer.prior)
+    theta = np.concatenate([_as(answer, names, prior) for answer in counted])
+    weight = np.concatenate([np.log(answer.weights + 1e-300) + np.log(share[answer.material]) for answer in counted])
+    rivals = [replace(as_alternative(answer), weight=share[answer.material]) for answer in answers if answer is not top]
+    laws = {answer.material: answer for answer in counted}
+    models = {model_of(rival) for rival in rivals}
+    alternatives = (*(mode for mode in top.others if model_of(mode) not in models), *rivals)
+    average = replace(
+        top, names=names, units=units(names), theta=theta, log_weight=weight, log_q=None, others=alternatives,
+        prior=prior, laws=laws,
+    )  # fmt: skip
+    return replace(average, checks=_checks(average, share))
+
+
+def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
+    """Those of the likeliest law, with what the average bounds in place of what this law bounds, and the share of each
+    law."""
+    checks, ends = answer.checks, intervals(answer.names, answer.theta, answer.log_weight)
+    inferred = [name for name in ends if of_the_law(name) or name == "stretch"]
+    bounds = [of_bound(name, bound, ends[name]) for name in inferred if (bound := answer.bound(name))]
+    verdict: Verdict = "undetermined" if bounds else "ok"
+    without_bounds = [message for message in checks.messages if not message.code.startswith("bound.")]
+    return replace(
+        checks,
+        verdict=verdict if checks.verdict in _FOLLOWED else checks.verdict,
+        messages=(*bounds, *without_bounds, Message("model.averaged", {"laws": share})),
+    )
+
+
+def of_one_law(answers: Sequence[Posterior]) -> list[Posterior]:
+    """The answers of shots of one material, each average over laws replaced by its answer by the law with the largest
+    evidence of all such shots together; a shot that has no draws of this law stays as it is."""
+    several = [answer for answer in answers if answer.laws]
+    evidences = [_log_evidence(answer) for answer in several]
+    laws = {law for answer in several for law in answer.laws}
+    total = {law: sum(logs.get(law, min(logs.values())) for logs in evidences) for law in sorted(laws)}
+    best = max(total, key=lambda law: total[law], default="")
+    return [answer.laws.get(best, answer) for answer in answers]
+
+
+def _log_evidence(answer: Posterior) -> dict[str, float]:
+    """Of each law with the bubble of an average over laws."""
+    log = {mode.material: mode.evidence.log for mode in answer.others if mode.evidence and mode.bubble == answer.bubble}
+    return log | {law: part.evidence.log for law, part in answer.laws.items() if part.evidence}
+
+
+def _as(answer: Posterior, names: Sequence[str], prior: dict[str, tuple[float, ...]]) -> Floats:
+    """(draws, names) of an answer in the parameters of another law."""
+    columns = []
+    for name in names:
+        plain = natural_name(name)
+        own = name if name in answer.names else LOG10 + _SAME.get(plain, plain)
+        if own in answer.names:
+            columns.append(answer.theta[:, answer.names.index(own)])
+        else:
+            assert of_the_law(name)
+            low, *_ = prior.get(name) or parameter_of(name).searched or (0.0,)
+            columns.append(np.full(len(answer.theta), _NEWTONIAN.get(plain, low)))
+    return np.column_stack(columns)

@@ -5,13 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cached_property
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
-
-import numpy as np
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, expect_whole, require
@@ -19,10 +16,14 @@ from cavirheo.inference import input_checks
 from cavirheo.inference.bdt import Amortised
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family, softened
-from cavirheo.inference.model import Network, card, path_of
+from cavirheo.inference.model import DEFAULT, Network, card, path_of
+from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.options import FREE, FREED, SCALE_BOUND, Options, check_wall
+from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
+from cavirheo.inference.verify import verify_many
+from cavirheo.messages import Message
 from cavirheo.parallel import cores, each, one_blas_thread
-from cavirheo.parameters import LOG10, units
+from cavirheo.parameters import LOG10
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as medium_of
@@ -30,9 +31,7 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.writing.packing import key_of
 
 _log = logging.getLogger(__name__)
-DEFAULT = "posterior"  # model
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
-KNOWN_BUBBLES = "the real and the field's bubble, without damage, confinement inertia or excess of vapour"
 LEVELS = ("auto", "none", "map", "full")  # of verification (inference/verify)
 _DOING = {"infer": "inferring", "bdt": "inferring", "fit": "fitting", "search": "searching"}
 _LABELS = {"name", "label", "group", "group_source", "column", "notes", "hints", "source", "source_sha256"}
@@ -110,8 +109,6 @@ class Analysis:
         for law in self.laws:
             Family(law)
         if self.verify == "none":
-            from cavirheo.inference.posterior_network import kind_of
-
             message = "auto compares models by their evidence, which a verification finds: leave out --verify none"
             require(self.material != "auto" and len(self.bubbles) == 1, message, "option.auto")
             message = f"the network by itself knows {KNOWN_BUBBLES}: leave out verify none"
@@ -145,12 +142,10 @@ class Analysis:
         cut = (self.window, self.end, self.stretch)
         return Options(*cut, self.free, self.t0_bound, self.scale_bound, self.weights, bubble)  # type: ignore[arg-type]
 
-    @cached_property
-    def _made_with(self) -> str:
-        """SHA-256 of the network."""
-        from cavirheo.inference.posterior_network import network_of
-
-        return network_of(str(self.model)).sha256 if self._networked else ""
+    @property
+    def network(self) -> Network | PosteriorModel:
+        """That of infer and bdt. Raises InputError."""
+        return network_of(str(self.model))
 
     def key(self, curve: RadiusCurve) -> str:
         """By which an answer is known again: of the samples of the curve and what is known about them, of all that is
@@ -158,7 +153,8 @@ class Analysis:
         content = {field.name: getattr(curve, field.name) for field in fields(curve)}
         if len(curve.time):  # a curve without samples is like no other
             content["meta"] = {name: value for name, value in curve.meta.items() if name not in _LABELS}
-        return key_of([version("cavirheo"), self._made_with, self, content])
+        made_with = self.network.sha256 if self._networked else ""
+        return key_of([version("cavirheo"), made_with, self, content])
 
     def check(self, curves: Sequence[RadiusCurve]) -> None:
         """Raises InputError: none of these curves can be answered so."""
@@ -185,13 +181,10 @@ class Analysis:
     def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on so many threads; one that cannot be answered gives a Posterior without draws
         that says why. start: what `before` answers, if it is known."""
-        from cavirheo.inference.posterior_network import network_of
-        from cavirheo.inference.verify import verify_many
-
         shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
         settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
         if self.method == "infer":
-            settings["network"] = network_of(str(self.model))
+            settings["network"] = self.network
         elif self.method == "bdt":
             settings["bubble"] = self.bubbles
         elif self.method == "fit":
@@ -208,48 +201,37 @@ class Analysis:
             raise
         except Exception as error:  # a defect, of ours or of a library, costs this curve alone
             _log.exception("%s has no answer", curve.name)
-            checks = input_checks.failed(error, curve, medium_of(self.medium))
-            return self._nothing(curve, self.laws[0], self._options(self.bubbles[0]), checks)
+            empty = self._nothing(curve, self.laws[0], self._options(self.bubbles[0]))
+            return replace(empty, checks=input_checks.failed(error, curve, medium_of(self.medium)))
 
     def _starts(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
         """What the verification begins with, of each law and bubble."""
-        from cavirheo.inference.network_answer import Networked
-        from cavirheo.inference.posterior_network import network_of
-
         if self.before:
             return [self.before.answer(curve, workers=workers)]
-        models = list(product(self.laws, self.bubbles))
+        models, medium = list(product(self.laws, self.bubbles)), medium_of(self.medium)
         if self.method == "fit":
             return [self._start(curve, law, self._options(bubble)) for law, bubble in models]
         if self.method == "search":
             cut: dict[str, Any] = {"window": self.window, "stretch": self.stretch}
             return [self._start(curve, law, Options(**cut, bubble=bubble)) for law, bubble in models]
-        network, medium = network_of(str(self.model)), medium_of(self.medium)
-        if isinstance(network, Network):
+        if isinstance(self.network, Network):
             stretch: Any = None if self.stretch == "free" else self.stretch
-            return [Amortised(network, medium, stretch, self.window, self.trust_input).infer(curve)]  # type: ignore[arg-type]
+            return [Amortised(self.network, medium, stretch, self.window, self.trust_input).infer(curve)]  # type: ignore[arg-type]
         names = ("stretch", "window", "trust_input", "discrepancy", "seed")
         how: dict[str, Any] = {name: getattr(self, name) for name in names} | {"checked": self.verify == "none"}
-        return [Networked(network, law, bubble, medium, **how).infer(curve) for law, bubble in models]
+        return [Networked(self.network, law, bubble, medium, **how).infer(curve) for law, bubble in models]
 
     def _start(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
         """What a search begins from: law, bubble, window and input warnings, without any value."""
-        medium = medium_of(self.medium)
-        try:
-            shot = Experiment(curve, Family(law), medium, options)
-            warnings = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
-            plain = Checks("ok", t_star_end=shot.view.end / shot.time_scale)
-            checks = input_checks.warned(plain, warnings, self.trust_input)
-        except input_checks.ERRORS as error:  # of this curve alone
-            checks = input_checks.failed(error, curve, medium)
-        return self._nothing(curve, law, options, checks)
 
-    def _nothing(self, curve: RadiusCurve, law: str, options: Options, checks: Checks) -> Posterior:
+        def window(curve: RadiusCurve) -> tuple[dict[str, Any], list[Message]]:
+            shot = Experiment(curve, Family(law), medium_of(self.medium), options)
+            return {"checks": Checks("ok", t_star_end=shot.view.end / shot.time_scale)}, input_checks.of_walls(shot)
+
+        return input_checks.answered(curve, self._nothing(curve, law, options), window, self.trust_input)
+
+    def _nothing(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
         """An answer without any value."""
-        family, medium = Family(law), medium_of(self.medium)
-        names = tuple(LOG10 + name for name in family.parameters)
-        provenance = {"options": asdict(options), "source_sha256": curve.source_sha256}
-        how: dict[str, Any] = {"provenance": {"cavirheo": version("cavirheo"), **provenance}, "medium": medium}
-        how["bubble"] = options.bubble
-        nothing = np.empty((0, len(names)))
-        return Posterior(names, units(names), nothing, checks, family.name, "least_squares", **how)
+        names = tuple(LOG10 + name for name in Family(law).parameters)
+        how: dict[str, Any] = {"bubble": options.bubble, "medium": medium_of(self.medium), "options": asdict(options)}
+        return input_checks.nothing(curve, names, law, "least_squares", **how)

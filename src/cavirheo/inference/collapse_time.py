@@ -14,14 +14,15 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.inference.collapse_answer import CollapseEstimate, CollapseValue
 from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as medium_of
+from cavirheo.writing.document import Finite, Record
 
 MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean (mu = 0), Newtonian (G = 0)
 NAMES = ("G", "µ")
@@ -41,6 +42,68 @@ _EQUAL = 1e-3  # of t_1: pairs as good as one another
 _LEAST_RE = 3.0  # of pairs: below it hardly a bubble collapses (docs/method/collapse-time.md)
 _HOPELESS = 0.1  # of t_1: a pair so far off is no answer
 _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/method/collapse-time.md)
+
+
+class CollapseValue(Record):
+    """A parameter that collapse times give, SI.
+
+    Attributes:
+        value: the best.
+        low: lower end of the 95 % interval by the scatter of the shots.
+        high: its upper end.
+        per_percent: change of the value if all t_1 were 1 % longer.
+    """
+
+    value: Finite = None
+    low: Finite = None
+    high: Finite = None
+    per_percent: Finite = None
+
+
+class CollapseEstimate(Record):
+    """What n collapse times say, as it is written; null where a number was not found.
+
+    An estimate that is not `identified` has the best fit if there is a single one, else null.
+
+    Attributes:
+        shear_modulus_Pa: G, Pa.
+        viscosity_Pa_s: mu, Pa s.
+        correlation: of the two.
+        scatter: standard deviation of ln(t_1/t_model); null: not more shots than unknowns.
+        identified: whether the shots give both values, or the one that is not known.
+        at_bound: names of those at a bound of their range.
+        downweighted: names of shots that count less than half.
+        pairs: equally good (G in Pa, mu in Pa s), where not identified.
+        message: what is wrong or to be known.
+        measured: t_1/t_RC of each shot, not written here.
+        model: t_1/t_RC of the model for each shot, not written here.
+        weight: of each shot, at most 1, not written here.
+    """
+
+    shear_modulus_Pa: CollapseValue = CollapseValue()
+    viscosity_Pa_s: CollapseValue = CollapseValue()
+    correlation: Finite = None
+    scatter: Finite = None
+    identified: bool = False
+    at_bound: list[str] = []
+    downweighted: list[str] = []
+    pairs: list[tuple[float, float]] = []
+    message: str = ""
+    measured: list[Finite] = Field(default=[], exclude=True)
+    model: list[Finite] = Field(default=[], exclude=True)
+    weight: list[float] = Field(default=[], exclude=True)
+
+    @property
+    def complete(self) -> bool:
+        """Whether there is a number for both."""
+        return self.shear_modulus_Pa.value is not None and self.viscosity_Pa_s.value is not None
+
+    @property
+    def start(self) -> tuple[float, float] | None:
+        """(G, mu) for a fit of R(t) to begin with: the estimate, or the middle of the pairs, if any."""
+        G, mu = self.shear_modulus_Pa.value, self.viscosity_Pa_s.value
+        middle = self.pairs[len(self.pairs) // 2] if self.pairs else None
+        return middle if G is None or mu is None else (G, mu)
 
 
 @dataclass(eq=False)
@@ -69,9 +132,9 @@ class Shots:
         require(shapes == [(n,)] * 3 and n > 0, lengths, "collapse_time.lengths")
         self.max_radius, self.stretch, self.time = arrays
         self.names = self.names or [str(k + 1) for k in range(n)]
-        for k in range(n):
-            trouble = unusable(*(float(a[k]) for a in arrays))
-            require(not trouble, f"shot {k + 1}: {trouble}", "collapse_time.shot")
+        for k, values in enumerate(np.transpose(arrays).tolist(), 1):
+            trouble = unusable(*values)
+            require(not trouble, f"shot {k}: {trouble}", "collapse_time.shot")
 
     def __len__(self) -> int:
         return len(self.time)
@@ -289,15 +352,12 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
     slope[free] = -0.01 * unit * (normal @ J.sum(axis=0))
     quantile = float(student.ppf((1 + CONFIDENCE) / 2, n - p)) if n > p else np.nan
     full = np.linalg.pinv(J.T @ J)  # for how far one at its bound may be from it
-    half = np.zeros(2)
-    at_bound, wide = [], []
-    for j, k in enumerate(free):
-        half[k] = quantile * np.sqrt(covariance[k, k])
-        if solved.bound[j]:
-            at_bound.append(NAMES[k])
-            half[k] = quantile * scatter * np.sqrt(full[j, j]) * unit[j]
-        elif n > p and not half[k] < solved.values[k]:  # also where there is no inverse (NaN)
-            wide.append(NAMES[k])
+    bound, half = solved.bound, np.zeros(2)
+    at_its_bound = quantile * scatter * np.sqrt(np.diag(full)) * unit
+    half[free] = np.where(bound, at_its_bound, quantile * np.sqrt(np.diag(covariance)[free]))
+    at_bound = [NAMES[k] for k in free[bound]]
+    # also where there is no inverse (NaN)
+    wide = [NAMES[k] for k in free[~bound] if n > p and not half[k] < solved.values[k]]
     G, mu = (
         CollapseValue(value=value, low=max(value - away, 0.0), high=value + away, per_percent=change)
         for value, away, change in zip(solved.values, half, slope, strict=True)

@@ -16,6 +16,7 @@ l the law's, n all others. Chaloner and Verdinelli 1995, doi:10.1214/ss/11770099
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -120,18 +121,12 @@ class Expected:
 
 
 def expected(
-    curve: RadiusCurve,
-    truth: dict[str, float],
-    family: Family,
-    medium: Medium = WATER,
-    *,
-    discrepancy: bool = True,
-    bubble: Bubble = REAL,
+    curve: RadiusCurve, truth: dict[str, float], family: Family, medium: Medium = WATER, bubble: Bubble = REAL
 ) -> Expected:
     """Of a recording whose truth is known. Raises InputError: it cannot be read."""
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options, exposure=float(curve.exposure or 0.0))
-    target = Target(shot, shot.prior(), shot.noise(discrepancy))
+    target = Target(shot, shot.prior(), shot.noise(discrepancy=True))
     mode = climb(target, target.start(shot.from_best(truth)), ROUGH)
     if mode is None:
         raise SolverError(f"{curve.name}: the simulation failed")
@@ -202,21 +197,17 @@ class Draws:
         family, medium, bubble = self.family, self.medium, self.bubble
         with suppress(InputError, SolverError, np.linalg.LinAlgError):
             curve, truth = setting.film(family, self.law[k], float(self.stretch[k]), medium, self.seed + k, bubble)
-            return curve, expected(curve, truth, family, medium, bubble=bubble)
+            return curve, expected(curve, truth, family, medium, bubble)
         return None
 
     def expected(
         self, settings: Sequence[Setting], workers: int | None = None, done: Callable[[], None] | None = None
     ) -> list[list[Expected | None]]:
         """Of each setting with each draw; None: a recording that cannot be read."""
-
-        def evaluate(job: tuple[Setting, int]) -> Expected | None:
-            shot = self.shot(*job)
-            return shot[1] if shot else None
-
         count = len(self.law)
         jobs = [(setting, k) for setting in settings for k in range(count)]
-        told = each(evaluate, jobs, workers, (lambda *_: done()) if done else None)
+        shots = each(lambda job: self.shot(*job), jobs, workers, (lambda *_: done()) if done else None)
+        told = [shot[1] if shot else None for shot in shots]
         return [told[i : i + count] for i in range(0, len(jobs), count)]
 
     def reached(self, setting: Setting, workers: int | None = None) -> tuple[Floats, Floats]:
@@ -227,15 +218,14 @@ class Draws:
         shots = [shot for shot in each(lambda k: self.shot(setting, k), range(len(self.law)), workers) if shot]
         how: Any = {"material": self.family.name, "medium": self.medium, "bubble": self.bubble, "workers": workers}
         answers = infer_many([curve for curve, _ in shots], **how)
-        widths, inferred = [], []
+        pairs = []
         for answer, (_, told) in zip(answers, shots, strict=True):
             counts = answer.theta.size and answer.checks.verdict != "check_input"  # else the width is the prior's
             ends = [answer.interval(name) if counts else None for name in self.family.parameters]
             if all(ends):
-                widths.append(told.half_width)
-                inferred.append([0.5 * np.log10(high / low) for low, high in filter(None, ends)])
-        shape = (len(widths), len(self.family.parameters))
-        return np.reshape(widths, shape), np.reshape(inferred, shape)
+                pairs.append((told.half_width, [0.5 * np.log10(high / low) for low, high in filter(None, ends)]))
+        widths = np.reshape(pairs, (len(pairs), 2, len(self.family.parameters)))
+        return widths[:, 0], widths[:, 1]
 
 
 def variance(ends: Floats) -> Floats:
@@ -262,10 +252,5 @@ def shots_wanted(information: Floats, covariance: Floats, half_width: float, mos
         left = np.linalg.inv(before + count * information)
         return bool(np.max(NORMAL_90 * np.sqrt(np.diag(left))) <= half_width)
 
-    if not enough(most):
-        return None
-    low, high = -1, most
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if enough(middle) else (middle, high)
-    return high
+    count = bisect_left(range(most + 1), True, key=enough)
+    return count if count <= most else None

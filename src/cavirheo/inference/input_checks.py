@@ -18,11 +18,13 @@ all curves.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from importlib.metadata import version
 from itertools import chain, product
+from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -33,12 +35,13 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.messages import Message, of_error
+from cavirheo.parameters import LOG10, natural_name, units
 from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
-from cavirheo.posterior import Checks, Verdict
+from cavirheo.posterior import Checks, Posterior, Verdict
 
 if TYPE_CHECKING:
     from cavirheo.inference.experiment import Experiment
@@ -78,39 +81,19 @@ _BUBBLES: dict[str, list[Any]] = {  # G in Pa, mu in Pa s, stretch and confineme
 
 
 def plain(curve: RadiusCurve, medium: Medium) -> list[Message]:
-    """What the curve shows by itself."""
-    messages = [*curve.warnings, *_of_frames(curve)]
-    with suppress(InputError):  # no R_max: the curve is not answered
-        messages += [*_of_maximum(curve), *of_scale(curve, medium)]
-    return messages
-
-
-def _of_frames(curve: RadiusCurve) -> list[Message]:
-    """A message if frames stand several times, which flattens the curve and shifts its times; one if they stand in
-    reverse."""
-    radius, messages = curve.radius[np.isfinite(curve.radius)], list[Message]()
+    """What the curve shows by itself: frames that stand several times, which flattens the curve and shifts its times,
+    or in reverse; an R_max further before the first frame than the clock of an answer is free; a wrong scale."""
+    radius, messages = curve.radius[np.isfinite(curve.radius)], [*curve.warnings]
     if repeats := landmarks.repeated(radius):
         equal, times = repeats
         messages.append(Message("check_input.frames_repeated", {"equal": equal, "frames": len(radius), "times": times}))
     if collapses := landmarks.collapses_backwards(radius):
         messages.append(Message("check_input.frames_backwards", {"collapses": collapses}))
+    with suppress(InputError):  # no R_max: the curve is not answered
+        if missed := curve.frames_missed:
+            messages.append(Message("check_input.late_start", {"frames": missed}))
+        messages += of_scale(curve, medium)
     return messages
-
-
-def _of_maximum(curve: RadiusCurve) -> list[Message]:
-    """A message if R_max lies further before the first frame than the clock of an answer is free."""
-    missed = curve.frames_missed
-    return [Message("check_input.late_start", {"frames": missed})] if missed else []
-
-
-def of_scale(curve: RadiusCurve, medium: Medium) -> list[Message]:
-    """A message if a wrong scale or frame rate explains the time of the first collapse, and a stiffness does not."""
-    check = scale_check(curve, medium)
-    if check is None or not check.doubtful:
-        return []
-    factors = tuple(sorted(check.factor if check.ratio < 1.0 else (1.0 / factor for factor in check.factor)))
-    numbers = {"ratio": check.ratio, "max_radius": curve.max_radius}
-    return [Message("check_input.scale", {**numbers, "factors": () if check.wrong > FOLLOWS else factors})]
 
 
 def of_walls(shot: Experiment) -> list[Message]:
@@ -125,21 +108,51 @@ def of_walls(shot: Experiment) -> list[Message]:
     return [Message("check_input.no_rebound")]
 
 
-def without_spikes(curve: RadiusCurve) -> tuple[int, RadiusCurve] | None:
-    """(how many frames stand out, the curve without them), None if none does."""
-    wrong = curve.spikes()
+def of_spikes(
+    curve: RadiusCurve, names: Sequence[str], read: Callable[[RadiusCurve], Floats], theta: Floats
+) -> list[Message]:
+    """A message if a parameter would be another by more than FACTOR without the frames that stand out. theta:
+    (parameters,) that were read off the curve, by their names in the prior's scale; read: reads them again."""
+    wrong, radius = curve.spikes(), curve.radius.copy()
     if not wrong:
-        return None
-    radius = curve.radius.copy()
+        return []
     radius[wrong] = np.nan
-    return len(wrong), replace(curve, radius=radius)
+    try:
+        change = read(replace(curve, radius=radius)) - theta
+    except InputError:  # read so it is no curve: nothing to compare
+        return []
+    logs = [(name, by) for name, by in zip(names, change, strict=True) if name.startswith(LOG10)]
+    factors = {natural_name(name): float(10.0**by) for name, by in logs}
+    far = {name: factor for name, factor in factors.items() if not 1.0 / FACTOR <= factor <= FACTOR}
+    return [Message("check_input.spikes", {"frames": len(wrong), "factors": far})] if far else []
 
 
-def moved(frames: int, factors: Mapping[str, float]) -> list[Message]:
-    """A message if a parameter would be another by more than FACTOR without so many frames; factors: by name, new
-    value over old."""
-    far = {name: float(factor) for name, factor in factors.items() if not 1.0 / FACTOR <= factor <= FACTOR}
-    return [Message("check_input.spikes", {"frames": frames, "factors": far})] if far else []
+def nothing(
+    curve: RadiusCurve, names: tuple[str, ...], law: str, method: str, bubble: Bubble, medium: Medium, **provenance: Any
+) -> Posterior:
+    """An answer of a curve without any value, which `answered` gives its values and checks. names: in the prior's
+    scale."""
+    provenance = {"cavirheo": version("cavirheo"), **provenance, "source_sha256": curve.source_sha256}
+    empty, unanswered = np.empty((0, len(names))), Checks("failed")
+    return Posterior(names, units(names), empty, unanswered, law, method, provenance, bubble=bubble, medium=medium)
+
+
+def answered(
+    curve: RadiusCurve,
+    empty: Posterior,
+    find: Callable[[RadiusCurve], tuple[dict[str, Any], list[Message]]],
+    trust_input: bool,
+) -> Posterior:
+    """An answer for one curve, of the fields that `find` gives, with its further input warnings. One that cannot be
+    answered gives a failed one with the reason. empty: as `nothing` makes it."""
+    start, medium = perf_counter(), empty.medium or WATER
+    try:
+        fields, warnings = find(curve)
+        fields["checks"] = warned(fields["checks"], [*plain(curve, medium), *warnings], trust_input)
+    except ERRORS as error:  # of this curve alone
+        fields = {"checks": failed(error, curve, medium)}
+    provenance = empty.provenance | fields.pop("provenance", {})
+    return replace(empty, **fields, provenance=provenance, seconds=perf_counter() - start)
 
 
 def failed(error: Exception, curve: RadiusCurve, medium: Medium) -> Checks:
@@ -194,30 +207,13 @@ def _elastic(stretch: Any) -> Any:
     return 2.5 - 2.8 / stretch
 
 
-class ScaleCheck(NamedTuple):
-    """ratio: Rayleigh times from R_max to the first collapse. right, wrong: RMS misfits over R_max of the best material
-    at the stated scale, and of the best soft one at another, infinite where none has such a first collapse; factor: by
-    which radii are then too large, or times too short, from the smallest to the largest that explains it as well;
-    reached: whether any material, whatever its stretch, has such a first collapse."""
-
-    ratio: float
-    right: float
-    wrong: float
-    factor: tuple[float, float]
-    reached: bool
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether another scale explains the curve clearly better than a material at the stated one, or none can."""
-        better = np.hypot(self.right, LEFT) > BETTER * np.hypot(self.wrong, LEFT)
-        return not self.reached or bool(self.wrong < FOLLOWS and better)
-
-
-def scale_check(curve: RadiusCurve, medium: Medium) -> ScaleCheck | None:
-    """None: the first collapse comes at a usual time, or the curve shows none."""
+def of_scale(curve: RadiusCurve, medium: Medium) -> list[Message]:
+    """A message if the first collapse comes at an unusual time, and another scale or frame rate explains the curve
+    clearly better than a material at the stated one, or no material has such a first collapse. It names the factors
+    by which radii are then too large, or times too short, from the smallest to the largest that explains it as well."""
     ratio = curve.rayleigh_ratio(medium.density, medium.pressure)
     if ratio is None or USUAL_COLLAPSE[0] <= ratio <= USUAL_COLLAPSE[1]:
-        return None
+        return []
     soft, hard = shapes("soft"), shapes("fast" if ratio < 1.0 else "slow")
     both = Shapes(*(np.concatenate(pair) for pair in zip(soft, hard, strict=True)))
     clock = both.first / (ratio * RAYLEIGH)  # above 1 the material is stiffer than simulated, or the scale too large
@@ -227,17 +223,21 @@ def scale_check(curve: RadiusCurve, medium: Medium) -> ScaleCheck | None:
     time = time / (ratio * RAYLEIGH)
     frame = float(np.median(np.diff(time)))  # as well as maximum and collapse are placed
     reached = np.abs(np.log(clock)) < _BETWEEN + frame
-    largest_stretch = SMALL * np.maximum(1.0, STIFF / modulus) ** FALL
-    right = reached & (both.stretch <= 1.001 * largest_stretch)
+    right = reached & (both.stretch <= 1.001 * (SMALL * np.maximum(1.0, STIFF / modulus) ** FALL))
     wrong = (np.arange(len(clock)) < len(soft.first)) & (np.abs(np.log(clock)) > WRONG)
     if plateau := curve.stretch_from_tail():
         right &= np.abs(np.log(both.stretch / plateau[0])) < np.log(PLATEAU)
     counted = (time >= 0.0) & (time < PERIODS)
     missed = _missed(both.radius, time[counted], radius[counted], frame * _SHIFTS)
-    best = float(np.min(missed[wrong]))
-    alike = clock[wrong & (missed <= BETTER * best)]
-    factor = float(np.min(alike)), float(np.max(alike))
-    return ScaleCheck(ratio, float(np.min(missed[right], initial=np.inf)), best, factor, bool(reached.any()))
+    at_stated, at_another = float(np.min(missed[right], initial=np.inf)), float(np.min(missed[wrong]))
+    better = np.hypot(at_stated, LEFT) > BETTER * np.hypot(at_another, LEFT)
+    if reached.any() and not (at_another < FOLLOWS and better):
+        return []
+    alike = clock[wrong & (missed <= BETTER * at_another)]
+    low, high = float(np.min(alike)), float(np.max(alike))
+    factors = (low, high) if ratio < 1.0 else (1.0 / high, 1.0 / low)
+    numbers = {"ratio": ratio, "max_radius": curve.max_radius}
+    return [Message("check_input.scale", {**numbers, "factors": () if at_another > FOLLOWS else factors})]
 
 
 def _missed(shapes: Floats, time: Floats, radius: Floats, shifts: Floats) -> Floats:

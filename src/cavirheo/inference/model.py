@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,7 +20,7 @@ from cavirheo.inference.session import session, try_out
 from cavirheo.parameters import LOG10, natural, parameter_of
 from cavirheo.problem import TrainingProblem
 
-DEFAULT = "bdt-viscoelastic"
+DEFAULT = "posterior"
 LARGEST, LARGEST_CARD = 100_000_000, 10_000_000  # bytes that are read
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
@@ -283,9 +282,3 @@ def path_of(name: str) -> Path:
     message = f"unknown model {name!r}; known: {', '.join(models) or 'none'}, or a path to an .onnx file"
     require(name in models, message, "model.unknown")
     return models[name]
-
-
-@lru_cache(maxsize=8)
-def load(name: str = DEFAULT) -> Network:
-    """The shipped model of this name, or the one in a file whose name ends in .onnx. Raises InputError."""
-    return Network(path_of(name))

@@ -6,10 +6,7 @@ good as its training. Weighed by simulations (inference/verify, level "auto") th
 
 from __future__ import annotations
 
-import time
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from importlib.metadata import version
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +20,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_network import NetworkProposal, PosteriorModel
 from cavirheo.messages import Message
-from cavirheo.parameters import LOG10, natural_name, units
+from cavirheo.parameters import LOG10, units
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
@@ -53,42 +50,35 @@ class Networked:
     checked: bool = True
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        """Raises InputError: an unknown law, or a setting out of its domain."""
-        self._options(), Family(self.material)
-
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
-        start = time.perf_counter()
-        provenance: Any = {"cavirheo": version("cavirheo"), "model": self.model.name, "model_sha256": self.model.sha256}
-        provenance |= {"source_sha256": curve.source_sha256}
-        names: tuple[str, ...] = (*(f"log10_{name}" for name in Family(self.material).parameters), "stretch")
-        try:
-            shot = self._experiment(curve)
-            answer = self._answer(shot)
-            warnings = [*self._warnings(curve, answer), *input_checks.of_walls(shot)]
-            answer = replace(answer, checks=input_checks.warned(answer.checks, warnings, self.trust_input))
-        except input_checks.ERRORS as error:  # of this curve alone
-            checks = input_checks.failed(error, curve, self.medium)
-            answer = Posterior(names, units(names), np.empty((0, len(names))), checks, self.material, "amortised")
-        seconds, provenance = time.perf_counter() - start, provenance | answer.provenance
-        return replace(answer, bubble=self.bubble, medium=self.medium, seconds=seconds, provenance=provenance)
-
-    def _options(self) -> Options:
-        return Options(self.window, None, self.stretch, tuple(FREE), bubble=self.bubble)
+        names = (*(LOG10 + name for name in Family(self.material).parameters), "stretch")
+        made: Any = {"model": self.model.name, "model_sha256": self.model.sha256}
+        empty = input_checks.nothing(curve, names, self.material, "amortised", self.bubble, self.medium, **made)
+        return input_checks.answered(curve, empty, self._answer, self.trust_input)
 
     def _experiment(self, curve: RadiusCurve) -> Experiment:
+        options = Options(self.window, None, self.stretch, tuple(FREE), bubble=self.bubble)
         exposure = float(curve.exposure or 0.0)
-        return Experiment(curve, Family(self.material), self.medium, self._options(), exposure=exposure)
+        return Experiment(curve, Family(self.material), self.medium, options, exposure=exposure)
 
     def _draws(self, shot: Experiment) -> tuple[NetworkProposal, Floats]:
         """What the network answers, and u (draws, d) of it. Raises InputError: it cannot read it."""
         proposal = self.model.proposal(shot, shot.prior(), self.discrepancy)
         return proposal, proposal.draw(DRAWS, np.random.Generator(np.random.Philox(self.seed)))
 
-    def _answer(self, shot: Experiment) -> Posterior:
-        diagnostics = Diagnostics(stretch_source="given" if shot.stretch else "inferred with the other parameters")
-        law, t_star = shot.family.name, shot.view.end / shot.time_scale
+    def _medians(self, curve: RadiusCurve) -> Floats:
+        """(parameters,) in the prior's scale. Raises InputError: the network cannot read it."""
+        shot = self._experiment(curve)
+        proposal, u = self._draws(shot)
+        return np.asarray(np.median(shot.answer(proposal.prior.to_x(u))[1], axis=0))
+
+    def _answer(self, curve: RadiusCurve) -> tuple[dict[str, Any], list[Message]]:
+        """Fields of the Posterior, and further input warnings."""
+        shot = self._experiment(curve)
+        checks, warnings = Checks("unverified", t_star_end=shot.view.end / shot.time_scale), input_checks.of_walls(shot)
+        source = "given" if shot.stretch else "inferred with the other parameters"
+        fields: dict[str, Any] = {"material": shot.family.name, "diagnostics": Diagnostics(stretch_source=source)}
         try:
             proposal, u = self._draws(shot)
         except InputError as error:
@@ -97,35 +87,20 @@ class Networked:
             middle = shot.starts(np.zeros((1, len(shot.names))))
             middle[:, : shot.law] = np.mean(shot.family.bounds(started=True), axis=1)
             names, theta = shot.answer(middle)
-            checks = Checks("unverified", t_star_end=t_star)  # a verification says why
-            return Posterior(names, units(names), theta, checks, law, "amortised", diagnostics=diagnostics)
+            fields |= {"names": names, "units": units(names), "theta": theta}
+            return fields | {"checks": checks}, warnings  # a verification says why
         x = proposal.prior.to_x(u)
         names, theta = shot.answer(x)
         log_q = proposal.log_density(u) - log_normal(u) + proposal.prior.log_density(x)
         likeliest = np.argsort(-log_q)[:SIMULATED]
-        best, checks = x[likeliest[0]], Checks("unverified", t_star_end=t_star)
+        best = x[likeliest[0]]
         if self.checked:
             missed = [float(np.mean(shot.difference(x[i], ROUGH) ** 2)) for i in likeliest]
             best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
             unbounded = shot.unbounded(x, proposal.prior.low, proposal.prior.high)
-            messages = [Message("interval.of_network"), *unbounded]
-            checks = shot.checks(best, "unverified", messages)
-        values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
-        fields: Any = {"best": values, "stretch": values["stretch"], "prior": shot.of_law(shot.prior()), "log_q": log_q}
-        return Posterior(names, units(names), theta, checks, law, "amortised", **fields, diagnostics=diagnostics)
-
-    def _warnings(self, curve: RadiusCurve, answer: Posterior) -> list[Message]:
-        """What the curve shows by itself, and whether frames that stand out move the network's answer."""
-        messages = input_checks.plain(curve, self.medium)
-        if answer.log_q is None:
-            return messages
-        if spiking := input_checks.without_spikes(curve):
-            frames, without = spiking
-            with suppress(InputError):  # read so it is no curve: nothing to compare
-                shot = self._experiment(without)
-                proposal, u = self._draws(shot)
-                theta = shot.answer(proposal.prior.to_x(u))[1]
-                change = np.median(theta, axis=0) - np.median(answer.theta, axis=0)
-                logs = [(name, 10.0**d) for name, d in zip(answer.names, change, strict=True) if LOG10 in name]
-                messages += input_checks.moved(frames, {natural_name(name): factor for name, factor in logs})
-        return messages
+            checks = shot.checks(best, "unverified", [Message("interval.of_network"), *unbounded])
+        values, prior = shot.best(best), shot.of_law(shot.prior())
+        fields |= {"names": names, "units": units(names), "theta": theta, "checks": checks, "best": values}
+        fields |= {"stretch": values["stretch"], "prior": prior, "log_q": log_q - shot.log_stretched(theta)}
+        spikes = input_checks.of_spikes(curve, names, self._medians, np.median(theta, axis=0))
+        return fields, spikes + warnings

@@ -19,31 +19,24 @@ FREED = ("t0", "rmax")  # by default
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
 
 
-def _positive(time: float | None) -> bool:
-    return time is None or 0 < time < np.inf
-
-
-def _collapses(window: Any) -> bool:
-    return window in (None, "all") or (isinstance(window, Integral) and int(window) >= 1)
-
-
+_STRETCHES, _WEIGHTS = ("plateau", "free"), ("learnt", "equal")
 _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "window": (_collapses, "collapses from 1 up, or 'all'"),
-    "end": (_positive, "a positive time in s"),
-    "stretch": (
-        lambda value: not isinstance(value, str) or value in ("plateau", "free"),
-        "R_max/R_0, 'plateau', 'free' or left out",
+    "window": (
+        lambda n: n in (None, "all") or (isinstance(n, Integral) and int(n) > 0),
+        "collapses from 1 up, or 'all'",
     ),
+    "end": (lambda time: time is None or 0 < time < np.inf, "a positive time in s"),
+    "stretch": (lambda x: not isinstance(x, str) or x in _STRETCHES, "R_max/R_0, 'plateau', 'free' or left out"),
     "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
-    "t0_bound": (_positive, "a positive time in s"),
+    "t0_bound": (lambda time: time is None or 0 < time < np.inf, "a positive time in s"),
     "scale_bound": (lambda bound: 0 < bound < 0.2, "between 0 and 0.2"),
-    "weights": (lambda name: name in ("learnt", "equal"), "'learnt' or 'equal'"),
+    "weights": (lambda name: name in _WEIGHTS, "'learnt' or 'equal'"),
 }
 
 
 @dataclass(frozen=True)
 class Options:
-    """Of an experiment: arguments of `fit_many` (inference/fit), which says what they are. Raises InputError."""
+    """Of an experiment: arguments of `fit_many`, which says what they are. Raises InputError."""
 
     window: int | str | None = None
     end: float | None = None

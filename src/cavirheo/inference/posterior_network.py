@@ -16,6 +16,7 @@ or is one that a user trained: an .onnx file and the card beside it.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -25,17 +26,17 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.inference import DEFAULT, KNOWN_BUBBLES
 from cavirheo.inference.bins import SCALE, binned
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import COORDINATES, damping_to_latent, from_latent, to_latent, used, z_index
-from cavirheo.inference.model import Network, PosteriorCard, card, checked_content, load, path_of
+from cavirheo.inference.model import DEFAULT, Network, PosteriorCard, card, checked_content, path_of
 from cavirheo.inference.session import started
 from cavirheo.physics.bubble import FIELD, FREE, Bubble
 from cavirheo.physics.media import WATER
 from cavirheo.prior import Prior
 
 _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is found, and the smallest share
+KNOWN_BUBBLES = "the real and the field's bubble, without damage, confinement inertia or excess of vapour"
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
 _PRESSURE = ("shear_modulus",)  # what scales with p, and what with p t_c
 _PRESSURE_TIME = ("viscosity", "reference_viscosity")
@@ -43,55 +44,17 @@ _MARGIN = 0.1  # of a constant that all its curves share: the weights allow for 
 _VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
 
 
-class Flow:
-    """The densities of an .onnx file. kinds: (law, bubble) that it knows, in its order."""
-
-    def __init__(self, content: bytes, kinds: list[tuple[str, str]]) -> None:
-        self.session: Any = started(content)
-        self.kinds: list[tuple[str, str]] = [(plain(law), bubble) for law, bubble in kinds]
-        self.parts: int = next(int(tensor.shape[2]) for tensor in self.session.get_inputs() if tensor.name == "choice")
-
-    def sample(
-        self, inputs: Any, kind: int, count: int, rng: np.random.Generator, fixed: Mapping[int, float]
-    ) -> Floats:
-        """Draws z (count, 9), 0 where the kind has no such coordinate, and as given where it is `fixed`."""
-        choice = rng.gumbel(size=(count, len(COORDINATES), self.parts))
-        normal = rng.standard_normal((count, len(COORDINATES)))
-        imposed, take = np.zeros((count, len(COORDINATES))), np.zeros(len(COORDINATES))
-        for k, value in fixed.items():
-            imposed[:, k], take[k] = value, 1.0
-        return self._run(inputs, kind, np.zeros(len(COORDINATES)), choice, normal, imposed, take)[0]
-
-    def log_density(self, inputs: Any, kind: int, z: Floats, without: Collection[int]) -> Floats:
-        """(draws,) of z (draws, 9), each coordinate given those before it, without some."""
-        counted = np.zeros(len(COORDINATES))
-        counted[[k for k in used(*self.kinds[kind]) if k not in without]] = 1.0
-        nothing = np.zeros((len(z), len(COORDINATES), self.parts))
-        return self._run(inputs, kind, counted, nothing, z, z, np.ones(len(COORDINATES)))[1]
-
-    def _run(
-        self, inputs: Any, kind: int, counted: Floats, choice: Floats, normal: Floats, imposed: Floats, take: Floats
-    ) -> tuple[Floats, Floats]:
-        one_hot, has = np.zeros((1, len(self.kinds)), np.float32), np.zeros(len(COORDINATES), np.float32)
-        one_hot[0, kind], has[used(*self.kinds[kind])] = 1.0, 1.0
-        numbers = {"counted": counted, "choice": choice, "normal": normal, "given": imposed, "take": take}
-        feed = {"cells": inputs, "kind": one_hot, "has": has}
-        feed |= {name: values.astype(np.float32) for name, values in numbers.items()}
-        z, log_density, _ = self.session.run(None, feed)
-        return z.astype(float), log_density.astype(float)
-
-
 class NetworkProposal:
     """What a network answers for one experiment, in the coordinates u of its prior (prior.py): it can be drawn from,
     and its density is normalised. Raises InputError: hardly anything of it is within the prior's bounds."""
 
-    def __init__(self, flow: Flow, shot: Experiment, prior: Prior, *, discrepancy: bool) -> None:
-        self.flow: Flow = flow
+    def __init__(self, model: PosteriorModel, shot: Experiment, prior: Prior, *, discrepancy: bool) -> None:
+        self.model: PosteriorModel = model
         self.shot: Experiment = shot
         self.prior: Prior = prior
         bubble = kind_of(shot.options.bubble)
         require(bubble != "", "the network does not know this bubble", "network.outside")
-        self.kind: int = flow.kinds.index((plain(shot.family.name), bubble))
+        self.kind: int = model.kinds.index((plain(shot.family.name), bubble))
         self.names: tuple[str, ...] = (*shot.family.parameters, *shot.logs)
         self.inputs: Any = read(shot, discrepancy)
         width_t, width_r = shot.usual_half_widths
@@ -99,18 +62,21 @@ class NetworkProposal:
         camera |= {"radius_scale": (1.0, SCALE)}
         # column of x, index of z, and (middle, width) of x over z, of each that is free
         self.camera: list[tuple[int, int, float, float]] = []
+        self.fixed: dict[int, float] = {}
+        # free, but integrated out: they come last, so that the density of the others is that without them
+        self.integrated: list[int] = []
         for name, (middle, width) in camera.items():
-            if name in prior.names:
+            if name not in shot.free:
+                self.fixed[z_index(name)] = 0.0
+            elif name not in prior.names:
+                self.integrated.append(z_index(name))
+            else:
                 own_middle, own_width, _ = shot.free[name]
                 place = prior.names.index(name), z_index(name)
                 self.camera.append((*place, (middle - own_middle) / own_width, width / own_width))
-        self.fixed: dict[int, float] = {z_index(name): 0.0 for name in camera if name not in shot.free}
-        # free, but integrated out: they come last, so that the density of the others is that without them
-        self.integrated: list[int] = [z_index(name) for name in camera if name in shot.free and name not in prior.names]
-        values = {name: np.log10(value) for name, value in shot.bubble.items() if name == "accommodation"}
-        values |= {"stretch": np.log10(shot.stretch)} if shot.stretch else {}
-        z = to_latent(tuple(values), np.array([list(values.values())]).reshape(1, -1))[0]
-        self.fixed |= {z_index(name): float(z[z_index(name)]) for name in values}
+        for name, value in (("accommodation", shot.bubble.get("accommodation")), ("stretch", shot.stretch)):
+            if value:
+                self.fixed[z_index(name)] = float(to_latent((name,), np.log10([[value]]))[0, z_index(name)])
         self.damping: int | None = None  # its column
         if "confinement_damping" in prior.names:
             self.damping = prior.names.index("confinement_damping")
@@ -147,12 +113,12 @@ class NetworkProposal:
             z[:, z_index("confinement_damping")], by_x[self.damping] = u[:, self.damping], False
         for place, value in self.fixed.items():
             z[:, place] = value
-        log_q += self.flow.log_density(self.inputs, self.kind, z, [*self.fixed, *self.integrated]) - self.log_share
+        log_q += self.model.log_density(self.inputs, self.kind, z, [*self.fixed, *self.integrated]) - self.log_share
         return np.asarray(log_q + np.sum(np.log(self.prior.slope(u))[:, by_x], axis=1))
 
     def _within_bounds(self, count: int, rng: np.random.Generator) -> Floats:
         """Those of `count` draws that are within the bounds, (k, d)."""
-        z = self.flow.sample(self.inputs, self.kind, count, rng, self.fixed)
+        z = self.model.sample(self.inputs, self.kind, count, rng, self.fixed)
         x = np.zeros((count, len(self.prior.names)))
         x[:, : len(self.names)] = from_latent(self.names, z)[0] + self.shift
         for column, place, middle, width in self.camera:
@@ -188,7 +154,8 @@ def read(shot: Experiment, discrepancy: bool) -> Any:
 
 
 class PosteriorModel:
-    """name, card, sha256 of the .onnx file; flow: its densities.
+    """A network that gives densities. name; card; sha256 of the .onnx file; kinds: (law, bubble) that it knows, in its
+    order.
 
     Raises:
         InputError: the file or its card is missing, damaged or of another kind, or it is not the file of its card.
@@ -196,22 +163,50 @@ class PosteriorModel:
 
     def __init__(self, path: Path) -> None:
         self.name: str = path.stem
-        content = card(path)
-        message = f"{path} is a network of another kind ({content['kind']}): a posterior network is needed"
-        require(content["kind"] == "posterior", message, "model.kind")
-        self.card: PosteriorCard = PosteriorCard.model_validate(content)
+        self.card: PosteriorCard = PosteriorCard.model_validate(card(path))
         self.sha256: str = self.card.onnx.sha256
-        self.flow: Flow = Flow(checked_content(path, self.sha256, INPUTS), self.card.kinds)
+        self.kinds: list[tuple[str, str]] = [(plain(law), bubble) for law, bubble in self.card.kinds]
+        self.session: Any = started(checked_content(path, self.sha256, INPUTS))
+        self.parts: int = next(int(tensor.shape[2]) for tensor in self.session.get_inputs() if tensor.name == "choice")
+
+    def sample(
+        self, inputs: Any, kind: int, count: int, rng: np.random.Generator, fixed: Mapping[int, float]
+    ) -> Floats:
+        """Draws z (count, 9), 0 where the kind has no such coordinate, and as given where it is `fixed`."""
+        choice = rng.gumbel(size=(count, len(COORDINATES), self.parts))
+        normal = rng.standard_normal((count, len(COORDINATES)))
+        imposed, take = np.zeros((count, len(COORDINATES))), np.zeros(len(COORDINATES))
+        for k, value in fixed.items():
+            imposed[:, k], take[k] = value, 1.0
+        return self._run(inputs, kind, np.zeros(len(COORDINATES)), choice, normal, imposed, take)[0]
+
+    def log_density(self, inputs: Any, kind: int, z: Floats, without: Collection[int]) -> Floats:
+        """(draws,) of z (draws, 9), each coordinate given those before it, without some."""
+        counted = np.zeros(len(COORDINATES))
+        counted[[k for k in used(*self.kinds[kind]) if k not in without]] = 1.0
+        nothing = np.zeros((len(z), len(COORDINATES), self.parts))
+        return self._run(inputs, kind, counted, nothing, z, z, np.ones(len(COORDINATES)))[1]
+
+    def _run(
+        self, inputs: Any, kind: int, counted: Floats, choice: Floats, normal: Floats, imposed: Floats, take: Floats
+    ) -> tuple[Floats, Floats]:
+        one_hot, has = np.zeros((1, len(self.kinds)), np.float32), np.zeros(len(COORDINATES), np.float32)
+        one_hot[0, kind], has[used(*self.kinds[kind])] = 1.0, 1.0
+        numbers = {"counted": counted, "choice": choice, "normal": normal, "given": imposed, "take": take}
+        feed = {"cells": inputs, "kind": one_hot, "has": has}
+        feed |= {name: values.astype(np.float32) for name, values in numbers.items()}
+        z, log_density, _ = self.session.run(None, feed)
+        return z.astype(float), log_density.astype(float)
 
     def knows(self, material: str, bubble: Bubble) -> bool:
         """Whether it was trained on this law and this bubble."""
-        return (plain(material), kind_of(bubble)) in self.flow.kinds
+        return (plain(material), kind_of(bubble)) in self.kinds
 
     def proposal(self, shot: Experiment, prior: Prior, discrepancy: bool) -> NetworkProposal:
         """Raises InputError: the experiment is outside the training."""
         outside = self.outside(shot)
         require(not outside, f"the network cannot read it: {outside}", "network.outside")
-        return NetworkProposal(self.flow, shot, prior, discrepancy=discrepancy)
+        return NetworkProposal(self, shot, prior, discrepancy=discrepancy)
 
     def outside(self, shot: Experiment) -> str:
         """What of an experiment is outside its training, in words; empty if all is inside."""
@@ -244,27 +239,19 @@ class PosteriorModel:
         return ""
 
 
-def load_posterior(name: str = DEFAULT) -> PosteriorModel:
-    """The shipped posterior network of this name, or the one in a file whose name ends in .onnx, as the file is now.
-    Raises InputError."""
-    path = path_of(name)
-    try:
-        state = path.stat()
-    except OSError:
-        return PosteriorModel(path)  # which says what is wrong
-    return _loaded(path, state.st_mtime_ns, state.st_size)
+def network_of(name: str = DEFAULT) -> Network | PosteriorModel:
+    """The shipped model of this name, or the one in a file whose name ends in .onnx, of either kind, as the file is
+    now. Raises InputError."""
+    path, state = path_of(name), tuple[int, ...]()
+    with suppress(OSError):  # no file: its card says what is wrong
+        state = path.stat().st_mtime_ns, path.stat().st_size
+    return _loaded(path, *state)
 
 
-@lru_cache(maxsize=4)
-def _loaded(path: Path, *_: int) -> PosteriorModel:
+@lru_cache(maxsize=8)
+def _loaded(path: Path, *_: int) -> Network | PosteriorModel:
     """The model in a file of this time and size."""
-    return PosteriorModel(path)
-
-
-def network_of(name: str) -> Network | PosteriorModel:
-    """The shipped model of this name, or the one in a file whose name ends in .onnx, of either kind. Raises
-    InputError."""
-    return load(name) if card(path_of(name))["kind"] == "point" else load_posterior(name)
+    return Network(path) if card(path)["kind"] == "point" else PosteriorModel(path)
 
 
 def describe(card: PosteriorCard) -> list[str]:

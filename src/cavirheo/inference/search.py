@@ -160,8 +160,8 @@ class Scan:
         self.bounds = fit.bounds
         stated = shot.stretch_prior
         logs = [PARAMETERS[name] for name in shot.logs]
-        usual = np.concatenate([family.bounds(started=True), np.array([p.started for p in logs]).reshape(-1, 2)])
-        wide = np.concatenate([family.bounds(), np.array([p.searched for p in logs]).reshape(-1, 2)])
+        usual = np.array([*family.bounds(started=True), *(parameter.started for parameter in logs)])
+        wide = np.array([*family.bounds(), *(parameter.searched for parameter in logs)])
         if stated and "stretch" in shot.logs:
             row = shot.law + shot.logs.index("stretch")
             usual[row] = np.clip(np.log10([max(stated[0] - stated[1], 1e-3), stated[0] + stated[1]]), *wide[row])
@@ -188,16 +188,14 @@ class Scan:
     def best(self, shot: Experiment, count: int, used: list[Floats]) -> list[Floats]:
         """Points with the smallest cost in the window of a shot, far from each other and from those used."""
         m = len(shot.since)
-        costs = [np.sum(shot.residual(p and Prediction(*(values[:m] for values in p))) ** 2) for p in self.predictions]
+        seen = [prediction and Prediction(*(values[:m] for values in prediction)) for prediction in self.predictions]
+        costs = [np.sum(shot.residual(prediction) ** 2) for prediction in seen]
         width = (self.bounds[:, 1] - self.bounds[:, 0])[self.searched]
         chosen: list[Floats] = []
-        for i in np.argsort(costs):
-            point = self.points[i]
+        for point in self.points[np.argsort(costs)]:
             off = [np.abs(point - start)[self.searched] / width for start in (*used, *chosen)]
-            if all(np.max(distance) > FAR for distance in off):
+            if len(chosen) < count and all(np.max(distance) > FAR for distance in off):
                 chosen.append(point)
-            if len(chosen) == count:
-                break
         return chosen
 
 

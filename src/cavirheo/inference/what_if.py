@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -16,7 +15,7 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
-from cavirheo.inference.model import load
+from cavirheo.inference.model import Network
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.reconstruct import Window, check_stretch, window
 from cavirheo.messages import of_error
@@ -32,84 +31,77 @@ Band = tuple[Floats, Floats, Floats]
 def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
     """What is compared with the answer of this analysis. Raises InputError."""
     medium, collapses = medium_of(analysis.medium), cast("int | None", analysis.window)
-    if analysis.method != "bdt":
-        return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
-    problem = load(str(analysis.model)).problem  # of a network that reads its own window
-    end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
-    return window(curve, collapses=collapses, end=end)
-
-
-class WhatIf:
-    """A curve, what was answered of it, and the window it was compared over; of an answer without a simulation that of
-    `analysis`, as in `compared_window`. Raises InputError as `Experiment`."""
-
-    def __init__(self, curve: RadiusCurve, posterior: Posterior, analysis: Analysis) -> None:
-        frames, medium = posterior.checks.compared_time, medium_of(analysis.medium)
-        compared = None if frames is None else window(curve, end=frames[-1] - curve.time_of_max)
-        end = (compared or compared_window(curve, analysis)).end
-        options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
-        exposure = float(curve.exposure or 0.0)
-        self.curve, self.posterior, self.analysis = curve, posterior, analysis
-        self.shot: Experiment = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
-
-    @cached_property
-    def limit(self) -> Experiment:
-        """The same with the field's bubble."""
-        shot = self.shot
-        options = replace(shot.options, bubble=FIELD)
-        return Experiment(shot.curve, shot.family, shot.medium, options, exposure=shot.exposure)
-
-    def checks(self, values: Mapping[str, float]) -> Checks:
-        """With these parameters (natural name, SI) in place of those of the answer; without any damping a real bubble
-        is taken as its limit, the field's (`Experiment.as_limit`). Raises InputError, SolverError."""
-        check_stretch(values.get("stretch"))
-        at_limit = self.posterior.bubble == REAL and values.get("confinement_damping") == 0.0
-        shot = self.limit if at_limit else self.shot
-        return shot.checks(shot.from_best({**self.posterior.best, **values}), "ok", [])
-
-    def band(self, level: float = 0.9) -> Band | None:
-        """(s on the measurement's clock, lower and upper radius (m)) of the central part of what the draws simulate;
-        None of an answer without draws."""
-        answer, time = self.posterior, self.posterior.checks.reconstruction_time
-        if time is None or len(answer.theta) < 2:
-            return None
-        parts = list(answer.laws.values()) or [answer]
-        logs = np.array([part.evidence.log if part.evidence else 0.0 for part in parts])
-        share = np.exp(logs - log_sum(logs))
-        rng, lines = np.random.default_rng(0), list[Floats]()
-        for part, count in zip(parts, rng.multinomial(DRAWS, share), strict=True):
-            rows = rng.choice(len(part.theta), count, p=part.weights)
-            lines += (WhatIf(self.curve, part, self.analysis) if answer.laws else self).lines(rows, time)
-        if len(lines) < DRAWS // 2:
-            return None
-        tail = 0.5 - 0.5 * level
-        low, high = np.quantile(np.array(lines), (tail, 1.0 - tail), axis=0)
-        return time, low, high
-
-    def lines(self, rows: Iterable[int], time: Floats) -> list[Floats]:
-        """(n,) radius (m) at these times of each draw that can be simulated."""
-        answer, lines = self.posterior, list[Floats]()
-        for row in rows:
-            with suppress(InputError, SolverError):
-                checks = self.checks({name: float(answer.draws(name)[row]) for name in answer.parameters})
-                if checks.reconstruction_time is not None and checks.reconstruction_radius is not None:
-                    lines.append(np.interp(time, checks.reconstruction_time, checks.reconstruction_radius))
-        return lines
+    network = analysis.network if analysis.method == "bdt" else None
+    if isinstance(network, Network):  # it reads its own window
+        problem = network.problem
+        end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
+        return window(curve, collapses=collapses, end=end)
+    return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
 
 
 def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, float], analysis: Analysis) -> Checks:
-    """As `WhatIf.checks`; where that cannot be, the checks say why."""
+    """With these parameters (natural name, SI) in place of those of the answer; where that cannot be simulated, the
+    checks say why."""
     try:
-        return WhatIf(curve, posterior, analysis).checks(values)
+        return _checks(_experiment(curve, posterior, analysis), posterior, values)
     except (InputError, SolverError) as error:
         return Checks("failed", (of_error(error),))
 
 
-def band(curve: RadiusCurve, posterior: Posterior, analysis: Analysis) -> Band | None:
-    """As `WhatIf.band`; None also of an answer that cannot be simulated."""
-    with suppress(InputError, SolverError):
-        return WhatIf(curve, posterior, analysis).band()
-    return None
+def band(curve: RadiusCurve, posterior: Posterior, analysis: Analysis, level: float = 0.9) -> Band | None:
+    """(s on the measurement's clock, lower and upper radius (m)) of the central part of what the draws simulate; None
+    of an answer without draws, or that cannot be simulated."""
+    time, lines = posterior.checks.reconstruction_time, list[Floats]()
+    if time is None or len(posterior.theta) < 2:
+        return None
+    parts = list(posterior.laws.values()) or [posterior]
+    logs = np.array([part.evidence.log if part.evidence else 0.0 for part in parts])
+    rng = np.random.default_rng(0)
+    counts = rng.multinomial(DRAWS, np.exp(logs - log_sum(logs)))
+    for part, count in zip(parts, counts, strict=True):
+        rows = rng.choice(len(part.theta), count, p=part.weights)
+        try:
+            lines += _lines(_experiment(curve, part, analysis), part, rows, time)
+        except (InputError, SolverError):
+            return None
+    if len(lines) < DRAWS // 2:
+        return None
+    tail = 0.5 - 0.5 * level
+    low, high = np.quantile(np.array(lines), (tail, 1.0 - tail), axis=0)
+    return time, low, high
+
+
+def _experiment(curve: RadiusCurve, posterior: Posterior, analysis: Analysis) -> Experiment:
+    """A curve, the model that answers it, and the window that was compared; of an answer without a simulation that of
+    `compared_window`. Raises InputError."""
+    frames, medium = posterior.checks.compared_time, medium_of(analysis.medium)
+    compared = None if frames is None else window(curve, end=frames[-1] - curve.time_of_max)
+    end = (compared or compared_window(curve, analysis)).end
+    options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
+    exposure = float(curve.exposure or 0.0)
+    return Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
+
+
+def _checks(shot: Experiment, posterior: Posterior, values: Mapping[str, float]) -> Checks:
+    """Without any damping a real bubble is taken as its limit, the field's (`Experiment.as_limit`). Raises InputError,
+    SolverError."""
+    check_stretch(values.get("stretch"))
+    if posterior.bubble == REAL and values.get("confinement_damping") == 0.0:
+        options = replace(shot.options, bubble=FIELD)
+        shot = Experiment(shot.curve, shot.family, shot.medium, options, exposure=shot.exposure)
+    return shot.checks(shot.from_best({**posterior.best, **values}), "ok", [])
+
+
+def _lines(shot: Experiment, posterior: Posterior, rows: Iterable[int], time: Floats) -> list[Floats]:
+    """(n,) radius (m) at these times of each draw that can be simulated."""
+    lines = list[Floats]()
+    for row in rows:
+        with suppress(InputError, SolverError):
+            values = {name: float(posterior.draws(name)[row]) for name in posterior.parameters}
+            checks = _checks(shot, posterior, values)
+            if checks.reconstruction_time is not None and checks.reconstruction_radius is not None:
+                lines.append(np.interp(time, checks.reconstruction_time, checks.reconstruction_radius))
+    return lines
 
 
 def slider(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:

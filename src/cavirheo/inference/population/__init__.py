@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, expect, expect_whole, require
-from cavirheo.inference.law_average import of_one_law
+from cavirheo.inference.alternatives import model_of, of_one_law
 from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihoods, likelihood
 from cavirheo.inference.population.material import Population
 from cavirheo.inference.population.scatter import Scatter
 from cavirheo.inference.verify.sampler import Sample
-from cavirheo.parameters import LOG10, Bound, natural_name, of_the_law, parameter_of
+from cavirheo.parameters import Bound, natural_name, of_the_law, parameter_of
 from cavirheo.posterior import TRUSTED, Evidence, Posterior
 from cavirheo.prior import Prior
 from cavirheo.writing import digits
@@ -67,46 +67,50 @@ def population(
     expect_whole(seed, "seed", 0, "option.seed")
     require(bool(answers), "a population needs answers of shots, got none", "population.none")
     shots = [f"shot {i + 1}" for i in range(len(answers))] if names is None else list(names)
-    column = None if along is None else np.asarray(along, dtype=float)
+    column = np.zeros(len(answers)) if along is None else np.asarray(along, dtype=float)
     for what, values in (("names", shots), ("along", column)):
         message = f"{what} must have one entry for each of the {len(answers)} answers"
-        require(values is None or np.shape(values) == (len(answers),), message, f"population.{what}")
-    counted, excluded, likelihoods = _counted(answers, column, only_trusted)
-    first = answers[counted[0]] if counted else answers[0]
+        require(np.shape(values) == (len(answers),), message, f"population.{what}")
+    likelihoods, excluded = _counted(answers, column, only_trusted)
+    first = answers[next(iter(likelihoods), 0)]
     law = tuple(name for name in first.names if of_the_law(name))
-    names = tuple(name.removeprefix(LOG10) for name in law)
+    names = tuple(map(natural_name, law))
     fields: dict[str, Any] = {"names": names, "material": first.material, "bubble": first.bubble}
-    fields |= {"shots": tuple(shots[i] for i in counted), "left_out": excluded}
-    if len(counted) < FEWEST:
-        doubt = f"{digits.counting(len(counted), len(answers))}, and a material with its scatter needs {FEWEST}"
+    fields |= {"shots": tuple(shots[i] for i in likelihoods), "left_out": excluded}
+    if len(likelihoods) < FEWEST:
+        doubt = f"{digits.counting(len(likelihoods), len(answers))}, and a material with its scatter needs {FEWEST}"
         return Population(**fields, doubts=(doubt,))
-    pairs = zip(counted, likelihoods, strict=True)
-    rough = [f"{shots[i]} ({shot.effective:.0f})" for i, shot in pairs if shot.effective < FEW]
+    rough = [f"{shots[i]} ({shot.effective:.0f})" for i, shot in likelihoods.items() if shot.effective < FEW]
     notes = [f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"] * bool(rough)
-    ends = np.array([_ends(answers[i], law) for i in counted])
+    counted = [answers[i] for i in likelihoods]
+    ends = np.array([_ends(answer, law) for answer in counted])
     low, high = np.min(ends[:, 0], axis=0), np.max(ends[:, 1], axis=0)
-    like, x, unit = Likelihoods.of(likelihoods), None, 1.0
-    if column is not None:
-        column = column[counted]
-        unit = float(np.std(column))
+    like, x = Likelihoods.of(list(likelihoods.values())), None
+    if along is not None:
+        column = column[list(likelihoods)]
+        middle, unit = float(np.mean(column)), float(np.std(column))
         require(unit > 0, "along must not be one value for all shots", "population.along")
-        x = (column - np.mean(column)) / unit
+        x = (column - middle) / unit
     several = Scatter(like, low, high, column=x)
     common = Scatter(like, low, high, column=x, spread=False)
     sample, sample_of_one = several.sample(seed), common.sample(seed)
     if sample.ess < _LEAST_EFFECTIVE or not sample.reliable:
         notes.append(f"the intervals of the material are rough: its draws are worth {sample.ess:.0f} independent ones")
     u = _resampled(sample, seed)
-    centre, spread, correlation, slope = several.parts(u)
-    fields |= {"centre": centre, "spread": spread, "correlation": correlation}
-    if column is not None:
-        fields |= {"slope": slope / unit, "along_at": float(np.mean(column))}
-    fields["common"] = common.parts(_resampled(sample_of_one, seed))[0]
-    fields |= {"gain": _evidence(sample, like.log_size), "gain_of_one": _evidence(sample_of_one, like.log_size)}
-    fields["prior"] = {name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)}
-    fields["shots_bound"] = _shots_bound([answers[i] for i in counted], names)
-    fields["stray"] = several.outliers(u[:: max(_DRAWS // 1000, 1)])
-    return Population(**fields, doubts=tuple(notes), shot_evidence=tuple(answers[i].evidence for i in counted))
+    fields["centre"], fields["spread"], fields["correlation"], slope = several.parts(u)
+    if along is not None:
+        fields |= {"slope": slope / unit, "along_at": middle}
+    return Population(
+        **fields,
+        doubts=tuple(notes),
+        common=common.parts(_resampled(sample_of_one, seed))[0],
+        stray=several.outliers(u[:: max(_DRAWS // 1000, 1)]),
+        gain=_evidence(sample, like.log_size),
+        gain_of_one=_evidence(sample_of_one, like.log_size),
+        shot_evidence=tuple(answer.evidence for answer in counted),
+        prior={name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)},
+        shots_bound=_shots_bound(counted, names),
+    )
 
 
 def with_slope_if_any(
@@ -126,46 +130,47 @@ def with_slope_if_any(
 
 
 def _counted(
-    answers: Sequence[Posterior], column: Floats | None, only_trusted: bool
-) -> tuple[list[int], dict[str, int], list[Likelihood]]:
-    """(which count, how many are left out by reason, the likelihoods of those that count)."""
+    answers: Sequence[Posterior], column: Floats, only_trusted: bool
+) -> tuple[dict[int, Likelihood], dict[str, int]]:
+    """(the likelihoods of those that count, by their place; how many are left out by reason)."""
     why: dict[int, str] = {}
     for i, answer in enumerate(answers):
         if len(answer.theta) < 2:
             why[i] = "failed" if answer.checks.verdict == "failed" else "no_interval"
         elif only_trusted and answer.checks.verdict not in TRUSTED:
             why[i] = answer.checks.verdict
-        elif column is not None and not np.isfinite(column[i]):
+        elif not np.isfinite(column[i]):
             why[i] = "no_column_value"
-    models = [(answer.material, answer.bubble.name) for answer in answers]
-    counts = Counter(model for i, model in enumerate(models) if i not in why)
+    usable = [i for i in range(len(answers)) if i not in why]
+    counts = Counter(map(model_of, (answers[i] for i in usable)))
     most = max(counts, key=lambda model: counts[model], default=None)
     unique: set[bytes] = set()
-    counted: list[int] = []
-    likelihoods: list[Likelihood] = []
-    for i, answer in enumerate(answers):
-        if i in why:
-            continue
-        law = [k for k, name in enumerate(answer.names) if of_the_law(name)]
-        theta = answer.theta[:, law]
-        draws = theta.tobytes()
-        if models[i] != most:
+    likelihoods: dict[int, Likelihood] = {}
+    for i in usable:
+        draws = answers[i].theta[:, [of_the_law(name) for name in answers[i].names]].tobytes()
+        if model_of(answers[i]) != most:
             why[i] = "other_model"
         elif draws in unique:
             why[i] = "copy"
-        elif shot := _likelihood(answer, law):
-            counted, likelihoods = [*counted, i], [*likelihoods, shot]
+        elif shot := _likelihood(answers[i]):
+            likelihoods[i] = shot
             unique.add(draws)
         else:
             why[i] = "no_interval"
-    return counted, dict(Counter(why.values())), likelihoods
+    return likelihoods, dict(Counter(why.values()))
 
 
-def _likelihood(answer: Posterior, law: Sequence[int]) -> Likelihood | None:
-    names = tuple(answer.names[k] for k in law)
-    log_weight = np.zeros(len(answer.theta)) if answer.log_weight is None else answer.log_weight
-    bounds = [answer.bound(natural_name(name)) for name in names]
-    return likelihood(answer.theta[:, law], log_weight, _log_prior(answer, law), bounds, _ends(answer, names))
+def _likelihood(answer: Posterior) -> Likelihood | None:
+    """Over the shot's prior of the law's parameters; over the range that is searched where it is not said."""
+    law = [k for k, name in enumerate(answer.names) if of_the_law(name)]
+    names, theta = tuple(answer.names[k] for k in law), answer.theta[:, law]
+    ends, log_weight = _ends(answer, names), np.zeros(len(theta)) if answer.log_weight is None else answer.log_weight
+    rows = [(*answer.prior[name], 0.0, np.inf)[:4] for name in names if name in answer.prior]
+    if len(rows) < len(names):
+        log_prior = np.full(len(theta), -float(np.sum(np.log(np.diff(ends, axis=0)))))
+    else:
+        log_prior = Prior(names, *np.array(rows, dtype=float).T).log_density(theta)
+    return likelihood(theta, log_weight, log_prior, [answer.bound(natural_name(name)) for name in names], ends)
 
 
 def _shots_bound(answers: Sequence[Posterior], names: Sequence[str]) -> dict[str, Bound]:
@@ -176,15 +181,6 @@ def _shots_bound(answers: Sequence[Posterior], names: Sequence[str]) -> dict[str
         if len(answers) - len(bounds) < min(FEWEST, len(bounds)):
             most[name] = Counter(bounds).most_common(1)[0][0]
     return most
-
-
-def _log_prior(answer: Posterior, law: Sequence[int]) -> Floats:
-    """(k,) log density of the shot's prior of the law's parameters; the range that is searched where it is not said."""
-    names = tuple(answer.names[k] for k in law)
-    rows = [(*answer.prior[name], 0.0, np.inf)[:4] for name in names if name in answer.prior]
-    if len(rows) < len(names):
-        return np.full(len(answer.theta), -float(np.sum(np.log(np.diff(_ends(answer, names), axis=0)))))
-    return Prior(names, *np.array(rows, dtype=float).T).log_density(answer.theta[:, law])
 
 
 def _ends(answer: Posterior, law: Sequence[str]) -> Floats:

@@ -16,8 +16,9 @@ one shot have in common, given its values, is left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
@@ -34,30 +35,43 @@ _END, _END_DRAWS = 0.1, 2.0  # of the range of a prior: near its end; effective 
 _THIN = 1e-4  # of the whole covariance, added to that of each Gaussian
 VALUE, UPPER, LOWER, NOTHING = 0, 1, -1, 2  # what a Gaussian says of a parameter
 _SAYS: dict[Bound | None, int] = {None: VALUE, "upper": UPPER, "lower": LOWER, "undetermined": NOTHING}
-_Gaussians = tuple[Floats, Floats, Floats]  # shares (k,), means (k, d) and covariances (k, d, d)
 
 
-class Likelihood(NamedTuple):
-    """exp(log_size) times the sum of share (k,) times Gaussians of means (k, d) and covariances (k, d, d), each
-    integrated as `says` (k, d); effective: what the draws are worth."""
+@dataclass(frozen=True, eq=False)
+class Gaussians:
+    """m Gaussians: share (m,), mean (m, d), covariance (m, d, d), each integrated as `says` (m, d)."""
 
-    log_size: float
     share: Floats
     mean: Floats
     covariance: Floats
     says: np.ndarray
+
+    def log_densities(self, x: Floats, along: Floats, scatter: Floats) -> Floats:
+        """(k, m) log of each Gaussian at x (k, d) plus (k, m, d) along a column, widened by a scatter (k, d, d)."""
+        log_p = np.empty((len(x), len(self.says)))
+        for pattern in np.unique(self.says, axis=0):
+            some = np.flatnonzero(np.all(self.says == pattern, axis=1))
+            mean, base = self.mean[some], self.covariance[some]
+            order = np.concatenate([np.flatnonzero(pattern == VALUE), np.flatnonzero(np.abs(pattern) == UPPER)])
+            off = [mean[:, i] - x[:, i, None] - along[:, some, i] for i in order]
+            covariance = [[base[:, i, j] + scatter[:, i, j, None] for j in order[: a + 1]] for a, i in enumerate(order)]
+            log_p[:, some] = np.broadcast_to(_log_gaussian(off, covariance, pattern[order]), (len(x), len(some)))
+        return log_p
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood(Gaussians):
+    """Of a shot: exp(log_size) times the sum of its Gaussians; effective: what the draws are worth."""
+
+    log_size: float
     effective: float
 
 
 @dataclass(frozen=True, eq=False)
-class Likelihoods:
-    """Those of n shots, their m Gaussians one after the other: log_share (m,), mean (m, d), covariance (m, d, d), says
-    (m, d), shot (m,) to which each belongs, first (n,) of each shot; log_size: sum of the shots'."""
+class Likelihoods(Gaussians):
+    """Those of n shots one after the other: shot (m,) to which each belongs, first (n,) of each shot; log_size: sum of
+    the shots'."""
 
-    log_share: Floats
-    mean: Floats
-    covariance: Floats
-    says: np.ndarray
     shot: np.ndarray
     first: np.ndarray
     log_size: float
@@ -65,12 +79,15 @@ class Likelihoods:
     @classmethod
     def of(cls, shots: Sequence[Likelihood]) -> Likelihoods:
         counts = np.array([len(shot.share) for shot in shots])
-        share, mean, covariance, says = (
-            np.concatenate([getattr(shot, name) for shot in shots]) for name in ("share", "mean", "covariance", "says")
-        )
-        first = np.cumsum(counts) - counts
-        size = float(sum(shot.log_size for shot in shots))
-        return cls(np.log(share), mean, covariance, says, np.repeat(np.arange(len(shots)), counts), first, size)
+        names = [field.name for field in fields(Gaussians)]
+        parts: Any = {name: np.concatenate([getattr(shot, name) for shot in shots]) for name in names}
+        of, first = np.repeat(np.arange(len(shots)), counts), np.cumsum(counts) - counts
+        return cls(**parts, shot=of, first=first, log_size=float(sum(shot.log_size for shot in shots)))
+
+    @cached_property
+    def log_share(self) -> Floats:
+        """(m,)"""
+        return np.log(self.share)
 
     @property
     def means(self) -> Floats:
@@ -78,19 +95,6 @@ class Likelihoods:
         share = np.exp(self.log_share)[:, None]
         total = np.add.reduceat(share, self.first, axis=0)
         return np.asarray(np.add.reduceat(share * self.mean, self.first, axis=0) / total)
-
-    def log_density(self, centre: Floats, slope_at: Floats, scatter: Floats) -> Floats:
-        """(k, m) log of each Gaussian about centres (k, d) plus slopes (k, m, d), widened by a scatter (k, d, d)."""
-        log_p = np.empty((len(centre), len(self.says)))
-        for pattern in np.unique(self.says, axis=0):
-            some = np.flatnonzero(np.all(self.says == pattern, axis=1))
-            mean, base = self.mean[some], self.covariance[some]
-            order = _order(pattern)
-            off = [mean[:, i] - centre[:, i, None] - slope_at[:, some, i] for i in order]
-            covariance = [[base[:, i, j] + scatter[:, i, j, None] for j in order[: a + 1]] for a, i in enumerate(order)]
-            shape = (len(centre), len(some))
-            log_p[:, some] = np.broadcast_to(log_gaussian(off, covariance, pattern[order]), shape)
-        return log_p + self.log_share
 
 
 def likelihood(
@@ -109,32 +113,27 @@ def likelihood(
     effective, d = 1.0 / float(np.sum(weight**2)), theta.shape[1]
     if not effective > d + 3:
         return None
-    mean = weight @ theta
-    whole = (theta - mean).T * weight @ (theta - mean)
-    if not np.all(np.diag(whole) > 0):
-        return None
     says = np.array([_SAYS[bound] for bound in bounds] or [VALUE] * d)
-    fits = [_Fit(theta, weight, whole, says, ends)]
-    single = (np.ones(1), mean[None], whole[None])
+    fits = [_Fit(theta, weight, says, ends)]
+    if not np.all(np.diag(fits[0].whole) > 0):
+        return None
     if effective < FEW:  # the covariance is itself uncertain: that of Student's t, which predicts the next draw
         wider = effective / (effective - 1.0) * (effective + 1.0) / (effective - d - 2.0)
-        share, mean, covariance = fits[0].mixture(1)[0] if np.any(says) else single
-        return fits[0].likelihood(size, (share, mean, covariance * wider), effective)
-    best, chosen, height = single, fits[0], -np.inf
+        few, _ = fits[0].mixture(1)
+        return fits[0].likelihood(size, replace(few, covariance=few.covariance * wider), effective)
     reaching = _reaching(theta, effective * weight, says, ends)
     if np.any(reaching != says):
-        fits.append(_Fit(theta, weight, whole, reaching, ends))
+        fits.append(_Fit(theta, weight, reaching, ends))
+    candidates: list[tuple[float, _Fit, Gaussians]] = []
     for fit in fits:
-        before = -np.inf
         for k in range(1, min(_MOST, int(effective / _EACH)) + 1):
             gaussians, fitted = fit.mixture(k)
             information = effective * fitted - 0.5 * np.log(effective) * (k * (d + 1) * (d + 2) / 2 - 1)
-            if information <= before:
+            if k > 1 and information <= candidates[-1][0]:
                 break
-            before = information
-            if information > height:
-                best, chosen, height = gaussians, fit, information
-    return chosen.likelihood(size, best if len(best[0]) > 1 or np.any(chosen.says) else single, effective)
+            candidates.append((information, fit, gaussians))
+    _, fit, gaussians = max(candidates, key=lambda candidate: candidate[0])
+    return fit.likelihood(size, gaussians, effective)
 
 
 def _reaching(theta: Floats, effective: Floats, says: np.ndarray, ends: Floats | None) -> np.ndarray:
@@ -149,23 +148,21 @@ def _reaching(theta: Floats, effective: Floats, says: np.ndarray, ends: Floats |
 
 
 class _Fit:
-    """Gaussians of draws theta (n, d) with weights that sum to 1 and their covariance (d, d); the first is as `says`
-    (d,), the others are of values; ends: (2, d) of the prior."""
+    """Gaussians of draws theta (n, d) with weights that sum to 1; the first is as `says` (d,), the others are of
+    values; ends: (2, d) of the prior. whole: (d, d) covariance of the draws."""
 
-    def __init__(self, theta: Floats, weight: Floats, whole: Floats, says: np.ndarray, ends: Floats | None) -> None:
-        self.theta, self.weight, self.whole, self.says = theta, weight, whole, says
+    def __init__(self, theta: Floats, weight: Floats, says: np.ndarray, ends: Floats | None) -> None:
+        self.theta, self.weight, self.says, self.mean = theta, weight, says, weight @ theta
+        self.whole: Floats = (theta - self.mean).T * weight @ (theta - self.mean)
         self.ends = np.array([np.min(theta, axis=0), np.max(theta, axis=0)]) if ends is None else ends
         self.bounded = [int(i) for i in np.flatnonzero(np.abs(says) == UPPER)]
 
-    def likelihood(self, size: float, gaussians: _Gaussians, effective: float) -> Likelihood:
-        share, mean, covariance = gaussians
-        share = share.copy()
-        share[0] /= self._volume(mean[0], covariance[0])
-        says = np.zeros(mean.shape, dtype=int)
-        says[0] = self.says
-        return Likelihood(size, share, mean, covariance, says, effective)
+    def likelihood(self, size: float, gaussians: Gaussians, effective: float) -> Likelihood:
+        share = gaussians.share.copy()
+        share[0] /= self._volume(gaussians.mean[0], gaussians.covariance[0])
+        return Likelihood(share, gaussians.mean, gaussians.covariance, gaussians.says, size, effective)
 
-    def mixture(self, k: int) -> tuple[_Gaussians, float]:
+    def mixture(self, k: int) -> tuple[Gaussians, float]:
         """k Gaussians by expectation maximisation, begun with slices across the longest axis; mean log density."""
         theta, weight, d = self.theta, self.weight, self.theta.shape[1]
         along = theta @ np.linalg.eigh(self.whole)[1][:, -1]
@@ -177,7 +174,8 @@ class _Fit:
         if slices < k:  # the bound is of all draws
             resp = 0.5 * np.concatenate([np.ones((1, len(theta))), resp])
         filled, spare = np.repeat(theta[None], k, axis=0), np.zeros((k, len(theta), d))
-        mean, covariance = np.empty((k, d)), np.empty((k, d, d))
+        mean, covariance, says = np.empty((k, d)), np.empty((k, d, d)), np.zeros((k, d), dtype=int)
+        says[0] = self.says
         for i in self.bounded:  # begun where an edge as sharp as a tenth of the draws has half of its height
             edge = 0.9 if self.says[i] == UPPER else 0.1
             filled[0, :, i] = np.quantile(theta[:, i], edge, weights=weight, method="inverted_cdf")
@@ -191,8 +189,11 @@ class _Fit:
             off = filled - mean[:, None]
             covariance = np.einsum("kn,kni,knj->kij", mass, off, off) / share[:, None, None] + _THIN * self.whole
             covariance += np.eye(d) * np.einsum("kn,kni->ki", mass, spare)[:, None] / share[:, None, None]
-            share = share / np.sum(share)
-            log_p = np.log(share)[:, None] + self._log_density(mean, covariance)
+            gaussians = Gaussians(share / np.sum(share), mean, covariance, says)
+            densities = gaussians.log_densities(theta, np.zeros((1, k, d)), np.zeros((1, d, d)))
+            log_p = np.ascontiguousarray(densities.T)
+            log_p[0] -= np.log(self._volume(mean[0], covariance[0]))  # an integral of 1 over the prior's range
+            log_p += np.log(gaussians.share)[:, None]
             total = np.logaddexp.reduce(log_p, axis=0)
             resp = np.exp(log_p - total)
             fitted = float(weight @ total)
@@ -200,18 +201,9 @@ class _Fit:
                 break
             before = fitted
             self._fill(mean[0], covariance[0], filled[0], spare[0])
-        return (share, mean, covariance), fitted
-
-    def _log_density(self, mean: Floats, covariance: Floats) -> Floats:
-        """(k, n), each with an integral of 1 over the prior's range."""
-        off, d = mean[:, None] - self.theta[None], self.theta.shape[1]
-        log_p = np.empty(off.shape[:2])
-        for some, says in ((slice(0, 1), self.says), (slice(1, None), np.zeros(d, dtype=int))):
-            order = _order(says)
-            terms = [[covariance[some, i, j, None] for j in order[: a + 1]] for a, i in enumerate(order)]
-            log_p[some] = log_gaussian([off[some, :, i] for i in order], terms, says[order])
-        log_p[0] -= np.log(self._volume(mean[0], covariance[0]))
-        return log_p
+        if k == 1 and not np.any(self.says):
+            gaussians = Gaussians(np.ones(1), self.mean[None], self.whole[None], says)
+        return gaussians, fitted
 
     def _volume(self, mean: Floats, covariance: Floats) -> float:
         """The integral of the first Gaussian, as it is integrated, over the prior's range."""
@@ -249,16 +241,9 @@ class _Fit:
             spare[:, i] = deviation**2 * np.maximum(1.0 + least * hazard - hazard**2, 0.0)
 
 
-def _order(says: np.ndarray) -> np.ndarray:
-    """Indices of the parameters that are said anything of: values first, then bounds, which may depend on them."""
-    return np.concatenate([np.flatnonzero(says == VALUE), np.flatnonzero(np.abs(says) == UPPER)])
-
-
-def log_gaussian(
-    off: Sequence[Floats], covariance: Sequence[Sequence[Floats]], says: Sequence[int] | np.ndarray = ()
-) -> Floats:
+def _log_gaussian(off: Sequence[Floats], covariance: Sequence[Sequence[Floats]], says: np.ndarray) -> Floats:
     """Log density at d distances mean - x, each an array, with the lower triangle of the covariances: Cholesky, written
-    out. Those of bounds, which come last, are integrated from x on."""
+    out. Those of bounds, which come last, as they may depend on the values, are integrated from x on."""
     root: list[list[Floats]] = []
     whitened: list[Floats] = []
     log_p: Floats = np.zeros(off[0].shape if off else ())
@@ -268,7 +253,7 @@ def log_gaussian(
             row.append((covariance[i][j] - _dot(row, root[j][:j])) / root[j][j])
         row.append(np.sqrt(np.maximum(covariance[i][i] - _dot(row, row), 1e-300)))
         z = (distance - _dot(row[:-1], whitened)) / row[-1]
-        if len(says) and says[i] != VALUE:
+        if says[i] != VALUE:
             log_p = log_p + log_ndtr(says[i] * z)
             continue
         whitened.append(z)

@@ -193,17 +193,15 @@ class Population:
 
     def _scatter_in_words(self) -> str:
         """Of the parameters that are determined: of others the scatter is not known."""
-        names, scattered = self.determined, self.scattered
-        symbols = [parameter_of(name).symbol for name in names]
-        none = bool(scattered and scattered.log < 0.0)
-        scatters = [self.scatter(name)[2 if none else 1] for name in names]
-        percent = [digits.significant(100 * relative_scatter(decades), 2) for decades in scatters]
+        none = bool(self.scattered and self.scattered.log < 0.0)
+        percents = {}
+        for name in self.determined:
+            decades = self.scatter(name)[2 if none else 1]
+            percents[parameter_of(name).symbol] = digits.significant(100 * relative_scatter(decades), 2)
+        single = len(self.names) == 1 and not none
+        within = ", ".join(f"{value} %" if single else f"{value} % in {symbol}" for symbol, value in percents.items())
         if none:
-            below = ", ".join(f"{value} % in {symbol}" for symbol, value in zip(symbols, percent, strict=True))
-            return "shots agree within their intervals" + f" (they scatter by less than {below}: 95 %)" * bool(below)
-        if len(self.names) == 1:
-            return "".join(f"shots scatter by {value} %" for value in percent)
-        within = ", ".join(f"{value} % in {symbol}" for symbol, value in zip(symbols, percent, strict=True))
+            return "shots agree within their intervals" + f" (they scatter by less than {within}: 95 %)" * bool(within)
         return f"shots scatter by {within}" if within else ""
 
     def against(self, other: Population) -> dict[str, Difference]:
@@ -229,9 +227,8 @@ class Population:
 
         Raises InputError: no draws, or pandas is missing."""
         columns = {}
-        for name in self.names:
-            k, unit = self._column(name), parameter_of(name).unit
-            columns[export.column(name, unit)] = 10.0 ** self.centre[:, k]
+        for k, (name, values) in enumerate(self._draws.items()):
+            columns[export.column(name, parameter_of(name).unit)] = values
             columns[f"{name}_spread_decades"] = self.spread[:, k]
             if self.slope is not None:
                 columns[f"{name}_slope_decades"] = self.slope[:, k]
@@ -241,18 +238,20 @@ class Population:
         """The material's draws as arviz.InferenceData, or xarray.DataTree from ArviZ 1 on: group "posterior".
 
         Raises InputError: no draws, or arviz is missing."""
-        draws = {name: 10.0 ** self.centre[:, self._column(name)] for name in self.names}
-        units = {name: parameter_of(name).unit for name in draws}
-        return export.inference_data({"posterior": draws}, units, self._metadata)
+        units = {name: parameter_of(name).unit for name in self.names}
+        return export.inference_data({"posterior": self._draws}, units, self._metadata)
 
     def plot(self) -> Figure:
         """The marginals of the material's draws and their pairs, with the median and the central 90 %.
 
         Raises InputError: no draws, or matplotlib or corner is missing."""
-        draws = {
-            f"{name} ({parameter_of(name).unit})": 10.0 ** self.centre[:, self._column(name)] for name in self.names
-        }
+        draws = {f"{name} ({parameter_of(name).unit})": values for name, values in self._draws.items()}
         return export.pairs(draws, np.full(len(self.centre), 1.0 / len(self.centre)))
+
+    @property
+    def _draws(self) -> dict[str, Floats]:
+        """(draws,) of the material's parameters by name, SI."""
+        return {name: 10.0 ** self.centre[:, self._column(name)] for name in self.names}
 
     @property
     def _metadata(self) -> dict[str, str]:

@@ -79,21 +79,24 @@ class Scatter:
         along = slope[:, None] * x[:, None]
         densities = []
         for share, wide in ((1.0 - OUTLIERS, 0.0), (OUTLIERS, WIDE**2)):
-            log_p = shots.log_density(centre, along, scatter + wide * np.eye(d))
+            log_p = shots.log_densities(centre, along, scatter + wide * np.eye(d)) + shots.log_share
             densities.append(np.log(share) + _log_sum(log_p, shots.first))
         return densities[0], densities[1]
 
     def __call__(self, u: Floats) -> Floats:
         """(k,)"""
-        rows = max(_CHUNK // len(self.shots.shot), 1)
-        parts = [np.sum(np.logaddexp(*self.densities(u[i : i + rows])), axis=1) for i in range(0, len(u), rows)]
+        parts = [np.sum(np.logaddexp(*self.densities(part)), axis=1) for part in self._chunks(u)]
         return np.concatenate(parts) + log_normal(u)
+
+    def _chunks(self, u: Floats) -> list[Floats]:
+        rows = max(_CHUNK // len(self.shots.shot), 1)
+        return [u[i : i + rows] for i in range(0, len(u), rows)]
 
     def sample(self, seed: int) -> Sample:
         """Weighted draws; the mean weight is the evidence, but for the sizes of the likelihoods."""
         mixture = self._start()
 
-        def adapt(draws: Sample, _rng: np.random.Generator) -> Mixture:
+        def adapt(draws: Sample, _: np.random.Generator) -> Mixture:
             nonlocal mixture
             mixture = mixture.fitted(draws.u, draws.log_weight)
             return mixture.widened()
@@ -103,10 +106,8 @@ class Scatter:
 
     def outliers(self, u: Floats) -> Floats:
         """(n,) probability that each shot does not belong, over equally likely u (k, .)."""
-        rows = max(_CHUNK // len(self.shots.shot), 1)
         total = np.zeros(len(self.shots.first))
-        for i in range(0, len(u), rows):
-            inside, outside = self.densities(u[i : i + rows])
+        for inside, outside in map(self.densities, self._chunks(u)):
             total += np.sum(1.0 / (1.0 + np.exp(np.clip(inside - outside, -700.0, 700.0))), axis=0)
         return np.asarray(total / len(u))
 

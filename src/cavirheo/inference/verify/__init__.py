@@ -12,10 +12,17 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect
-from cavirheo.inference.alternatives import as_alternative, chosen_among, contenders, judged, model_of
+from cavirheo.inference.alternatives import (
+    as_alternative,
+    averaged_over_laws,
+    chosen_among,
+    comparable,
+    contenders,
+    judged,
+    model_of,
+)
 from cavirheo.inference.input_checks import ERRORS, warned
 from cavirheo.inference.law import Family
-from cavirheo.inference.law_average import averaged_over_laws, comparable
 from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.model_average import answers_of
