@@ -114,12 +114,10 @@ class NeoHookeanKelvinVoigt(Material):
 
 
 @dataclass(frozen=True)
-class QuadraticKelvinVoigt(Material):
+class QuadraticKelvinVoigt(NeoHookeanKelvinVoigt):
     """qKV: W = G/2 [(I1-3) + alpha/2 (I1-3)^2] beside a dashpot; stiffening alpha is dimensionless.
     Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
 
-    shear_modulus: float = field(metadata=NOT_NEGATIVE)
-    viscosity: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(metadata=NOT_NEGATIVE)
     name: ClassVar[str] = "qkv"
 
@@ -178,7 +176,7 @@ class StandardLinearSolid(Zener):
 
 
 @dataclass(frozen=True)
-class QuadraticStandardLinearSolid(Material):
+class QuadraticStandardLinearSolid(Zener):
     """qSLS: the stress of a quadratic spring and a dashpot together relaxes at a fixed place, the field's Zener model.
 
     With stiffening 0 it is IMRv2's `stress = 3`, else its `stress = 4`, both without retardation; a dashpot beside it
@@ -187,9 +185,7 @@ class QuadraticStandardLinearSolid(Material):
     spring of Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
     """
 
-    shear_modulus: float = field(metadata=NOT_NEGATIVE)
     viscosity: float = field(metadata=POSITIVE)
-    relaxation_time: float = field(metadata=POSITIVE)
     stiffening: float = field(metadata=NOT_NEGATIVE)
     name: ClassVar[str] = "qsls"
 
@@ -201,17 +197,21 @@ class QuadraticStandardLinearSolid(Material):
 MATERIALS: dict[str, type] = {m.name: m for m in (Newtonian, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)}
 
 
-def _by_name(*laws: type[Material]) -> dict[str, Callable[..., Material]]:
-    return {law.name: law for law in laws}
-
-
-KINDS = {
-    "elastic": _by_name(Linear, NeoHookean, Quadratic, MooneyRivlin, Yeoh, Fung, Gent, ArrudaBoyce, Ogden),
-    "viscous": _by_name(Newtonian, PowerLaw, HerschelBulkley, CarreauYasuda, Cross, PowellEyring),
-    "elastic and viscous": _by_name(NeoHookeanKelvinVoigt, QuadraticKelvinVoigt),
-    "with memory": _by_name(
-        Maxwell, UpperConvectedMaxwell, OldroydB, Zener, StandardLinearSolid, QuadraticStandardLinearSolid
-    ),
+KINDS: dict[str, dict[str, Callable[..., Material]]] = {
+    kind: {law.name: law for law in laws}
+    for kind, laws in {
+        "elastic": (Linear, NeoHookean, Quadratic, MooneyRivlin, Yeoh, Fung, Gent, ArrudaBoyce, Ogden),
+        "viscous": (Newtonian, PowerLaw, HerschelBulkley, CarreauYasuda, Cross, PowellEyring),
+        "elastic and viscous": (NeoHookeanKelvinVoigt, QuadraticKelvinVoigt),
+        "with memory": (
+            Maxwell,
+            UpperConvectedMaxwell,
+            OldroydB,
+            Zener,
+            StandardLinearSolid,
+            QuadraticStandardLinearSolid,
+        ),
+    }.items()
 }
 LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
 """Every law by the name that it is written with; a law that is put here is known to all commands."""
