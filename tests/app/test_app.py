@@ -25,6 +25,7 @@ from cavirheo.app.events import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, preview, sliders, what_if
 from cavirheo.app.words import files_table
+from cavirheo.errors import require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
@@ -318,6 +319,16 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path):
     with refused("physics.unusual_density"):
         name_materials(session, blank, ["", "1.05", *blank[2:]])
     assert session.densities == {"dense": 1060.0}
+
+
+def test_a_density_that_could_not_be_read_with_is_not_kept(session, tmp_path, monkeypatch):
+    session.add([single(tmp_path / "one.csv")], PageSettings(), copy=True)
+    with monkeypatch.context() as slow, refused("app.reading_too_slow"):
+        slow.setattr(session.reader, "read", lambda *_, **__: require(False, "too slow", "app.reading_too_slow"))
+        session.weigh({"one": 1050.0})
+    assert session.densities == {}
+    session.weigh({"one": 1050.0})
+    assert session.densities == {"one": 1050.0}
 
 
 def test_odd_input_is_taken_where_the_visitor_vouches_for_it(session, tmp_path):

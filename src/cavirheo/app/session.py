@@ -157,8 +157,7 @@ class Answers:
     pairs: list[tuple[RadiusCurve, Posterior]]
     document: Result  # of the pairs, in their order
     not_run: list[str]  # chosen shots that a stop left out
-    settings: PageSettings  # that they stand on
-    densities: Mapping[str, float] = field(default_factory=dict)  # and those that were typed, by shot
+    asked: tuple[PageSettings, Mapping[str, float]]  # that they stand on, with the densities that were typed
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by name
     bands: dict[str, Band | None] = field(default_factory=dict)  # of the draws' simulations, by name
@@ -244,7 +243,7 @@ class Session:
 
     def take(self, files: Sequence[Path], settings: PageSettings) -> None:
         """Read these instead of what was read; those that cannot be read are left out. Raises InputError: too much."""
-        curves, problems = self._read(files, settings)
+        curves, problems = self._read(files, settings, self.densities)
         limits, frames = self.limits, sum(len(curve.time) for curve in curves)
         message = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
         remedy = "load fewer, or use the command line (cavirheo infer)"
@@ -254,16 +253,23 @@ class Session:
         self.files = [path for path in files if path.name in read or path in self.files]
         self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
 
-    def _read(self, files: Sequence[Path], settings: PageSettings) -> tuple[list[RadiusCurve], list[str]]:
+    def _read(
+        self, files: Sequence[Path], settings: PageSettings, densities: Mapping[str, float]
+    ) -> tuple[list[RadiusCurve], list[str]]:
         """Each shot as its own density has it read, which counts where a file has no seconds."""
         confirmed = {film.path: film.curve for film in self.films.values()}
         sources = [confirmed.get(path) or path for path in files]
         curves, problems = self.reader.read(sources, **settings.read_options)
-        for density in set(self.densities.values()):
+        for density in set(densities.values()):
             reread, _ = self.reader.read(sources, **settings.with_density(density).read_options)
-            by_name = {curve.name: curve for curve in reread if self.densities.get(curve.name) == density}
+            by_name = {curve.name: curve for curve in reread if densities.get(curve.name) == density}
             curves = [by_name.get(curve.name, curve) for curve in curves]
         return curves, problems
+
+    @property
+    def asked(self) -> tuple[PageSettings, Mapping[str, float]]:
+        """The settings, and the densities that were typed, by shot."""
+        return self.settings, self.densities
 
     def settings_of(self, shot: str) -> PageSettings:
         """With the density of its material, if one was typed."""
@@ -271,12 +277,11 @@ class Session:
 
     def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Curves as shots of the materials that were typed, or else of those that their files say."""
-        groups = {
-            curve.name: (curve.group, curve.group if self.materials else curve.group_source) for curve in self.curves
-        }
+        groups = {curve.name: (curve.group, curve.group_source) for curve, _ in pairs}
+        for curve in self.curves:
+            groups[curve.name] = curve.group, curve.group if self.materials else curve.group_source
         groups |= {shot: (name, name) for shot, name in self.materials.items()}
-        membership = [groups.get(curve.name, (curve.group, curve.group_source)) for curve, _ in pairs]
-        return [(curve.with_group(*group), answer) for (curve, answer), group in zip(pairs, membership, strict=True)]
+        return [(curve.with_group(*groups[curve.name]), answer) for curve, answer in pairs]
 
     def command(self, settings: PageSettings) -> str:
         """The command line that means the same; of several files the recordings have their options after it."""
@@ -291,7 +296,7 @@ class Session:
     def prepare(self, settings: PageSettings) -> None:
         """Read the files again if these settings change what they mean. Raises InputError."""
         if self.files and settings.read_options != self.settings.read_options:
-            self.curves, _ = self._read(self.files, settings)
+            self.curves, _ = self._read(self.files, settings, self.densities)
         self.settings = settings
 
     def weigh(self, densities: Mapping[str, float]) -> None:
@@ -299,8 +304,8 @@ class Session:
         for density in set(densities.values()):
             _ = self.settings.with_density(density).liquid
         if densities != self.densities:
+            self.curves, _ = self._read(self.files, self.settings, densities)
             self.densities = dict(densities)
-            self.curves, _ = self._read(self.files, self.settings)
 
     def publish(self, paths: Sequence[Path]) -> None:
         """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
@@ -312,8 +317,7 @@ class Session:
     @property
     def stale(self) -> bool:
         """Whether there are answers, but to other settings."""
-        answers = self.answers
-        return answers is not None and (answers.settings, answers.densities) != (self.settings, self.densities)
+        return self.answers is not None and self.answers.asked != self.asked
 
     def find(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
         """All answers, and the curve of this name with its own. Raises InputError: it is not answered, or not so."""

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from cavirheo.errors import require
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, number, option
 from cavirheo.verbs.run import Run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx); a folder of images"
 
@@ -46,13 +44,13 @@ class Measure(options.Printing):
         need("PIL")  # the pictures' library, of the extra [video]
         from cavirheo.video import picture
 
-        settings: dict[str, Any] = {"frame_rate": self.fps, "um_per_px": self.um_per_px, "polarity": self.polarity}
-        settings |= {"exposure": self.exposure_us and self.exposure_us * 1e-6, "exclude": self.exclude}
-        settings |= {"reference_frame": self.reference_frame}
+        names = ("um_per_px", "polarity", "exclude", "reference_frame")
+        settings: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
+        settings["exposure"] = self.exposure_us and self.exposure_us * 1e-6
         settings |= {"roi": _numbers("--roi", self.roi, 4), "span": _numbers("--frames", self.frames, 2)}
         (path,) = (self.video,) if self.video.is_dir() else run.files([self.video])
-        names = ["measure.json", "measured.csv", "contact.png", *(["overlay.mp4"] if self.overlay else [])]
-        outputs = Outputs(self.out, *names, inputs=[path])
+        overlay = ["overlay.mp4"] if self.overlay else []
+        outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", *overlay, inputs=[path])
         with ExitStack() as stack:
 
             def begin(count: int) -> Callable[[], None]:
@@ -74,7 +72,8 @@ class Measure(options.Printing):
 def _numbers(option: str, text: str | None, count: int) -> tuple[int, ...] | None:
     if text is None:
         return None
-    fine = re.fullmatch(r"\d{1,9}([,:]\d{1,9})*", text) and len(re.split("[,:]", text)) == count
+    parts = re.split("[,:]", text)
     expected = "x,y,width,height in px" if count == 4 else "first:last"
-    require(bool(fine), f"{option} must be {expected}, got {text!r}", f"option.{option[2:]}")
-    return tuple(map(int, re.split("[,:]", text)))
+    fine = len(parts) == count and all(re.fullmatch(r"\d{1,9}", part) for part in parts)
+    require(fine, f"{option} must be {expected}, got {text!r}", f"option.{option[2:]}")
+    return tuple(map(int, parts))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.verbs import completion, options
@@ -78,12 +78,11 @@ class Simulate(options.Verb, options.Liquid):
         liquid, pulse, driving = self.liquid, self.pulse, self.driving
         both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
         require(not (pulse and driving), both, "simulate.two_drivings")
-        law = self.law()
-        duration, fps = self.duration_us * 1e-6, self.fps
-        possible = duration > 0 and fps > 0 and 1 <= duration * fps <= 1e6
+        law, fps, count = self.law(), self.fps, self.duration_us * 1e-6 * self.fps
+        possible = self.duration_us > 0 and fps > 0 and 1 <= count <= 1e6
         got = f"got {self.duration_us} us at {fps} frames per second"
         require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
-        frames = int(duration * fps * (1 + 1e-9)) + 1
+        frames = int(count * (1 + 1e-9)) + 1
         bubble = self.bubble()
         message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
         require(not self.fields or self.polytropic is None, message, "physics.no_fields")
@@ -127,13 +126,12 @@ class Simulate(options.Verb, options.Liquid):
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
         message = "--damage-by changes nothing without --damage: give that too"
         require(self.damage is not None or self.damage_by == "first-rebound", message, "simulate.idle")
-        names = ("contents", "confinement_inertia", "confinement_damping", "vapour_excess", "motion")
-        values: dict[str, Any] = {name: getattr(self, name) for name in names} | {"exponent": self.polytropic}
+        values = options.shared(self, Bubble) | {"exponent": self.polytropic}
         values["accommodation"] = ACCOMMODATION if self.accommodation is None else self.accommodation
-        if self.wall_distance_um is not None:
-            values["wall_distance"] = self.wall_distance_um * 1e-6
+        values["wall_distance"] = self.wall_distance_um and self.wall_distance_um * 1e-6
         try:
-            return Bubble(**values, damage=Damage(*self.damage, self.damage_by) if self.damage else "none")
+            values["damage"] = Damage(*self.damage, self.damage_by) if self.damage else "none"
+            return Bubble(**values)
         except InputError as error:
             raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
 
@@ -150,8 +148,7 @@ class Simulate(options.Verb, options.Liquid):
             message = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(values) or 'nothing'}"
             require(sorted(values) == sorted(needed), message, "simulate.parameters")
             return LAWS[self.material](**values)
-        words = ", ".join(f"--{key.replace('_', '-')}" for key in values)
-        law = parse(self.material)
+        law, words = parse(self.material), ", ".join(f"--{key.replace('_', '-')}" for key in values)
         message = f"--material {self.material!r} holds its own parameters: leave out {words}"
         require(not values, message, "simulate.parameters_twice")
         return law
@@ -161,10 +158,9 @@ def _write_frames(path: Path, run: Simulation) -> None:
     """CSV, a row per frame."""
     import numpy as np
 
-    columns = run.columns
-    rows = np.stack(list(columns.values()), axis=1)
+    rows, header = np.stack([*run.columns.values()], axis=1), ",".join(run.columns)
     with path.open("wb") as file:
-        np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+        np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=header, comments="")
 
 
 def _write_fields(path: Path, run: Simulation) -> None:
