@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import threading
 from collections.abc import Sequence
 from math import prod
 from typing import Any, TypedDict, Unpack
@@ -231,24 +229,10 @@ def simulate_many(
     return first + parallel.each(simulate_one, range(1, m), workers)
 
 
-_SLOW = 2.0  # s
-
-
 def load_solver() -> None:
-    """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
-    loaded = threading.Event()
-
-    def tell() -> None:
-        while not loaded.wait(_SLOW):
-            if cache.MISSED.is_set():  # else the machine is slow
-                print("compiling the bubble solver for this machine, once (10 to 30 s) ...", file=sys.stderr)
-                return
-
-    threading.Thread(target=tell, daemon=True).start()
-    try:
-        simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
-    finally:
-        loaded.set()
+    """Load the compiled solver; tell the user where it is compiled first."""
+    cache.NOTICES["solver.integrate"] = "compiling the bubble solver for this machine, once (10 to 30 s) ..."
+    simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
 
 
 def _checked(time: ArrayLike) -> Floats:

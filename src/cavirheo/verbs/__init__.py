@@ -13,7 +13,7 @@ import typer
 
 import cavirheo
 from cavirheo.errors import InputError, SolverError
-from cavirheo.verbs import companions, curves, documents, machine, measure, networks, simulate
+from cavirheo.verbs import companions, curves, documents, histories, machine, networks
 from cavirheo.verbs.options import option
 from cavirheo.verbs.run import Command
 from cavirheo.writing.digits import elide
@@ -21,11 +21,11 @@ from cavirheo.writing.terminal import say
 
 _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a function where the options are few
     (curves, "Infer Watch Fit WhichLaw"),
-    (measure, "Measure"),
+    (histories, "Measure"),
     (companions, "Design Compare Rheometer CollapseTime"),
     (documents, "show cite"),
     (machine, "app"),
-    (simulate, "Simulate laws"),
+    (histories, "Simulate laws"),
     (networks, "models generate train Evaluate"),
     (machine, "cluster"),
 )

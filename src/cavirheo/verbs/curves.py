@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo.errors import require
-from cavirheo.parallel import Executor, run_in_thread
+from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import INPUT, INTERVAL, argument, option
 from cavirheo.verbs.run import Run, doubtful
@@ -17,7 +17,6 @@ from cavirheo.workflow.cluster import connected
 from cavirheo.writing import digits
 
 if TYPE_CHECKING:
-    from cavirheo.curve import RadiusCurve
     from cavirheo.inference.analysis import Analysis
 
 _FITTED = "nhkv, newtonian, power-law, ...; auto: the evidence chooses"
@@ -36,26 +35,20 @@ class _Report(options.Measured):
         raise NotImplementedError
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.reporting import DOCUMENTS
-        from cavirheo.writing.document import Outputs
-
-        files = run.files(self.files)
-        _, analysis = self.figure_kinds, self.requested(files)
-        Outputs(self.out, *DOCUMENTS, inputs=files)
-        with connected(self.scheduler, run.say) as executor:
-            self.report(run, self.read(run, files), analysis, executor)
-
-    def report(self, run: Run, curves: list[RadiusCurve], analysis: Analysis, executor: Executor | None = None) -> None:
-        """The curves answered, documents, the table, the exit status. Raises InputError, and typer.Exit."""
-        from cavirheo.reporting import outputs, write_report
+        from cavirheo.reporting import DOCUMENTS, outputs, write_report
         from cavirheo.reporting.record import CurveAnswers
         from cavirheo.reporting.table import print_table
         from cavirheo.workflow.analyse import Unfinished
+        from cavirheo.writing.document import Outputs
 
-        out, figures = self.out, self.figure_kinds
-        folder, unfinished = outputs(out, curves, figures), Unfinished(out, visible=not run.quiet, executor=executor)
-        analysis.check(curves)
-        answers = unfinished.answers(curves, analysis)
+        files, out, figures = run.files(self.files), self.out, self.figure_kinds
+        analysis = self.requested(files)
+        Outputs(out, *DOCUMENTS, inputs=files)
+        with connected(self.scheduler, run.say) as executor:
+            curves, unfinished = self.read(run, files), Unfinished(out, visible=not run.quiet, executor=executor)
+            folder = outputs(out, curves, figures)
+            analysis.check(curves)
+            answers = unfinished.answers(curves, analysis)
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
         note = unfinished.note(len(answers), len(curves))
         if note and folder.holds("report.html"):
