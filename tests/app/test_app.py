@@ -193,6 +193,18 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
     assert not last.exists()
 
 
+def test_a_session_stays_while_one_of_its_pages_is_open():
+    with closing(Visitors(VisitorLimits(absent=0.05))) as visitors:
+        forgotten = []
+        visitors.forgotten = forgotten.append
+        session = visitors.of("one")
+        assert visitors.back("other", session.link) is session
+        visitors.leave("other")
+        until(lambda: forgotten == ["other"])
+        assert visitors.of("one") is session
+        gone(visitors, "one")
+
+
 def until(fine, seconds=10.0):
     """Wait until this is so."""
     end = time.monotonic() + seconds

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import count
@@ -183,7 +184,6 @@ class Session:
         self.link = token_urlsafe(16)  # whoever knows it comes back here
         self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
         self.runs, self.exporting = Stoppable(), Lock()  # on shots, of a zip
-        self.calls = 0  # so often was anything asked
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
         self.clear()
@@ -354,6 +354,7 @@ class Visitors:
         self.store, self.zips, self._lock = Store(most=200), Store(most=3), RLock()  # of a shot two answers
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
+        self._asked = Counter[str]()  # how often each page asked for anything
         self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
 
     def of(self, name: str) -> Session:
@@ -363,7 +364,7 @@ class Visitors:
             earlier = self._sessions.pop(self._links.get(name, ""), None)
             session = earlier or Session(self.limits, self.reader, self.measurer, self.store, self.zips)
             self._sessions[session.link], self._links[name] = session, session.link
-            session.calls += 1
+            self._asked[name] += 1
             while len(self._sessions) > self.limits.visitors:
                 self._close(next(iter(self._sessions)))
             return session
@@ -382,20 +383,20 @@ class Visitors:
             return self._sessions[link].answers if link in self._sessions else None
 
     def leave(self, name: str) -> None:
-        """Forget this one after a while, unless something is asked for it again (a phone that slept, a reload)."""
-        with self._lock:
-            session = self._sessions.get(self._links.get(name, ""))
-            timer = Timer(self.limits.absent, self._forget, (name, session and session.calls))
-            timer.daemon = True
-            timer.start()
+        """Forget this page after a while, and with the last of its pages a session, unless it asks for something again
+        (a phone that slept)."""
+        timer = Timer(self.limits.absent, self._forget, (name, self._asked[name]))
+        timer.daemon = True
+        timer.start()
 
-    def _forget(self, name: str, calls: int | None) -> None:
+    def _forget(self, name: str, asked: int) -> None:
         with self._lock:
-            session = self._sessions.get(self._links.get(name, ""))
-            if session is None and calls is None:  # else its end was told already
+            if self._asked[name] == asked:
+                link = self._links.pop(name, "")
+                del self._asked[name]
                 self.forgotten(name)
-            elif session is not None and session.calls == calls:
-                self._close(session.link)
+                if link in self._sessions and link not in self._links.values():
+                    self._close(link)
 
     def end(self, session: Session) -> None:
         """Close it, and forget the answers and zips that no other visitor has."""
@@ -410,7 +411,7 @@ class Visitors:
         self.end(self._sessions.pop(link))
         for name in [name for name, of in self._links.items() if of == link]:
             self.forgotten(name)
-            del self._links[name]
+            del self._links[name], self._asked[name]
 
     def close(self) -> None:
         """Forget all."""
