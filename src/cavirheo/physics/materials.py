@@ -197,21 +197,17 @@ class QuadraticStandardLinearSolid(Zener):
 MATERIALS: dict[str, type] = {m.name: m for m in (Newtonian, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)}
 
 
-KINDS: dict[str, dict[str, Callable[..., Material]]] = {
-    kind: {law.name: law for law in laws}
-    for kind, laws in {
-        "elastic": (Linear, NeoHookean, Quadratic, MooneyRivlin, Yeoh, Fung, Gent, ArrudaBoyce, Ogden),
-        "viscous": (Newtonian, PowerLaw, HerschelBulkley, CarreauYasuda, Cross, PowellEyring),
-        "elastic and viscous": (NeoHookeanKelvinVoigt, QuadraticKelvinVoigt),
-        "with memory": (
-            Maxwell,
-            UpperConvectedMaxwell,
-            OldroydB,
-            Zener,
-            StandardLinearSolid,
-            QuadraticStandardLinearSolid,
-        ),
-    }.items()
+def _by_name(*laws: type[Material]) -> dict[str, Callable[..., Material]]:
+    return {law.name: law for law in laws}
+
+
+KINDS = {
+    "elastic": _by_name(Linear, NeoHookean, Quadratic, MooneyRivlin, Yeoh, Fung, Gent, ArrudaBoyce, Ogden),
+    "viscous": _by_name(Newtonian, PowerLaw, HerschelBulkley, CarreauYasuda, Cross, PowellEyring),
+    "elastic and viscous": _by_name(NeoHookeanKelvinVoigt, QuadraticKelvinVoigt),
+    "with memory": _by_name(
+        Maxwell, UpperConvectedMaxwell, OldroydB, Zener, StandardLinearSolid, QuadraticStandardLinearSolid
+    ),
 }
 LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
 """Every law by the name that it is written with; a law that is put here is known to all commands."""
