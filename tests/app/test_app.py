@@ -25,6 +25,7 @@ from cavirheo.app.events import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, preview, sliders, what_if
 from cavirheo.app.words import files_table
+from cavirheo.errors import require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
@@ -185,6 +186,18 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
     assert not last.folder.exists()
 
 
+def test_a_session_stays_while_one_of_its_pages_is_open():
+    with closing(Visitors(VisitorLimits(absent=0.05))) as visitors:
+        forgotten = []
+        visitors.forgotten = forgotten.append
+        session = visitors.of("one")
+        assert visitors.back("other", session.link) is session
+        visitors.leave("other")
+        until(lambda: forgotten == ["other"])
+        assert visitors.of("one") is session
+        gone(visitors, "one")
+
+
 def until(fine, seconds=10.0):
     """Wait until this is so."""
     end = time.monotonic() + seconds
@@ -309,6 +322,16 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path):
     with refused("physics.unusual_density"):
         name_materials(session, blank, ["", "1.05", *blank[2:]])
     assert session.densities == {"dense": 1060.0}
+
+
+def test_a_density_that_could_not_be_read_with_is_not_kept(session, tmp_path, monkeypatch):
+    session.add([single(tmp_path / "one.csv")], PageSettings(), copy=True)
+    with monkeypatch.context() as slow, refused("app.reading_too_slow"):
+        slow.setattr(session.reader, "read", lambda *_, **__: require(False, "too slow", "app.reading_too_slow"))
+        session.weigh({"one": 1050.0})
+    assert session.densities == {}
+    session.weigh({"one": 1050.0})
+    assert session.densities == {"one": 1050.0}
 
 
 def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):

@@ -15,5 +15,5 @@ gel = cavirheo.Newtonian(0.05)
 cavirheo.simulate_many([gel], max_radius=2e-4, stretch=6.0, time=[0.0], relaxed=True)
 cavirheo.simulate_many([gel], max_radius=2e-4, stretch=6.0, time=[0.0], nonsense=1)  # type: ignore[call-arg]
 print(curve.radii)  # type: ignore[attr-defined]
-print(cavirheo.load("result.json").shots)  # type: ignore[union-attr]
+print(cavirheo.load("result.json").records)  # type: ignore[union-attr]
 print(cavirheo.load("laws.json", Laws).parameters)  # type: ignore[attr-defined]

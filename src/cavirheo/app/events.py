@@ -37,7 +37,8 @@ class Events:
 
     def on(self, event: Any, handler: Handler, sources: Any, out: Any, *, works: bool = False, **options: Any) -> Any:
         """The event, or each of a list, calls the handler with the session of who asks and the values of components.
-        The session is locked; not for a handler that `works` for a while, which gets `progress` to show a bar."""
+        The session is locked; not for a handler that `works` for a while, which gets `progress` to show a bar. What it
+        fails of is said on the page."""
 
         def handle(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
             session = self.session(request)
@@ -46,8 +47,13 @@ class Events:
             with session.lock:
                 return self._run_handler(handler, session, *values)
 
+        def why(request: gr.Request) -> str:  # on the page, where it covers nothing and goes with the next success
+            return words.part("wrong", self.session(request).refusal)
+
         begins = partial(gr.on, event) if isinstance(event, list) else event
-        return self._with_refusal(begins(handle, sources, [*out, self.wrong], api_visibility="private", **options))
+        handled = begins(handle, sources, [*out, self.wrong], api_visibility="private", **options)
+        handled.failure(why, None, [self.wrong], api_visibility="private", **AT_ONCE)
+        return handled
 
     def validated(self, wrong: Callable[..., list[str]]) -> Handler:
         """Shows at each field what is `wrong` with its value, and stops the event then."""
@@ -68,15 +74,6 @@ class Events:
             session.refusal = words.for_page(error)
             raise gr.Error(session.refusal, visible=False, print_exception=False) from None
         return [*(result if isinstance(result, list) else [] if result is None else [result]), ""]
-
-    def _with_refusal(self, event: Any) -> Any:
-        """The event; what it fails of is said on the page, where it covers nothing and goes with the next success."""
-
-        def why(request: gr.Request) -> str:
-            return words.part("wrong", self.session(request).refusal)
-
-        event.failure(why, None, [self.wrong], api_visibility="private", **AT_ONCE)
-        return event
 
 
 @contextmanager
@@ -116,7 +113,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         material: str | None = None,
         bubble: str = "real",
         trust_input: bool = False,
-    ) -> dict:
+    ) -> dict[str, Any]:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
         arguments: dict[str, Any] = {**locals()}
         names = [field.name for field in fields(PageSettings)]

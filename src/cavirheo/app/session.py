@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import count
@@ -157,8 +158,7 @@ class Answers:
     pairs: list[tuple[RadiusCurve, Posterior]]
     document: Result  # of the pairs, in their order
     not_run: list[str]  # chosen shots that a stop left out
-    settings: PageSettings  # that they stand on
-    densities: Mapping[str, float] = field(default_factory=dict)  # and those that were typed, by shot
+    asked: tuple[PageSettings, Mapping[str, float]]  # that they stand on, with the densities that were typed
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by name
     bands: dict[str, Band | None] = field(default_factory=dict)  # of the draws' simulations, by name
@@ -184,7 +184,6 @@ class Session:
         self.link = token_urlsafe(16)  # whoever knows it comes back here
         self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
         self.runs, self.exporting = Stoppable(), Lock()  # on shots, of a zip
-        self.calls = 0  # so often was anything asked
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
         self.clear()
@@ -244,7 +243,7 @@ class Session:
 
     def take(self, files: Sequence[Path], settings: PageSettings) -> None:
         """Read these instead of what was read; those that cannot be read are left out. Raises InputError: too much."""
-        curves, problems = self._read(files, settings)
+        curves, problems = self._read(files, settings, self.densities)
         limits, frames = self.limits, sum(len(curve.time) for curve in curves)
         message = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
         remedy = "load fewer, or use the command line (cavirheo infer)"
@@ -254,16 +253,23 @@ class Session:
         self.files = [path for path in files if path.name in read or path in self.files]
         self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
 
-    def _read(self, files: Sequence[Path], settings: PageSettings) -> tuple[list[RadiusCurve], list[str]]:
+    def _read(
+        self, files: Sequence[Path], settings: PageSettings, densities: Mapping[str, float]
+    ) -> tuple[list[RadiusCurve], list[str]]:
         """Each shot as its own density has it read, which counts where a file has no seconds."""
         confirmed = {film.path: film.curve for film in self.films.values()}
         sources = [confirmed.get(path) or path for path in files]
         curves, problems = self.reader.read(sources, **settings.read_options)
-        for density in set(self.densities.values()):
+        for density in set(densities.values()):
             reread, _ = self.reader.read(sources, **settings.with_density(density).read_options)
-            by_name = {curve.name: curve for curve in reread if self.densities.get(curve.name) == density}
+            by_name = {curve.name: curve for curve in reread if densities.get(curve.name) == density}
             curves = [by_name.get(curve.name, curve) for curve in curves]
         return curves, problems
+
+    @property
+    def asked(self) -> tuple[PageSettings, Mapping[str, float]]:
+        """The settings, and the densities that were typed, by shot."""
+        return self.settings, self.densities
 
     def settings_of(self, shot: str) -> PageSettings:
         """With the density of its material, if one was typed."""
@@ -271,12 +277,11 @@ class Session:
 
     def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Curves as shots of the materials that were typed, or else of those that their files say."""
-        groups = {
-            curve.name: (curve.group, curve.group if self.materials else curve.group_source) for curve in self.curves
-        }
+        groups = {curve.name: (curve.group, curve.group_source) for curve, _ in pairs}
+        for curve in self.curves:
+            groups[curve.name] = curve.group, curve.group if self.materials else curve.group_source
         groups |= {shot: (name, name) for shot, name in self.materials.items()}
-        membership = [groups.get(curve.name, (curve.group, curve.group_source)) for curve, _ in pairs]
-        return [(curve.with_group(*group), answer) for (curve, answer), group in zip(pairs, membership, strict=True)]
+        return [(curve.with_group(*groups[curve.name]), answer) for curve, answer in pairs]
 
     def command(self, settings: PageSettings) -> str:
         """The command line that means the same; of several files the recordings have their options after it."""
@@ -291,7 +296,7 @@ class Session:
     def prepare(self, settings: PageSettings) -> None:
         """Read the files again if these settings change what they mean. Raises InputError."""
         if self.files and settings.read_options != self.settings.read_options:
-            self.curves, _ = self._read(self.files, settings)
+            self.curves, _ = self._read(self.files, settings, self.densities)
         self.settings = settings
 
     def weigh(self, densities: Mapping[str, float]) -> None:
@@ -299,8 +304,8 @@ class Session:
         for density in set(densities.values()):
             _ = self.settings.with_density(density).liquid
         if densities != self.densities:
+            self.curves, _ = self._read(self.files, self.settings, densities)
             self.densities = dict(densities)
-            self.curves, _ = self._read(self.files, self.settings)
 
     def publish(self, paths: Sequence[Path]) -> None:
         """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
@@ -312,8 +317,7 @@ class Session:
     @property
     def stale(self) -> bool:
         """Whether there are answers, but to other settings."""
-        answers = self.answers
-        return answers is not None and (answers.settings, answers.densities) != (self.settings, self.densities)
+        return self.answers is not None and self.answers.asked != self.asked
 
     def find(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
         """All answers, and the curve of this name with its own. Raises InputError: it is not answered, or not so."""
@@ -350,6 +354,7 @@ class Visitors:
         self.store, self.zips, self._lock = Store(most=200), Store(most=3), RLock()  # of a shot two answers
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
+        self._asked = Counter[str]()  # how often each page asked for anything
         self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
 
     def of(self, name: str) -> Session:
@@ -359,7 +364,7 @@ class Visitors:
             earlier = self._sessions.pop(self._links.get(name, ""), None)
             session = earlier or Session(self.limits, self.reader, self.measurer, self.store, self.zips)
             self._sessions[session.link], self._links[name] = session, session.link
-            session.calls += 1
+            self._asked[name] += 1
             while len(self._sessions) > self.limits.visitors:
                 self._close(next(iter(self._sessions)))
             return session
@@ -378,20 +383,20 @@ class Visitors:
             return self._sessions[link].answers if link in self._sessions else None
 
     def leave(self, name: str) -> None:
-        """Forget this one after a while, unless something is asked for it again (a phone that slept, a reload)."""
-        with self._lock:
-            session = self._sessions.get(self._links.get(name, ""))
-            timer = Timer(self.limits.absent, self._forget, (name, session and session.calls))
-            timer.daemon = True
-            timer.start()
+        """Forget this page after a while, and with the last of its pages a session, unless it asks for something again
+        (a phone that slept)."""
+        timer = Timer(self.limits.absent, self._forget, (name, self._asked[name]))
+        timer.daemon = True
+        timer.start()
 
-    def _forget(self, name: str, calls: int | None) -> None:
+    def _forget(self, name: str, asked: int) -> None:
         with self._lock:
-            session = self._sessions.get(self._links.get(name, ""))
-            if session is None and calls is None:  # else its end was told already
+            if self._asked[name] == asked:
+                link = self._links.pop(name, "")
+                del self._asked[name]
                 self.forgotten(name)
-            elif session is not None and session.calls == calls:
-                self._close(session.link)
+                if link in self._sessions and link not in self._links.values():
+                    self._close(link)
 
     def end(self, session: Session) -> None:
         """Close it, and forget the answers and zips that no other visitor has."""
@@ -406,7 +411,7 @@ class Visitors:
         self.end(self._sessions.pop(link))
         for name in [name for name, of in self._links.items() if of == link]:
             self.forgotten(name)
-            del self._links[name]
+            del self._links[name], self._asked[name]
 
     def close(self) -> None:
         """Forget all."""

@@ -87,26 +87,26 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
     """Answers of the chosen shots, into the session too; a stop leaves out those that are not done. Raises InputError:
     nothing chosen, too much, stopped before the first shot, or other files or settings than when it began."""
     with session.lock:
-        settings, curves, densities = session.settings, session.curves, session.densities
+        asked, curves = session.asked, session.curves
     try:
-        answers = _answer(session, names, settings.verify)
+        answers = _answer(session, names, asked[0].verify)
         pairs = [(curve, answer) for curve, answer in answers if answer]
-        left = [curve.name for curve, answer in answers if not answer]
-        pooled = _pooled(session, pairs, left, settings, densities)
+        pooled = _pooled(session, pairs, [curve.name for curve, answer in answers if not answer], asked)
     finally:
         if not session.runs.busy.locked():  # by the run before, which goes on
             session.previews = {}
     with session.lock:
-        require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
+        require(session.curves is curves and session.asked == asked, _CHANGED, "app.changed")
         session.answers = pooled
         return session.answers
 
 
 def _pooled(
-    session: Session, pairs: Pairs, left: list[str], settings: PageSettings, densities: Mapping[str, float]
+    session: Session, pairs: Pairs, left: list[str], asked: tuple[PageSettings, Mapping[str, float]]
 ) -> Answers:
     """Answers with all that is said of their groups."""
-    pairs, command = session.grouped(pairs), session.command(settings)
+    (settings, densities), pairs = asked, session.grouped(pairs)
+    command = session.command(settings)
     if len(pairs) < len(session.curves):
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
     by_group = dict.fromkeys((curve.group, densities[curve.name]) for curve, _ in pairs if curve.name in densities)
@@ -116,7 +116,7 @@ def _pooled(
     for values in session.published:
         with suppress(InputError):  # other groups than when they were given
             add_to_groups(document.groups, values)
-    return Answers(pairs, document, left, settings, densities)
+    return Answers(pairs, document, left, asked)
 
 
 def name_materials(session: Session, names: Sequence[str], densities: Sequence[str] = ()) -> None:
@@ -131,7 +131,7 @@ def name_materials(session: Session, names: Sequence[str], densities: Sequence[s
     groups = zip(session.curves, map(str.strip, names), strict=True)
     session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:
-        pooled = _pooled(session, old.pairs, old.not_run, old.settings, old.densities)
+        pooled = _pooled(session, old.pairs, old.not_run, old.asked)
         session.answers = replace(pooled, fits=old.fits)
 
 

@@ -195,7 +195,7 @@ def answers(session: Session) -> str:
     final = "" if session.settings.verify == "none" else "unverified"  # verdict of those that simulations verify
     verified = sum(row is not None and row.verdict != final for row in previews)
     if previews:
-        current = Answers([], result_of([row for row in previews if row], ""), [], session.settings)
+        current = Answers([], result_of([row for row in previews if row], ""), [], session.asked)
     if current is None:
         return part("quiet", NONE)
     document = current.document

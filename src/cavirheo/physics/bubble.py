@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
+from typing import Any
 
 from cavirheo.errors import brief, require
-from cavirheo.parameters import NOT_NEGATIVE, check, domain, within
+from cavirheo.parameters import NOT_NEGATIVE, Domain, check, domain
 
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
 CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
@@ -17,13 +18,17 @@ FROM_NOTHING = ("confinement_inertia", "confinement_damping", "vapour_excess")  
 ACCOMMODATION = 0.07  # of vapour at the wall: the median of real gels (docs/method/physics.md, section 3.5)
 _TITLES = {"real": "real bubble", "field": "field's bubble", "kinetic": "bubble with kinetic contents"}
 _DAMAGE_WORDS = {"none": "", "first-rebound": "damage", "strain": "damage by strain"}
-_DOMAINS = {
-    "accommodation": domain("above 0 and at most 10", lambda x: 0 < x <= 10),
-    "confinement_inertia": domain("above -0.5 and at most 3", lambda x: -0.5 < x <= 3),
-    "confinement_damping": NOT_NEGATIVE,
-    "vapour_excess": NOT_NEGATIVE,
-}
-_EXPONENT = domain("between 0 and 10 (1 is isothermal)", lambda x: 0 < x < 10)
+
+
+def _one_of(words: Sequence[str]) -> Domain:
+    return domain(f"one of {', '.join(words)}", lambda word: word in words)
+
+
+def _or_free(words: str, holds: Callable[[float], bool]) -> Domain:
+    return domain(f"{words}, or {FREE!r}", lambda x: x == FREE or (isinstance(x, Real) and holds(x)))
+
+
+_EXPONENT = domain("between 0 and 10 (1 is isothermal)", lambda x: x is None or 0 < x < 10)
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,7 @@ class Damage:
 
     modulus: float = field(metadata=domain("between 0 and 1", lambda x: 0 <= x <= 1))
     radius: float = field(default=1.0, metadata=domain("between 1 and 20", lambda x: 1 <= x <= 20))
-    by: str = field(default=DAMAGES[1], metadata=domain(" or ".join(DAMAGES[1:]), lambda x: x in DAMAGES[1:]))
+    by: str = field(default=DAMAGES[1], metadata=_one_of(DAMAGES[1:]))
 
     def __post_init__(self) -> None:
         check(self)
@@ -87,34 +92,27 @@ class Bubble:
             an exponent with kinetic contents or vapour above saturation, or two descriptions of the walls.
     """
 
-    contents: str = "equilibrium"
-    accommodation: float | str = FREE
+    contents: str = field(default="equilibrium", metadata=_one_of(CONTENTS))
+    accommodation: float | str = field(default=FREE, metadata=_or_free("above 0 and at most 10", lambda x: 0 < x <= 10))
     damage: str | Damage = "none"
-    confinement_inertia: float | str = 0.0
+    confinement_inertia: float | str = field(
+        default=0.0, metadata=_or_free("above -0.5 and at most 3", lambda x: -0.5 < x <= 3)
+    )
     wall_distance: float | None = None
-    vapour_excess: float | str = 0.0
-    confinement_damping: float | str = 0.0
-    motion: str = "keller-miksis"
-    exponent: float | None = None
+    vapour_excess: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
+    confinement_damping: float | str = field(default=0.0, metadata=_or_free(*NOT_NEGATIVE["domain"]))
+    motion: str = field(default="keller-miksis", metadata=_one_of(MOTIONS))
+    exponent: float | None = field(default=None, metadata=_EXPONENT)
 
     def __post_init__(self) -> None:
-        for name, choices in (("motion", MOTIONS), ("contents", CONTENTS)):
-            value = getattr(self, name)
-            require(value in choices, f"{name} must be one of {', '.join(choices)}, got {value!r}", f"physics.{name}")
+        check(self)
         message = f"damage must be {', '.join(DAMAGES)} or a Damage, got {self.damage!r}"
         require(isinstance(self.damage, Damage) or self.damage in DAMAGES, message, "option.damage")
-        for name, allowed in _DOMAINS.items():
-            value = getattr(self, name)
-            message = f"{name} must be a number or 'free', got {value!r}"
-            require(value == FREE or isinstance(value, Real), message, f"physics.{name}")
-            if value != FREE:
-                within(allowed, name, value)
         both = "give either confinement_inertia or wall_distance, not both"
         require(self.wall_distance is None or self.confinement_inertia == 0, both, "physics.two_walls")
-        if self.exponent is not None:
-            within(_EXPONENT, "exponent", self.exponent)
-            twice = "a polytropic gas has no condensation: leave out exponent, or kinetic contents and vapour_excess"
-            require(self.contents == "equilibrium" and self.vapour_excess == 0, twice, "physics.contents_twice")
+        condenses = self.contents != "equilibrium" or self.vapour_excess != 0
+        twice = "a polytropic gas has no condensation: leave out exponent, or kinetic contents and vapour_excess"
+        require(self.exponent is None or not condenses, twice, "physics.contents_twice")
 
     def check_known(self) -> None:
         """Raises InputError for a value that is to be inferred, with what to give instead."""
@@ -158,10 +156,9 @@ class Bubble:
     def sentence(self) -> str:
         """What it assumes, for people."""
         vapour = "vapour condenses at a finite rate" if self.contents == "kinetic" else "vapour condenses at once"
-        vapour += ", its gas is polytropic" if self.exponent is not None else ""
-        around = "its surroundings damp it" if self.confinement_damping != 0 else "nothing around it damps it"
-        title = self.title
-        return f"{title[0].upper()}{title[1:]}: {vapour}, and {around}."
+        gas = ", its gas is polytropic" if self.exponent is not None else ""
+        damper = "its surroundings damp it" if self.confinement_damping != 0 else "nothing around it damps it"
+        return f"{self.title[0].upper()}{self.title[1:]}: {vapour}{gas}, and {damper}."
 
 
 def title_of(name: str) -> str:
@@ -184,21 +181,12 @@ def bubbles_of(requested: Requested) -> tuple[Bubble, ...]:
     Raises:
         InputError: none of these.
     """
-    if isinstance(requested, Bubble):
-        return (requested,)
-    if requested == AUTO:
-        return FIELD, REAL
+    bubbles: Any = {**BUBBLES, AUTO: (FIELD, REAL)}.get(requested) if isinstance(requested, str) else requested
+    bubbles = (bubbles,) if isinstance(bubbles, Bubble) else bubbles
+    fine = isinstance(bubbles, Sequence) and len(bubbles) > 0 and all(isinstance(each, Bubble) for each in bubbles)
     message = f"bubble must be {', '.join(BUBBLES)}, {AUTO} or a Bubble, got {brief(requested)}"
-    if isinstance(requested, str):
-        require(requested in BUBBLES, message, "option.bubble")
-        return (BUBBLES[requested],)
-    fine = (
-        isinstance(requested, Sequence)
-        and len(requested) > 0
-        and all(isinstance(bubble, Bubble) for bubble in requested)
-    )
     require(fine, message, "option.bubble")
-    return tuple(dict.fromkeys(requested))
+    return tuple(dict.fromkeys(bubbles))
 
 
 def rival_of(bubble: Bubble) -> Bubble | None:

@@ -17,7 +17,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from threading import Event
 from typing import Any
 from uuid import uuid4
 
@@ -28,7 +27,7 @@ from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
 _DIGEST = 32  # bytes of sha256
-MISSED = Event()  # set once something was not there, so that it is compiled
+NOTICES: dict[str, str] = {}  # what is said on stderr, once, before a function ("solver.integrate") is compiled
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -72,7 +71,8 @@ class StoredCode(caching.NullCache):
                 content = (folder / name).read_bytes()
                 if hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]:
                     return CompileResult._rebuild(target_context, *pickle.loads(content[_DIGEST:]))
-        MISSED.set()
+        if notice := NOTICES.pop(self.begin, ""):
+            print(notice, file=sys.stderr)
         return None
 
     def save_overload(self, sig: Any, cres: Any) -> None:

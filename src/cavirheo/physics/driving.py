@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.parameters import FINITE, POSITIVE, check, domain
-from cavirheo.physics.table import hermite
+from cavirheo.physics.table import continued, hermite
 
 
 class Driving(Protocol):
@@ -98,8 +98,5 @@ class Trace:
 
 def _held(rows: Floats) -> Floats:
     """The table from rows (n, 7) over ascending times, continued by its first and its last value."""
-    before, last, end = np.zeros((3, 7))
-    before[0], before[1] = min(0.0, rows[0, 0]) - 1.0, rows[0, 1]
-    last[0], last[1] = rows[-1, 0], rows[-1, 1]
-    end[0] = inf
-    return np.vstack([before, rows[:-1], last, end])
+    before, after = (min(0.0, rows[0, 0]) - 1.0, rows[0, 1], 0.0), (rows[-1, 0], rows[-1, 1], 0.0)
+    return continued(rows, before, after)

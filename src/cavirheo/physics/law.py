@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from inspect import cleandoc, get_annotations
-from math import inf, sqrt
+from math import sqrt
 from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.parameters import NOT_NEGATIVE, PARAMETERS, POSITIVE, check
-from cavirheo.physics.table import read, scaled, tabulate
+from cavirheo.physics.table import continued, read, scaled, tabulate
 
 _RAISES = "Raises:\n    InputError: a parameter that is no number or out of its domain."
 SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
@@ -127,13 +127,9 @@ class Viscous(Material):
         fine = (table[0, 0], table[-1, 0]) == (SLOWEST, FASTEST) and np.all(table[:, 2] <= 0)
         why = f"the viscosity of {self} must be finite and not negative at all shear rates"
         require(bool(fine), why, "physics.negative_viscosity")
-        low, high = table[0], [value[()] for value in read(table, FASTEST)]
-        table[:, 1] += SLOWEST * low[2]
-        slow, fast, end = np.zeros((3, 7))
-        slow[2] = low[2]
-        fast[:3] = FASTEST, high[0] + SLOWEST * low[2], high[1]
-        end[0] = inf
-        return np.vstack([slow, table[:-1], fast, end])
+        slope, (value, last_slope, _) = table[0, 2], read(table, FASTEST)
+        table[:, 1] += SLOWEST * slope
+        return continued(table, (0.0, 0.0, slope), (FASTEST, float(value) + SLOWEST * slope, float(last_slope)))
 
 
 @dataclass(frozen=True)

@@ -114,12 +114,10 @@ class NeoHookeanKelvinVoigt(Material):
 
 
 @dataclass(frozen=True)
-class QuadraticKelvinVoigt(Material):
+class QuadraticKelvinVoigt(NeoHookeanKelvinVoigt):
     """qKV: W = G/2 [(I1-3) + alpha/2 (I1-3)^2] beside a dashpot; stiffening alpha is dimensionless.
     Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
 
-    shear_modulus: float = field(metadata=NOT_NEGATIVE)
-    viscosity: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(metadata=NOT_NEGATIVE)
     name: ClassVar[str] = "qkv"
 
@@ -178,7 +176,7 @@ class StandardLinearSolid(Zener):
 
 
 @dataclass(frozen=True)
-class QuadraticStandardLinearSolid(Material):
+class QuadraticStandardLinearSolid(Zener):
     """qSLS: the stress of a quadratic spring and a dashpot together relaxes at a fixed place, the field's Zener model.
 
     With stiffening 0 it is IMRv2's `stress = 3`, else its `stress = 4`, both without retardation; a dashpot beside it
@@ -187,9 +185,7 @@ class QuadraticStandardLinearSolid(Material):
     spring of Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
     """
 
-    shear_modulus: float = field(metadata=NOT_NEGATIVE)
     viscosity: float = field(metadata=POSITIVE)
-    relaxation_time: float = field(metadata=POSITIVE)
     stiffening: float = field(metadata=NOT_NEGATIVE)
     name: ClassVar[str] = "qsls"
 

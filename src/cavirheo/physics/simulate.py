@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-import threading
 from collections.abc import Sequence
 from math import prod
-from typing import Any, NamedTuple, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,21 +86,21 @@ def simulate(
         DURATION.check("the last time", float(times[-1]), "physics.times_unit", _INSIST)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
     t_c = medium.time_scale(max_radius)
-    solution = _solve(numbers, material, times, t_c, accuracy, relaxed=relaxed, fields=fields)
-    status = f"{solution.failure} {material} and stretch {stretch:.4g}" if solution.failure else "ok"
-    if throw and solution.failure:
+    out, shells, stats, failure = _solve(numbers, material, times, t_c, accuracy, relaxed=relaxed, fields=fields)
+    status = f"{failure} {material} and stretch {stretch:.4g}" if failure else "ok"
+    if throw and failure:
         raise SolverError(status)
-    steps, rejected, gas_drift, *_ = solution.stats.tolist()
+    steps, rejected, gas_drift, *_ = stats.tolist()
     return Simulation(
         time=times,
-        radius=solution.out[:, 0] * max_radius,
-        velocity=solution.out[:, 1] * medium.velocity_scale,
-        pressure=solution.out[:, 2] * medium.pressure,
-        stress=solution.out[:, 3] * medium.pressure,
+        radius=out[:, 0] * max_radius,
+        velocity=out[:, 1] * medium.velocity_scale,
+        pressure=out[:, 2] * medium.pressure,
+        stress=out[:, 3] * medium.pressure,
         equilibrium_radius=max_radius / stretch,
         status=status,
         stats={"steps": int(steps), "rejected": int(rejected), "gas_drift": gas_drift},
-        contents=_contents(solution, medium, numbers) if fields else None,
+        contents=_contents(out, shells, medium, numbers, _grid(accuracy)) if fields else None,
     )
 
 
@@ -117,63 +115,52 @@ def _check(material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driv
     require(not fields or bubble.exponent is None, message, "physics.no_fields")
 
 
-class _Solution(NamedTuple):
-    """What the solver gave, in dimensionless numbers.
-
-    out: (n, 4 + k) radius, velocity, pressure, stress and k memories; NaN from where it failed. shells: (n, 2 cells)
-    moles of all and of gas in each, (0, 0) where no fields were asked for. stats: (5,) steps, rejected ones, drift of
-    the gas, and instant and radius that were reached. failure: what went wrong and where; empty if nothing did.
-    """
-
-    out: Floats
-    shells: Floats
-    grid: Grid
-    stats: Floats
-    failure: str
+def _grid(accuracy: Accuracy) -> Grid:
+    return wall_clustered(accuracy.cells, min(WALL_CELL, 0.5 / accuracy.cells))
 
 
 def _solve(
     numbers: Numbers, material: Material, times: Floats, t_c: float, accuracy: Accuracy, *, relaxed: bool, fields: bool
-) -> _Solution:
-    """At these times (n,), s; t_c is their scale in s."""
-    grid, relative_error = NO_SHELLS, min(accuracy.relative_error, POLYTROPIC)
-    if not numbers.polytropic:
-        grid = wall_clustered(accuracy.cells, min(WALL_CELL, 0.5 / accuracy.cells))
-        relative_error = accuracy.relative_error
+) -> tuple[Floats, Floats, Floats, str]:
+    """What the solver gives at these times (n,), s, with t_c their scale in s, in dimensionless numbers:
+
+    (n, 4 + k) radius, velocity, pressure, stress and k memories, NaN from where it failed; (n, 2 cells) moles of all
+    and of gas in each shell, (0, 0) where no fields were asked for; (5,) steps, rejected ones, drift of the gas, and
+    instant and radius that were reached; what went wrong and where, empty if nothing did.
+    """
     out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
     shells = np.full((times.size, 2 * accuracy.cells), np.nan) if fields else np.zeros((0, 0))
-    stats, failure = np.zeros(5), ""
+    stats = np.zeros(5)
+    grid, relative_error = _grid(accuracy), accuracy.relative_error
+    if numbers.polytropic:
+        grid, relative_error = NO_SHELLS, min(relative_error, POLYTROPIC)
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace
-    try:
-        start = _start(numbers, material, relative_error, relaxed)
-        ways = (times / t_c, float(relative_error) * (KINETIC if numbers.rate < np.inf else 1.0), most, False)
-        code = solver.integrate(numbers, grid, RODAS5P, start, *ways, out, shells, stats)
-        if code != solver.OK:
-            low, high = numbers.elastic[[0, -1], 0]
-            why = {
-                solver.TOO_MANY_STEPS: f"more than {most} steps",
-                solver.STEP_TOO_SMALL: "the step size went to zero",
-                solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.elastic}",
-            }[code]
-            failure = f"{why} at t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}, with"
-    except SolverError as error:
-        failure = f"{error}; with"
-    return _Solution(out, shells, grid, stats, failure)
-
-
-def _start(numbers: Numbers, material: Material, relative_error: float, relaxed: bool) -> Floats:
-    """(3 + k,) radius, velocity, pressure and memories at the start. Raises SolverError as `remembered`."""
     memory = np.zeros(len(numbers.memory))
     stressed = np.array([arm.starts_stressed for arm in material.memory for _ in arm.terms], dtype=bool)
     if stressed.any() and not relaxed:
-        memory = np.where(stressed, remembered(numbers, relative_error), 0.0)
-    return np.concatenate([[1.0, 0.0, numbers.pressure], memory])
+        try:
+            memory = np.where(stressed, remembered(numbers, relative_error), 0.0)
+        except SolverError as error:
+            return out, shells, stats, f"{error}; with"
+    start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
+    ways = (times / t_c, float(relative_error) * (KINETIC if numbers.rate < np.inf else 1.0), most, False)
+    code = solver.integrate(numbers, grid, RODAS5P, start, *ways, out, shells, stats)
+    if code == solver.OK:
+        return out, shells, stats, ""
+    low, high = numbers.elastic[[0, -1], 0]
+    why = {
+        solver.TOO_MANY_STEPS: f"more than {most} steps",
+        solver.STEP_TOO_SMALL: "the step size went to zero",
+        solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.elastic}",
+    }[code]
+    where = f"at t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}"
+    return out, shells, stats, f"{why} {where}, with"
 
 
-def _contents(solution: _Solution, medium: Medium, numbers: Numbers) -> Contents:
+def _contents(out: Floats, shells: Floats, medium: Medium, numbers: Numbers, grid: Grid) -> Contents:
     """Temperature and mass fraction of vapour from moles per shell volume (docs/method/physics.md, section 3.2)."""
-    moles, gas = np.split(solution.shells, 2, axis=1)
-    R, p, grid = solution.out[:, :1], solution.out[:, 2:3], solution.grid
+    moles, gas = np.split(shells, 2, axis=1)
+    R, p = out[:, :1], out[:, 2:3]
     temperature = np.hstack([p * R**3 / moles, np.ones_like(p)]) * medium.temperature
     wall = medium.vapour_pressure / (p * medium.pressure)
     if numbers.rate < np.inf:
@@ -242,24 +229,10 @@ def simulate_many(
     return first + parallel.each(simulate_one, range(1, m), workers)
 
 
-_SLOW = 2.0  # s
-
-
 def load_solver() -> None:
-    """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
-    loaded = threading.Event()
-
-    def tell() -> None:
-        while not loaded.wait(_SLOW):
-            if cache.MISSED.is_set():  # else the machine is slow
-                print("compiling the bubble solver for this machine, once (10 to 30 s) ...", file=sys.stderr)
-                return
-
-    threading.Thread(target=tell, daemon=True).start()
-    try:
-        simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
-    finally:
-        loaded.set()
+    """Load the compiled solver; tell the user where it is compiled first."""
+    cache.NOTICES["solver.integrate"] = "compiling the bubble solver for this machine, once (10 to 30 s) ..."
+    simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
 
 
 def _checked(time: ArrayLike) -> Floats:

@@ -122,6 +122,13 @@ def read(table: Floats, x: ArrayLike) -> tuple[Floats, Floats, Floats]:
     )
 
 
+def continued(table: Floats, before: tuple[float, ...], after: tuple[float, ...]) -> Floats:
+    """The table between two straight lines, each from x with the value and the slope there; the second has no end."""
+    ends = np.zeros((3, 7))
+    ends[0, :3], ends[1, :3], ends[2, 0] = before, after, np.inf
+    return np.vstack([ends[:1], table[:-1], ends[1:]])
+
+
 def scaled(table: Floats, x: float, f: float) -> Floats:
     """The same function with its argument multiplied by x and its values by f; always a new array."""
     scale = np.array([x] + [f / x**k for k in range(6)])

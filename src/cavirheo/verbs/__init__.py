@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 from contextlib import suppress
@@ -12,33 +13,22 @@ import typer
 
 import cavirheo
 from cavirheo.errors import InputError, SolverError
-from cavirheo.verbs import companions, curves, documents, machine, measure, networks, simulate
+from cavirheo.verbs import companions, curves, documents, histories, machine, networks
 from cavirheo.verbs.options import option
 from cavirheo.verbs.run import Command
 from cavirheo.writing.digits import elide
 from cavirheo.writing.terminal import say
 
-_VERBS: dict[str, Any] = {  # command: its class, or the function where the options are few
-    "infer": curves.Infer,
-    "watch": curves.Watch,
-    "fit": curves.Fit,
-    "which-law": curves.WhichLaw,
-    "measure": measure.Measure,
-    "design": companions.Design,
-    "compare": companions.Compare,
-    "rheometer": companions.Rheometer,
-    "collapse-time": companions.CollapseTime,
-    "show": documents.show,
-    "cite": documents.cite,
-    "app": machine.app,
-    "simulate": simulate.Simulate,
-    "laws": simulate.laws,
-    "models": networks.models,
-    "generate": networks.generate,
-    "train": networks.train,
-    "evaluate": networks.Evaluate,
-    "cluster": machine.cluster,
-}
+_VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a function where the options are few
+    (curves, "Infer Watch Fit WhichLaw"),
+    (histories, "Measure"),
+    (companions, "Design Compare Rheometer CollapseTime"),
+    (documents, "show cite"),
+    (machine, "app"),
+    (histories, "Simulate laws"),
+    (networks, "models generate train Evaluate"),
+    (machine, "cluster"),
+)
 _Usage: Any = typer.BadParameter.__base__  # every mistake in the words of a call; typer has no public name for it
 app = typer.Typer(
     no_args_is_help=True,
@@ -46,8 +36,9 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-for _name, _verb in _VERBS.items():
-    app.command(_name, cls=Command)(_verb)
+for _module, _names in _VERBS:
+    for _name in _names.split():  # WhichLaw is which-law
+        app.command(re.sub(r"(?<=[a-z])(?=[A-Z])", "-", _name).lower(), cls=Command)(getattr(_module, _name))
 
 
 @app.callback(invoke_without_command=True)

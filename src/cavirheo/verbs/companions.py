@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cavirheo.errors import InputError, require
+from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run, doubtful
+from cavirheo.writing import digits
 
 CAMERA, SEARCH = "Camera", "Search"
 _Range = tuple[float, float]
@@ -36,7 +38,6 @@ class Compare(options.Printing, options.Pictures, options.Trust, options.OneBubb
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.comparison import Answering, compare
         from cavirheo.reporting.comparison import print_comparison
-        from cavirheo.writing import digits
 
         result, run.unreadable, interrupted = compare(
             self.source,
@@ -117,8 +118,6 @@ class CollapseTime(options.Printing, options.Pictures, options.Liquid):
     out: options.Out = Path("cavirheo-collapse-time")
 
     def __call__(self, run: Run) -> None:
-        from dataclasses import asdict
-
         from cavirheo.companions import collapse_times
         from cavirheo.io.shots import shot_numbers
         from cavirheo.reporting import file_names
@@ -175,7 +174,6 @@ class Design(options.Printing, options.Seed, options.Liquid, options.OneBubble):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.design import Rig, design
-        from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
         from cavirheo.writing.document import Outputs
 

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo.errors import require
+from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import INPUT, INTERVAL, argument, option
 from cavirheo.verbs.run import Run, doubtful
+from cavirheo.workflow.cluster import connected
+from cavirheo.writing import digits
 
 if TYPE_CHECKING:
-    from cavirheo.curve import RadiusCurve
     from cavirheo.inference.analysis import Analysis
-    from cavirheo.parallel import Executor
 
 _FITTED = "nhkv, newtonian, power-law, ...; auto: the evidence chooses"
 _WEIGHED = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
@@ -34,28 +35,20 @@ class _Report(options.Measured):
         raise NotImplementedError
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.reporting import DOCUMENTS
-        from cavirheo.workflow.cluster import connected
-        from cavirheo.writing.document import Outputs
-
-        files = run.files(self.files)
-        _, analysis = self.figure_kinds, self.requested(files)
-        Outputs(self.out, *DOCUMENTS, inputs=files)
-        with connected(self.scheduler, run.say) as executor:
-            self.report(run, self.read(run, files), analysis, executor)
-
-    def report(self, run: Run, curves: list[RadiusCurve], analysis: Analysis, executor: Executor | None = None) -> None:
-        """The curves answered, documents, the table, the exit status. Raises InputError, and typer.Exit."""
-        from cavirheo.reporting import outputs, write_report
+        from cavirheo.reporting import DOCUMENTS, outputs, write_report
         from cavirheo.reporting.record import CurveAnswers
         from cavirheo.reporting.table import print_table
         from cavirheo.workflow.analyse import Unfinished
-        from cavirheo.writing import digits
+        from cavirheo.writing.document import Outputs
 
-        out, figures = self.out, self.figure_kinds
-        folder, unfinished = outputs(out, curves, figures), Unfinished(out, visible=not run.quiet, executor=executor)
-        analysis.check(curves)
-        answers = unfinished.answers(curves, analysis)
+        files, out, figures = run.files(self.files), self.out, self.figure_kinds
+        analysis = self.requested(files)
+        Outputs(out, *DOCUMENTS, inputs=files)
+        with connected(self.scheduler, run.say) as executor:
+            curves, unfinished = self.read(run, files), Unfinished(out, visible=not run.quiet, executor=executor)
+            folder = outputs(out, curves, figures)
+            analysis.check(curves)
+            answers = unfinished.answers(curves, analysis)
         pairs = CurveAnswers([curves[i] for i in answers.indices], answers)
         note = unfinished.note(len(answers), len(curves))
         if note and folder.holds("report.html"):
@@ -106,17 +99,15 @@ class Fit(_Report, options.OneBubble, _FitOptions):
     def requested(self, files: Sequence[Path]) -> Analysis:
         from cavirheo.inference.analysis import Analysis
 
-        names = ("material", "free", "window", "weights", "stretch", "others", "trust_input", "seed")
-        settings: dict[str, Any] = {name: getattr(self, name) for name in names}
-        return Analysis(
-            "fit",
-            scale_bound=self.scale_percent / 100,
-            t0_bound=None if self.t0_us is None else self.t0_us * 1e-6,
-            end=None if self.window_us is None else self.window_us * 1e-6,
-            medium=self.liquid,
-            bubble=self.bubbles,
-            **settings,
-        )
+        told: dict[str, Any] = {
+            "method": "fit",
+            "bubble": self.bubbles,
+            "medium": self.liquid,
+            "scale_bound": self.scale_percent / 100,
+        }
+        told["t0_bound"] = None if self.t0_us is None else self.t0_us * 1e-6
+        told["end"] = None if self.window_us is None else self.window_us * 1e-6
+        return Analysis(**options.shared(self, Analysis) | told)
 
 
 @dataclass(kw_only=True)
@@ -140,8 +131,7 @@ class WhichLaw(options.Measured, options.ManyBubbles, _LawOptions):
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
         from cavirheo.workflow.analyse import Unfinished
-        from cavirheo.workflow.cluster import connected
-        from cavirheo.writing import digits, document
+        from cavirheo.writing import document
 
         files, liquid, out, figures = run.files(self.files), self.liquid, self.out, self.figure_kinds
         materials = [name.strip() for name in self.laws.split(",") if name.strip()]
@@ -194,11 +184,9 @@ class Watch(options.Inference):
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
         from cavirheo.io.option_tables import is_size, read_column
-        from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import html, write_report
         from cavirheo.reporting.table import print_line, print_table
-        from cavirheo.writing import digits
 
         folder, out = self.folder, self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from os.path import exists  # False of a name that is too long
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
-
-if TYPE_CHECKING:
-    from cavirheo.writing.document import Document
+from cavirheo.writing import digits, terminal
 
 _FILE = "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped "
 _FILE += "network"
@@ -53,21 +51,19 @@ def show(
 def _show_document(path: Path, json: bool) -> None:
     from cavirheo.loading import load, print_table
     from cavirheo.writing.document import as_json
-    from cavirheo.writing.terminal import console
 
-    document: Document = load(path)
+    document = load(path)
     if json:
         print(as_json(document), end="")
         return
     name, date = type(document).__name__.lower(), f", {document.date}" if document.date else ""
-    console().print(f"{path}: {name}, written by cavirheo {document.version}{date}\n{document.command}\n")
+    terminal.console().print(f"{path}: {name}, written by cavirheo {document.version}{date}\n{document.command}\n")
     print_table(document)
 
 
 def _show_training_set(path: Path) -> None:
     """File by file: it may be larger than the memory, and still grow."""
     from cavirheo.training import dataset
-    from cavirheo.writing.terminal import console
 
     survey = dataset.survey(path)
     growing = f"growing: {survey.lacking} of {survey.files + survey.lacking} files are still to be made"
@@ -78,14 +74,13 @@ def _show_training_set(path: Path) -> None:
         *(f"  {count} {status}" for status, count in sorted(survey.statuses.items(), key=lambda item: -item[1])),
         f"  {survey.size / 1e6:.3g} MB, {survey.size / survey.curves:.0f} bytes a curve; checksum {survey.sha256}",
     ]
-    console().print("\n".join(lines))
+    terminal.console().print("\n".join(lines))
 
 
 def _show_curves(path: Path, shots: str | None) -> None:
     """What `infer` would read: a row per curve, then what was recognised, and the input warnings."""
     from cavirheo.io import read_curves
     from cavirheo.reporting.input_remarks import notes, summary_cells, warnings
-    from cavirheo.writing import digits, terminal
 
     curves, console = read_curves(path, shots=shots), terminal.console()
     heads = ["R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]

@@ -14,9 +14,13 @@ from typing import Annotated, Literal
 from typer import Exit
 
 from cavirheo.errors import InputError, require
+from cavirheo.parallel import cores
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
+from cavirheo.workflow.cluster import client_of
+from cavirheo.writing import terminal
+from cavirheo.writing.digits import MISSING
 
 _HOST = "address to listen on; 0.0.0.0 is open to the network, without a password"
 _LIVE = "folder of results of `cavirheo watch`, whose page is served at /live"
@@ -51,10 +55,7 @@ def cluster(
     quiet: options.Quiet = False,
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
-    from cavirheo.workflow.cluster import client_of
     from cavirheo.workflow.workers import identity, reports
-    from cavirheo.writing import terminal
-    from cavirheo.writing.digits import MISSING
 
     run = Run(quiet=quiet)
     with client_of(scheduler, run.say) as (client, wait):
@@ -86,7 +87,6 @@ def report() -> str:
 def _lines() -> Iterator[tuple[str, str]]:
     import cavirheo
     from cavirheo.inference.model import shipped
-    from cavirheo.parallel import cores
     from cavirheo.physics import cache, solver
 
     yield "cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"

@@ -11,6 +11,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
+from cavirheo.workflow.cluster import connected
 from cavirheo.writing.digits import printable
 
 
@@ -36,7 +37,6 @@ def generate(
     from cavirheo.physics.simulate import load_solver
     from cavirheo.training import dataset
     from cavirheo.training.recipe import read_recipe
-    from cavirheo.workflow.cluster import connected
 
     content = read_recipe(recipe)
     try:

@@ -5,13 +5,15 @@ verb. Options without a panel are on the first screen of `--help`.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, BadParameter, Option
 
 from cavirheo.errors import require
+from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import completion
 
 if TYPE_CHECKING:
@@ -40,14 +42,10 @@ def number(help: str, panel: str | None = None, *words: str, kind: Callable[[str
     """An option that is a number, or one of these words; without words a number above 0."""
 
     def parsed(text: str) -> Any:
-        try:
-            if text in words:
-                return text
-            value = kind(text)
+        with suppress(ValueError):
+            value: Any = text if text in words else kind(text)
             if words or value > 0:
                 return value
-        except ValueError:
-            pass
         expected = f"a number or {' or '.join(map(repr, words))}" if words else "a number above 0"
         raise BadParameter(f"must be {expected}, got {text!r}")
 
@@ -107,6 +105,11 @@ _VERIFY = "auto: weighted draws from few simulations; full: from many; map: maxi
 _VERIFY += "none: network alone"
 
 
+def shared(options: object, kind: Any) -> dict[str, Any]:
+    """The values of those options that have the names of fields of a dataclass."""
+    return {field.name: getattr(options, field.name) for field in fields(kind) if hasattr(options, field.name)}
+
+
 @dataclass(kw_only=True)
 class Trust:
     """Whether input warnings decide the verdict."""
@@ -147,10 +150,9 @@ class Liquid(Trust):
     @property
     def liquid(self) -> "Medium":
         """Raises InputError: no such medium, or a constant that cannot be."""
-        from cavirheo.physics.media import medium
+        from cavirheo.physics.media import Medium, medium
 
-        names = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
-        return medium(self.medium, unusual=self.trust_input, **{name: getattr(self, name) for name in names})
+        return medium(self.medium, unusual=self.trust_input, **shared(self, Medium))
 
 
 @dataclass(kw_only=True)
@@ -172,22 +174,19 @@ class OneBubble:
 
         Raises InputError: a word that is none, or values that cannot be.
         """
-        from dataclasses import replace
-
-        from cavirheo.physics.bubble import DAMAGES, bubbles_of
+        from cavirheo.physics.bubble import DAMAGES, Bubble, bubbles_of
 
         damages = [word.strip() for word in self.damage.split(",")]
         message = f"--damage must be {', '.join(DAMAGES)}, got {self.damage!r}"
         require(set(damages) <= set(DAMAGES), message, "option.damage")
-        fields = ("contents", "accommodation", "confinement_damping", "confinement_inertia", "vapour_excess")
-        values = {name: value for name in fields if (value := getattr(self, name)) is not None}
-        if self.wall_distance_um is not None:
-            values["wall_distance"] = self.wall_distance_um * 1e-6
+        wall = self.wall_distance_um and self.wall_distance_um * 1e-6
+        values = shared(self, Bubble) | {"wall_distance": wall, "damage": None}
+        values = {name: value for name, value in values.items() if value is not None}
         if self.bubble is None and not values and damages == ["none"]:
             return None
         names = "real" if self.bubble is None else self.bubble
         bubbles = [bubble for name in names.split(",") for bubble in bubbles_of(name.strip())]
-        return tuple(replace(bubble, damage=damage, **values) for bubble in bubbles for damage in damages)
+        return tuple(replace(bubble, **{**values, "damage": damage}) for bubble in bubbles for damage in damages)
 
 
 _BUBBLE_NAMES = option("real, field, or both with a comma", autocompletion=completion.bubble_names)
@@ -300,7 +299,6 @@ class Measured(Answering):
     def read(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
         """All curves of the files, with what a declared column says of them, and the solver loaded. Raises InputError:
         there is none, or the column is not theirs."""
-        from cavirheo.parallel import run_in_thread
         from cavirheo.physics.simulate import load_solver
 
         recordings = self.recordings(files, self.exclude)
@@ -325,9 +323,8 @@ class Inference(Answering, OneBubble, Question):
         """What is asked of each curve. Raises InputError: settings that cannot be, or do not go together."""
         from cavirheo.inference.analysis import Analysis
 
-        names = ("model", "material", "stretch", "window", "trust_input", "verify", "seed")
-        settings: dict[str, Any] = {name: getattr(self, name) for name in names}
-        return Analysis(**settings, bubble=self.bubbles, medium=self.liquid, discrepancy=not self.exact_law)
+        told: dict[str, Any] = {"bubble": self.bubbles, "medium": self.liquid, "discrepancy": not self.exact_law}
+        return Analysis(**shared(self, Analysis) | told)
 
     def check_verify(self, files: Iterable[Path]) -> None:
         """Raises InputError for an option that only --verify would use, before hours are spent.

@@ -1,15 +1,17 @@
-"""`cavirheo simulate`: parameters in, one simulated radius history out; `cavirheo laws`: every law's parameters."""
+"""`cavirheo measure`, `simulate` and `laws`: the radius history of a recording, or of parameters and a law."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.verbs import completion, options
-from cavirheo.verbs.options import BUBBLE, MATERIAL, OUTPUT, option
+from cavirheo.verbs.options import BUBBLE, MATERIAL, OUTPUT, argument, number, option
 from cavirheo.verbs.run import Run
 from cavirheo.writing.terminal import say
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from cavirheo.physics.law import Material
     from cavirheo.physics.simulation import Simulation
 
+_VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx); a folder of images"
 DRIVEN = "Driving"
 _FRAMES, _FIELDS = "simulation.csv", "fields.h5"
 _MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
@@ -31,6 +34,58 @@ _INERTIA = "R_max sum(s/d) over image bubbles: R_max/2h for one wall at h"
 _DAMPING = "2 pi (R_max^2/A) c/U_c of a tube of cross-section A around"
 _FACTORS = "damaged gel: factors of the modulus and of R_0"
 _CONTENTS = "fields.h5, too: temperature and vapour in the bubble at every frame"
+
+
+@dataclass(kw_only=True)
+class Measure(options.Printing):
+    """Radii of a bubble, with standard deviations, from a high-speed recording."""
+
+    video: Annotated[Path, argument("VIDEO", _VIDEO, readable=False)]
+    fps: Annotated[Any, number("frames per second of recording  [default: the camera's stamps]")] = None
+    um_per_px: options.UmPerPx = None
+    exposure_us: Annotated[Any, number("exposure time of a frame, us  [default: the camera's header]")] = None
+    polarity: Annotated[Literal["auto", "dark", "bright"], option("the bubble's look before its background")] = "auto"
+    roi: Annotated[str | None, option("part of the picture to measure, px", metavar="X,Y,W,H")] = None
+    reference_frame: Annotated[int | None, option("number of a frame without the bubble, from 1")] = None
+    frames: Annotated[str | None, option("first and last frame to measure", metavar="A:B")] = None
+    exclude: options.Exclude = None
+    overlay: Annotated[bool, option("write overlay.mp4: recording and circles", None, "--overlay")] = False
+    out: options.Out = Path("cavirheo-measure")
+
+    def __call__(self, run: Run) -> None:
+        from cavirheo.inference import input_checks
+        from cavirheo.io.videos import examine
+        from cavirheo.physics.media import WATER
+        from cavirheo.video import document
+        from cavirheo.video.frames import need
+        from cavirheo.writing.document import Outputs
+
+        need("PIL")  # the pictures' library, of the extra [video]
+        from cavirheo.video import picture
+
+        names = ("um_per_px", "polarity", "exclude", "reference_frame")
+        settings: dict[str, Any] = {name: getattr(self, name) for name in names} | {"frame_rate": self.fps}
+        settings["exposure"] = self.exposure_us and self.exposure_us * 1e-6
+        settings |= {"roi": _numbers("--roi", self.roi, 4), "span": _numbers("--frames", self.frames, 2)}
+        (path,) = (self.video,) if self.video.is_dir() else run.files([self.video])
+        overlay = ["overlay.mp4"] if self.overlay else []
+        outputs = Outputs(self.out, "measure.json", "measured.csv", "contact.png", *overlay, inputs=[path])
+        with ExitStack() as stack:
+
+            def begin(count: int) -> Callable[[], None]:
+                return stack.enter_context(run.bar("measuring", count, unit="frames"))
+
+            measurement, curve = examine(path, begin=begin, **settings)
+        warnings = [warning.text for warning in input_checks.plain(curve, WATER)]
+        record = document.describe(
+            measurement, curve, warnings, command=run.command, date=run.date, notes=list(measurement.notes)
+        )
+        outputs.write("measured.csv", document.write_csv, measurement)
+        record.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
+        if self.overlay:
+            outputs.write("overlay.mp4", picture.write_overlay, measurement)
+        run.deliver(outputs, record)
+        run.end(f"written to {self.out} in {{seconds}}", bool(warnings or record.unusable))
 
 
 @dataclass(kw_only=True)
@@ -78,12 +133,11 @@ class Simulate(options.Verb, options.Liquid):
         liquid, pulse, driving = self.liquid, self.pulse, self.driving
         both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
         require(not (pulse and driving), both, "simulate.two_drivings")
-        law = self.law()
-        duration, fps = self.duration_us * 1e-6, self.fps
-        possible = duration > 0 and fps > 0 and 1 <= duration * fps <= 1e6
+        law, fps, count = self.law(), self.fps, self.duration_us * 1e-6 * self.fps
+        possible = self.duration_us > 0 and fps > 0 and 1 <= count <= 1e6
         got = f"got {self.duration_us} us at {fps} frames per second"
         require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
-        frames = int(duration * fps * (1 + 1e-9)) + 1
+        frames = int(count * (1 + 1e-9)) + 1
         bubble = self.bubble()
         message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
         require(not self.fields or self.polytropic is None, message, "physics.no_fields")
@@ -127,13 +181,12 @@ class Simulate(options.Verb, options.Liquid):
         require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
         message = "--damage-by changes nothing without --damage: give that too"
         require(self.damage is not None or self.damage_by == "first-rebound", message, "simulate.idle")
-        names = ("contents", "confinement_inertia", "confinement_damping", "vapour_excess", "motion")
-        values: dict[str, Any] = {name: getattr(self, name) for name in names} | {"exponent": self.polytropic}
+        values = options.shared(self, Bubble) | {"exponent": self.polytropic}
         values["accommodation"] = ACCOMMODATION if self.accommodation is None else self.accommodation
-        if self.wall_distance_um is not None:
-            values["wall_distance"] = self.wall_distance_um * 1e-6
+        values["wall_distance"] = self.wall_distance_um and self.wall_distance_um * 1e-6
         try:
-            return Bubble(**values, damage=Damage(*self.damage, self.damage_by) if self.damage else "none")
+            values["damage"] = Damage(*self.damage, self.damage_by) if self.damage else "none"
+            return Bubble(**values)
         except InputError as error:
             raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
 
@@ -150,21 +203,29 @@ class Simulate(options.Verb, options.Liquid):
             message = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(values) or 'nothing'}"
             require(sorted(values) == sorted(needed), message, "simulate.parameters")
             return LAWS[self.material](**values)
-        words = ", ".join(f"--{key.replace('_', '-')}" for key in values)
-        law = parse(self.material)
+        law, words = parse(self.material), ", ".join(f"--{key.replace('_', '-')}" for key in values)
         message = f"--material {self.material!r} holds its own parameters: leave out {words}"
         require(not values, message, "simulate.parameters_twice")
         return law
+
+
+def _numbers(option: str, text: str | None, count: int) -> tuple[int, ...] | None:
+    if text is None:
+        return None
+    parts = re.split("[,:]", text)
+    expected = "x,y,width,height in px" if count == 4 else "first:last"
+    fine = len(parts) == count and all(re.fullmatch(r"\d{1,9}", part) for part in parts)
+    require(fine, f"{option} must be {expected}, got {text!r}", f"option.{option[2:]}")
+    return tuple(map(int, parts))
 
 
 def _write_frames(path: Path, run: Simulation) -> None:
     """CSV, a row per frame."""
     import numpy as np
 
-    columns = run.columns
-    rows = np.stack(list(columns.values()), axis=1)
+    rows, header = np.stack([*run.columns.values()], axis=1), ",".join(run.columns)
     with path.open("wb") as file:
-        np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+        np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=header, comments="")
 
 
 def _write_fields(path: Path, run: Simulation) -> None:
