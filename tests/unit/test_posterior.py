@@ -26,7 +26,7 @@ from cavirheo.inference.verify import Verification, adaptive_sampling, evidence,
 from cavirheo.inference.verify import mode as mode_module
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.evidence import rank_laws, ranked
-from cavirheo.inference.verify.mode import Target, climb, modes
+from cavirheo.inference.verify.mode import Target, climb
 from cavirheo.inference.verify.model_average import Part
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
@@ -204,14 +204,16 @@ def test_markov_chains_draw_a_density_wherever_they_begin(width):
 
 
 def test_a_mode_that_no_start_led_to_is_climbed_into():
-    target = TwoModes()
-    (mode,) = modes(target, [np.array([-0.4, -0.2])])
-    assert mode.u[0] < 0
-    explorer = AdaptiveProposal(target, [mode])
-    explorer(np.array([0.3, 0.1]) + np.random.default_rng(0).uniform(-0.1, 0.1, (60, 2)))
-    assert explorer.height > mode.log_posterior + TUNING.other_mode
+    """A worse mode and some simulations about the right one, far from its top."""
+    here = experiment(shot())
+    target = Target(here, here.prior(), here.noise(discrepancy=False))
+    right = climb(target, target.start(here.from_best(TRUTH)), ROUGH)
+    wrong = replace(right, u=right.u + 1.0, log_posterior=right.log_posterior - 300.0)
+    explorer = AdaptiveProposal(target, [wrong])
+    explorer(right.u + np.random.default_rng(0).uniform(-0.2, 0.2, (12, len(right.u))))
+    assert wrong.log_posterior + TUNING.other_mode < explorer.height < right.log_posterior - TUNING.other_mode
     explorer.climb_higher()
-    assert max(explorer.modes, key=lambda mode: mode.log_posterior).u[0] > 0
+    assert explorer.height == pytest.approx(right.log_posterior, abs=TUNING.climb_expected)
 
 
 def test_a_proposal_that_is_too_narrow_shows_in_size_and_tail():
