@@ -21,7 +21,7 @@ from cavirheo.problem import FrameGrid, TrainingProblem
 
 FRAMES = 20
 PRIOR = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
-SHIPPED = model.path_of(model.DEFAULT).with_suffix(".json")
+SHIPPED = model.path_of("bdt-viscoelastic").with_suffix(".json")
 FLOAT, TEXT = TensorProto.FLOAT, TensorProto.STRING
 BROKEN: dict[str, tuple[str, Callable[[Path], Path]]] = {}
 
