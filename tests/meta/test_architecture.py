@@ -63,3 +63,10 @@ import cavirheo.inference.bdt, cavirheo.inference.verify, cavirheo.training.data
 from cavirheo import infer, read_curves"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_command_line_waits_for_no_library():
+    """Its help and completion import neither numbers nor documents."""
+    code = "import sys, cavirheo.verbs; print(*{'numpy', 'pydantic', 'jinja2', 'rich'} & {*sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []

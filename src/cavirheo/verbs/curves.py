@@ -13,7 +13,6 @@ from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import INPUT, INTERVAL, argument, option
 from cavirheo.verbs.run import Run, doubtful
-from cavirheo.workflow.cluster import connected
 from cavirheo.writing import digits
 
 if TYPE_CHECKING:
@@ -39,6 +38,7 @@ class _Report(options.Measured):
         from cavirheo.reporting.record import CurveAnswers
         from cavirheo.reporting.table import print_table
         from cavirheo.workflow.analyse import Unfinished
+        from cavirheo.workflow.cluster import connected
         from cavirheo.writing.document import Outputs
 
         files, out, figures = run.files(self.files), self.out, self.figure_kinds
@@ -131,6 +131,7 @@ class WhichLaw(options.Measured, options.ManyBubbles, _LawOptions):
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
         from cavirheo.workflow.analyse import Unfinished
+        from cavirheo.workflow.cluster import connected
         from cavirheo.writing import document
 
         files, liquid, out, figures = run.files(self.files), self.liquid, self.out, self.figure_kinds

@@ -18,7 +18,6 @@ from cavirheo.parallel import cores
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
-from cavirheo.workflow.cluster import client_of
 from cavirheo.writing import terminal
 from cavirheo.writing.digits import MISSING
 
@@ -55,6 +54,7 @@ def cluster(
     quiet: options.Quiet = False,
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
+    from cavirheo.workflow.cluster import client_of
     from cavirheo.workflow.workers import identity, reports
 
     run = Run(quiet=quiet)

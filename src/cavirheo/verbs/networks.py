@@ -11,7 +11,6 @@ from cavirheo.errors import InputError, require
 from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
-from cavirheo.workflow.cluster import connected
 from cavirheo.writing.digits import printable
 
 
@@ -37,6 +36,7 @@ def generate(
     from cavirheo.physics.simulate import load_solver
     from cavirheo.training import dataset
     from cavirheo.training.recipe import read_recipe
+    from cavirheo.workflow.cluster import connected
 
     content = read_recipe(recipe)
     try:
