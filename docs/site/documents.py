@@ -52,7 +52,7 @@ def formats() -> Iterator[str]:
 
 def others() -> list[type[Document]]:
     """The documents that `cavirheo.load` gives, but for result.json."""
-    kinds = [loading.named(kind) for kind, _ in loading.KINDS.values()]
+    kinds = [loading.import_name(kind) for kind, _ in loading.KINDS.values()]
     return [kind for kind in kinds if kind is not Result]
 
 

@@ -221,8 +221,8 @@ class RadiusCurve:
     def labelled(self, *, warnings: tuple[Message, ...] | None = None, **meta: Any) -> RadiusCurve:
         """The same samples with these entries of `meta`, or these warnings; what was read off them stays known."""
         curve = copy(self)
-        kept = self.warnings if warnings is None else warnings
-        vars(curve).update(meta=_labels({**self.meta, **meta}), warnings=kept)
+        warnings = self.warnings if warnings is None else warnings
+        vars(curve).update(meta=_labels({**self.meta, **meta}), warnings=warnings)
         return curve
 
     def with_notes(self, *notes: str) -> RadiusCurve:

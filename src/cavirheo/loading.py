@@ -79,15 +79,15 @@ def _load(path: str | Path) -> Document | Dataset:
             raise
     message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
     require(isinstance(name, str) and name in KINDS, message, "document.other")
-    return read_json(path, named(KINDS[str(name)][0]))
+    return read_json(path, import_name(KINDS[str(name)][0]))
 
 
 def print_table(document: Document) -> None:
     """The table of a document, as its verb and `cavirheo show` print it."""
-    named(KINDS[document.kind][1])(document)
+    import_name(KINDS[document.kind][1])(document)
 
 
-def named(place: str) -> Any:
+def import_name(place: str) -> Any:
     """What is imported from a place in the package, such as "reporting.record.Result"."""
     module, _, name = place.rpartition(".")
     return getattr(import_module(f"cavirheo.{module}"), name)

@@ -148,9 +148,9 @@ def _prior_end(name: str, end: str) -> str:
     return f"{words} is at the {end} end of what is expected{_CHECKED.get(name, '')}"
 
 
-def _systematic(excess: float, seen: float, exact: bool, limit: float, **predictive: Any) -> str:
-    large = excess >= seen
-    size = f"by {100 * excess:.1f} %" if large else f"by less than {100 * seen:.2g} %"
+def _systematic(excess: float, detectable: float, exact: bool, limit: float, **predictive: Any) -> str:
+    large = excess >= detectable
+    size = f"by {100 * excess:.1f} %" if large else f"by less than {100 * detectable:.2g} %"
     text = f": {size} of R_max beyond the noise ({digits.chance(predictive)})"
     if exact:
         return f"{text}, and the law was taken as exact, so the interval is too narrow"
@@ -159,12 +159,12 @@ def _systematic(excess: float, seen: float, exact: bool, limit: float, **predict
     return f"{text}, which the interval allows for" if large else text
 
 
-def _distrusted(draws: int, effective: float, needed: float, unseen: float | None, tail: float) -> str:
+def _distrusted(draws: int, effective: float, needed: float, missing: float | None, tail: float) -> str:
     text = f": {draws} weighted draws are worth {effective:.0f} independent ones, and {needed:.0f} are needed"
-    if unseen is None:
+    if missing is None:
         return text
-    missed = "more than was met" if not unseen < 1.0 else f"about {unseen:.0%} of it"
-    return f"{text}, and a few of them carry the weight: {missed} is still to be met (tail index {tail:.2f})"
+    share = "more than was met" if not missing < 1.0 else f"about {missing:.0%} of it"
+    return f"{text}, and a few of them carry the weight: {share} is still to be met (tail index {tail:.2f})"
 
 
 def _training_range(name: str, value: float, low: float, high: float, trained_at: float = 0.0) -> str:
@@ -186,10 +186,10 @@ def _values(model: Mapping[str, Any]) -> str:
     return words if model["interval"] else f"{words} (no interval)"
 
 
-def _both(here: Mapping[str, Any], there: Mapping[str, Any]) -> str:
+def _both(this: Mapping[str, Any], rival: Mapping[str, Any]) -> str:
     """Two models by what tells them apart, law or bubble, with their values."""
-    tells = here["material"] != there["material"], here["bubble"] != there["bubble"]
-    first, second = (f"{_model(model, *tells)} with {_values(model)}" for model in (here, there))
+    tells = this["material"] != rival["material"], this["bubble"] != rival["bubble"]
+    first, second = (f"{_model(model, *tells)} with {_values(model)}" for model in (this, rival))
     return f"{second}, instead of {first}"
 
 
@@ -206,23 +206,23 @@ def _preferred(rival: str, this: str, gain: float | None, equal: bool, rough: bo
     return f" (the evidence prefers {rival if gain > 0 else this}{_by(gain, rough)})"
 
 
-def _possible(here: Mapping[str, Any], there: Mapping[str, Any], **odds: Any) -> str:
-    return f": {_both(here, there)}{_preferred('the other', 'this answer', **odds)}"
+def _possible(this: Mapping[str, Any], rival: Mapping[str, Any], **odds: Any) -> str:
+    return f": {_both(this, rival)}{_preferred('the other', 'this answer', **odds)}"
 
 
-def _two_modes(here: Mapping[str, Any], there: Mapping[str, Any], **odds: Any) -> str:
-    return f": {_values(here)}, or {_values(there)}{_preferred('the second', 'the first', **odds)}"
+def _two_modes(this: Mapping[str, Any], rival: Mapping[str, Any], **odds: Any) -> str:
+    return f": {_values(this)}, or {_values(rival)}{_preferred('the second', 'the first', **odds)}"
 
 
-def _chosen(here: Mapping[str, Any], rivals: Sequence[Mapping[str, Any]]) -> str:
-    law, bubble = (any(rival[key] != here[key] for rival in rivals) for key in ("material", "bubble"))
+def _chosen(this: Mapping[str, Any], rivals: Sequence[Mapping[str, Any]]) -> str:
+    law, bubble = (any(rival[key] != this[key] for rival in rivals) for key in ("material", "bubble"))
     parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
     for rival in rivals:
-        likely = f"e^{abs(rival['gain']):.0f} times {'more' if rival['gain'] > 0 else 'less'} likely"
-        words = f"{_model(rival, law, bubble)} ({'equally likely' if rival['equal'] else likely})"
+        odds = f"e^{abs(rival['gain']):.0f} times {'more' if rival['gain'] > 0 else 'less'} likely"
+        words = f"{_model(rival, law, bubble)} ({'equally likely' if rival['equal'] else odds})"
         parts["rejected" if rival["rejected"] else "also possible"].append(words)
-    others = (f"{words}: {', '.join(models)}" for words, models in parts.items() if models)
-    return f": {', '.join([_model(here, law, bubble), *others])}"
+    parts_in_words = (f"{words}: {', '.join(models)}" for words, models in parts.items() if models)
+    return f": {', '.join([_model(this, law, bubble), *parts_in_words])}"
 
 
 def _averaged(laws: Mapping[str, float]) -> str:
@@ -299,7 +299,7 @@ _SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
     # other models, other modes
     "model.rejected": (
         "the evidence prefers another model",
-        lambda here, there, gain, rough, **_: f"{_by(gain, rough)}: {_both(here, there)}",
+        lambda this, rival, gain, rough, **_: f"{_by(gain, rough)}: {_both(this, rival)}",
     ),
     "model.possible": ("another model is not rejected and gives other values", _possible),
     "model.chosen": ("chosen by evidence", _chosen),

@@ -345,13 +345,13 @@ def intervals(
 ) -> dict[str, tuple[float, float, float]]:
     """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters), the outer two as `ends`; none of a single
     one."""
-    found: dict[str, tuple[float, float, float]] = {}
+    by_name: dict[str, tuple[float, float, float]] = {}
     for name, column in zip(names, theta.T, strict=True) if len(theta) > 1 else ():
         values = natural(name, column)
         middle = float(weighted_quantile(values, np.array([0.5]), log_weight)[0])
         low, high = ends(name, values, 0.05, log_weight)
-        found[natural_name(name)] = low, middle, high
-    return found
+        by_name[natural_name(name)] = low, middle, high
+    return by_name
 
 
 def ends(name: str, values: Floats, tail: float, log_weight: Floats | None) -> tuple[float, float]:

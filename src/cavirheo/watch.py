@@ -106,8 +106,8 @@ class Watch:
             self._say_once(remark)
         remarks = [remark for file in files for remark in file.remarks]
         pairs = zip(self._with_column(curves, remarks), keys, strict=True)
-        answered = [(curve, self.answers[key]) for curve, key in pairs if key in self.answers]
-        return answered, remarks + repeated + hints
+        answers = [(curve, self.answers[key]) for curve, key in pairs if key in self.answers]
+        return answers, remarks + repeated + hints
 
     def _recordings(self) -> dict[str, RadiusCurve]:
         """The curves by the keys of their answers, without copies: those that `read_shots` leaves."""
@@ -205,7 +205,7 @@ class Watch:
                     states[path] = state
         except OSError as error:  # a file that is gone again, a share that is away for a moment
             self._say_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
-        unchanged = {path: known for path, known in self._states.items() if states.get(path) == known[0]}
+        unchanged = {path: recorded for path, recorded in self._states.items() if states.get(path) == recorded[0]}
         self._states = {path: (state, now) for path, state in states.items()} | unchanged
         for file in [file for file in self.files.values() if file.unreadable and pixels_of(Path(file.path)) in states]:
             del self.files[file.path]  # a header whose pixels came later than was waited for

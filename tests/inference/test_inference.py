@@ -230,7 +230,7 @@ def test_a_recording_that_starts_at_the_maximum_is_no_doubt():
 
 
 def doubts(curve) -> list[str]:
-    return [one.code.removeprefix("check_input.") for one in input_checks.plain(curve, WATER)]
+    return [one.code.removeprefix("check_input.") for one in input_checks.curve_warnings(curve, WATER)]
 
 
 def repeated(curve) -> bool:
@@ -283,7 +283,7 @@ def test_stiff_gels_are_told_from_soft_ones_misread():
 @pytest.mark.parametrize(("scale", "factor"), [(2.0, 2.0), (0.4, 2.5)])
 def test_the_doubt_of_a_scale_says_how_far_it_is_off(scale, factor):
     curve = recorded(NeoHookeanKelvinVoigt(8e3, 0.05), 7.0)
-    (said,) = input_checks.plain(RadiusCurve(curve.time, scale * curve.radius), WATER)
+    (said,) = input_checks.curve_warnings(RadiusCurve(curve.time, scale * curve.radius), WATER)
     assert 0.95 * said.parameters["factors"][0] <= factor <= 1.05 * said.parameters["factors"][-1]
     assert ("too large" in said.text) == (scale > 1.0)
     assert "--rmax-um" in said.text
@@ -317,7 +317,7 @@ def test_a_single_wrong_frame_is_a_doubt_where_it_decides():
     warnings = infer(spiking).checks.warnings
     assert "check_input.spikes" in [one.code for one in warnings]
     doubted = {
-        factor: bool(input_checks.of_spikes(spiking, names, lambda _, f=factor: np.log10([f]), np.zeros(1)))
+        factor: bool(input_checks.spike_warnings(spiking, names, lambda _, f=factor: np.log10([f]), np.zeros(1)))
         for factor in (0.5, 0.9, 1.2, 2.0)
     }
     assert doubted == {0.5: True, 0.9: False, 1.2: False, 2.0: True}
@@ -331,7 +331,7 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
 
     def said(curve, law="newtonian", **around):
         options = Options(window=1, bubble=Bubble(**around))
-        return input_checks.of_walls(Experiment(curve, Family(law), options=options))
+        return input_checks.wall_warnings(Experiment(curve, Family(law), options=options))
 
     assert said(fall)
     assert said(whole) == said(fall, "nhkv") == said(fall, confinement_inertia="free") == []

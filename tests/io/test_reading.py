@@ -242,7 +242,7 @@ def test_what_is_cleaned_is_counted(tmp_path):
 )
 def test_wrong_units_are_recognised(tmp_path, header, factor, says, usable):
     (curve,) = read_curves(text_table(tmp_path / "a.csv", header, TIME * 1e6, RADIUS * factor))
-    told = [*curve.notes, *(one.text for one in input_checks.of_scale(curve, WATER))]
+    told = [*curve.notes, *(one.text for one in input_checks.scale_warnings(curve, WATER))]
     assert any(says in note for note in told)
     if not usable:
         assert code_of(lambda: curve.max_radius) == "curve.unscaled"

@@ -140,8 +140,8 @@ class Page(film.FilmPart):
     # which handler answers what
 
     def _wire(self, settings: list[Any]) -> None:
-        answered = [self.answers, self.to_check, self.which, self.groups, self.published]
-        self.state = [*self.tabs[1:], self.to_prepare, self.infer_now, *answered]
+        of_answers = [self.answers, self.to_check, self.which, self.groups, self.published]
+        self.state = [*self.tabs[1:], self.to_prepare, self.infer_now, *of_answers]
         loaded = [self.refused, self.sure, self.found, self.welcome, self.overview, self.chosen, self.shown, self.link]
         outputs = [*loaded, *self.state, *self._wire_film()]
         wrong = self.validated(lambda session, *texts: film.unready(session.current, *texts))

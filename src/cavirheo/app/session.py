@@ -158,7 +158,7 @@ class Answers:
     pairs: list[tuple[RadiusCurve, Posterior]]
     document: Result  # of the pairs, in their order
     not_run: list[str]  # chosen shots that a stop left out
-    asked: tuple[PageSettings, Mapping[str, float]]  # that they stand on, with the densities that were typed
+    request: tuple[PageSettings, Mapping[str, float]]  # that they stand on, with the densities that were typed
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by name
     bands: dict[str, Band | None] = field(default_factory=dict)  # of the draws' simulations, by name
@@ -267,7 +267,7 @@ class Session:
         return curves, problems
 
     @property
-    def asked(self) -> tuple[PageSettings, Mapping[str, float]]:
+    def request(self) -> tuple[PageSettings, Mapping[str, float]]:
         """The settings, and the densities that were typed, by shot."""
         return self.settings, self.densities
 
@@ -317,7 +317,7 @@ class Session:
     @property
     def stale(self) -> bool:
         """Whether there are answers, but to other settings."""
-        return self.answers is not None and self.answers.asked != self.asked
+        return self.answers is not None and self.answers.request != self.request
 
     def find(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
         """All answers, and the curve of this name with its own. Raises InputError: it is not answered, or not so."""
@@ -354,7 +354,7 @@ class Visitors:
         self.store, self.zips, self._lock = Store(most=200), Store(most=3), RLock()  # of a shot two answers
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
-        self._asked = Counter[str]()  # how often each page asked for anything
+        self._requests = Counter[str]()  # how often each page asked for anything
         self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
 
     def of(self, name: str) -> Session:
@@ -364,7 +364,7 @@ class Visitors:
             earlier = self._sessions.pop(self._links.get(name, ""), None)
             session = earlier or Session(self.limits, self.reader, self.measurer, self.store, self.zips)
             self._sessions[session.link], self._links[name] = session, session.link
-            self._asked[name] += 1
+            self._requests[name] += 1
             while len(self._sessions) > self.limits.visitors:
                 self._close(next(iter(self._sessions)))
             return session
@@ -385,15 +385,15 @@ class Visitors:
     def leave(self, name: str) -> None:
         """Forget this page after a while, and with the last of its pages a session, unless it asks for something again
         (a phone that slept)."""
-        timer = Timer(self.limits.absent, self._forget, (name, self._asked[name]))
+        timer = Timer(self.limits.absent, self._forget, (name, self._requests[name]))
         timer.daemon = True
         timer.start()
 
-    def _forget(self, name: str, asked: int) -> None:
+    def _forget(self, name: str, requests: int) -> None:
         with self._lock:
-            if self._asked[name] == asked:
+            if self._requests[name] == requests:
                 link = self._links.pop(name, "")
-                del self._asked[name]
+                del self._requests[name]
                 self.forgotten(name)
                 if link in self._sessions and link not in self._links.values():
                     self._close(link)
@@ -411,7 +411,7 @@ class Visitors:
         self.end(self._sessions.pop(link))
         for name in [name for name, of in self._links.items() if of == link]:
             self.forgotten(name)
-            del self._links[name], self._asked[name]
+            del self._links[name], self._requests[name]
 
     def close(self) -> None:
         """Forget all."""

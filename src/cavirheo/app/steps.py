@@ -87,25 +87,25 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
     """Answers of the chosen shots, into the session too; a stop leaves out those that are not done. Raises InputError:
     nothing chosen, too much, stopped before the first shot, or other files or settings than when it began."""
     with session.lock:
-        asked, curves = session.asked, session.curves
+        request, curves = session.request, session.curves
     try:
-        answers = _answer(session, names, asked[0].verify)
+        answers = _answer(session, names, request[0].verify)
         pairs = [(curve, answer) for curve, answer in answers if answer]
-        pooled = _pooled(session, pairs, [curve.name for curve, answer in answers if not answer], asked)
+        pooled = _pooled(session, pairs, [curve.name for curve, answer in answers if not answer], request)
     finally:
         if not session.runs.busy.locked():  # by the run before, which goes on
             session.previews = {}
     with session.lock:
-        require(session.curves is curves and session.asked == asked, _CHANGED, "app.changed")
+        require(session.curves is curves and session.request == request, _CHANGED, "app.changed")
         session.answers = pooled
         return session.answers
 
 
 def _pooled(
-    session: Session, pairs: Pairs, left: list[str], asked: tuple[PageSettings, Mapping[str, float]]
+    session: Session, pairs: Pairs, left: list[str], request: tuple[PageSettings, Mapping[str, float]]
 ) -> Answers:
     """Answers with all that is said of their groups."""
-    (settings, densities), pairs = asked, session.grouped(pairs)
+    (settings, densities), pairs = request, session.grouped(pairs)
     command = session.command(settings)
     if len(pairs) < len(session.curves):
         command += f" ({len(pairs)} of {len(session.curves)} shots)"
@@ -116,7 +116,7 @@ def _pooled(
     for values in session.published:
         with suppress(InputError):  # other groups than when they were given
             add_to_groups(document.groups, values)
-    return Answers(pairs, document, left, asked)
+    return Answers(pairs, document, left, request)
 
 
 def name_materials(session: Session, names: Sequence[str], densities: Sequence[str] = ()) -> None:
@@ -131,7 +131,7 @@ def name_materials(session: Session, names: Sequence[str], densities: Sequence[s
     groups = zip(session.curves, map(str.strip, names), strict=True)
     session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:
-        pooled = _pooled(session, old.pairs, old.not_run, old.asked)
+        pooled = _pooled(session, old.pairs, old.not_run, old.request)
         session.answers = replace(pooled, fits=old.fits)
 
 
@@ -139,11 +139,11 @@ def fit(session: Session, name: str | None) -> None:
     """The conventional fit of one answered curve: same law, bubble, medium, window and stretch. Raises InputError."""
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings_of(name or "")
-    asked, end = settings.analysis, None
-    if asked.method == "bdt":  # a network that reads its own window
-        end = compared_window(curve, asked).end * (1.0 + 1e-9)
+    analysis, end = settings.analysis, None
+    if analysis.method == "bdt":  # a network that reads its own window
+        end = compared_window(curve, analysis).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
-    analysis = replace(asked, method="fit", free=None, verify="auto", end=end, **model)
+    analysis = replace(analysis, method="fit", free=None, verify="auto", end=end, **model)
     (answer,) = session.runs.each(analysis.answer, [curve])
     with session.lock:
         if answer is None or session.answers is not answers:

@@ -164,8 +164,8 @@ def checked(session: Session, name: str) -> str:
     if name not in answers.bands:
         answers.bands[name] = band(curve, posterior, session.settings_of(name).analysis)
     fit, simulated = answers.fits.get(name), f"simulation: {digits.simulated(posterior.method)}"
-    beside: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name), "draws": answers.bands[name]}
-    return pictures([curve_svg(curve_panels(curve, posterior.checks, simulated, **beside), 840, 460)])
+    simulations: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name), "draws": answers.bands[name]}
+    return pictures([curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
 
 
 def warned(session: Session) -> str:
@@ -195,7 +195,7 @@ def answers(session: Session) -> str:
     final = "" if session.settings.verify == "none" else "unverified"  # verdict of those that simulations verify
     verified = sum(row is not None and row.verdict != final for row in previews)
     if previews:
-        current = Answers([], result_of([row for row in previews if row], ""), [], session.asked)
+        current = Answers([], result_of([row for row in previews if row], ""), [], session.request)
     if current is None:
         return part("quiet", NONE)
     document = current.document

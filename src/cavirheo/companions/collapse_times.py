@@ -186,7 +186,9 @@ def read_groups(
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
-        doubtful = [f"{curve.name}: {warning.text}" for curve in mine for warning in input_checks.plain(curve, medium)]
+        doubtful = [
+            f"{curve.name}: {warning.text}" for curve in mine for warning in input_checks.curve_warnings(curve, medium)
+        ]
         shots = [_of_curve(curve, stretch) for curve in mine]
         groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
     return groups, problems + unread, repeated + hints
@@ -207,8 +209,8 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         InputError: a table without a unit, with a cell that is no number, or no file that can be read.
     """
     with guarded(path):
-        variables, found = read_variables(path, (VARIABLE,)) or ({}, [])
-        if VARIABLE in found:
+        variables, names_found = read_variables(path, (VARIABLE,)) or ({}, [])
+        if VARIABLE in names_found:
             array: Any = variables.get(VARIABLE)
             shape: tuple[int, ...] = getattr(array, "shape", ())  # a cell array has none
             expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"

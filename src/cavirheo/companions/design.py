@@ -199,13 +199,13 @@ class Design(Document):
         for checked in self.checked:
             words = f"{self.settings[checked.setting].words}, {digits.counted(checked.recordings, 'recording')}"
             some = f"{checked.answers} with an interval, " * (checked.answers < checked.recordings)
-            found = ", ".join(
+            widths = ", ".join(
                 f"{digits.described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
                 for name, got in checked.reached_percent.items()
             )
             count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
             so = f"; so {count} for ± {self.wanted_percent:g} %" * (checked.shots != 0)
-            lines.append(f"checked: {words}: {some + found + so if checked.answers else 'none has an interval'}")
+            lines.append(f"checked: {words}: {some + widths + so if checked.answers else 'none has an interval'}")
         return lines
 
 
@@ -288,13 +288,13 @@ def design(
         for rate, noise in zip(rates, noises, strict=True)
         for radius in radii
     ]
-    drawn = Draws(family, law, stretches, liquid, bubble, seed)
-    expected = drawn.expected(settings, workers, done)
+    material_draws = Draws(family, law, stretches, liquid, bubble, seed)
+    expected = material_draws.expected(settings, workers, done)
     gains = np.array([[goal.gain(shot) for shot in shots] for shots in expected])
     rows = [goal.row(*columns) for columns in zip(settings, expected, gains, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     best, fewest = _chosen(rows, gains)
-    recorded = replace(drawn, law=law[:check], stretch=stretches[:check], seed=seed + CHECKED)
+    recorded = replace(material_draws, law=law[:check], stretch=stretches[:check], seed=seed + CHECKED)
     recommended = dict.fromkeys((best, best if fewest is None else fewest)) if check else ()
     checked = [goal.checked(i, check, recorded.reached(settings[i], workers), expected[i]) for i in recommended]
     scatter = np.sqrt(np.diag(goal.scatter))
@@ -421,9 +421,9 @@ def _goal(
         chosen, rows = _answers(result, group, family)
         mean[:-1], covariance, scatter, shots = _material(chosen, rows, family, None if spread is None else scatter)
         deviation[:-1], normal[:-1] = np.sqrt(np.diag(covariance)), True
-        seen = np.log10([row.stretch.median for row in rows if row.stretch.median])
-        if "stretch" not in ranges and len(seen):
-            mean[-1], deviation[-1], normal[-1] = np.mean(seen), max(np.std(seen), NARROWEST), True
+        measured = np.log10([row.stretch.median for row in rows if row.stretch.median])
+        if "stretch" not in ranges and len(measured):
+            mean[-1], deviation[-1], normal[-1] = np.mean(measured), max(np.std(measured), NARROWEST), True
     cube = Halton(len(names), seed=seed).random(draws)
     logs = mean + deviation * np.where(normal, ndtri(cube), np.sqrt(12.0) * (cube - 0.5))
     stretches = np.clip(10.0 ** logs[:, -1], STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)

@@ -340,9 +340,9 @@ def _sweep(table: Table, label: str) -> Sweep:
     if columns[0].unit in _HERTZ:
         notes.append(f"{columns[0].title!r} is in {columns[0].unit}: converted to rad/s by 2 pi")
     data = np.stack([column.factor * column.numbers[usable] for column in columns])
-    held, other = None, next(iter(first.values()), None)
-    if other:
-        values = other.numbers[usable]
+    held, second = None, next(iter(first.values()), None)
+    if second:
+        values = second.numbers[usable]
         for omega in np.unique(data[0]) if kind == "frequency" else ():
             strains = values[np.abs(data[0] / omega - 1) < _SAME]
             trouble = f"{len(strains)} rows at {omega:.4g} rad/s with strains that differ by more than a factor of"
@@ -350,9 +350,9 @@ def _sweep(table: Table, label: str) -> Sweep:
             fine = len(strains) < 3 or _ratio(strains) <= _SWEPT
             require(fine, f"{trouble} {_SWEPT:g}: {remedy}", "rheometer.two_sweeps")
         try:
-            held = float(np.nanmedian(values) * other.factor)
+            held = float(np.nanmedian(values) * second.factor)
         except InputError:
-            notes.append(f"{other.title!r} is not used: its unit is missing or not known")
+            notes.append(f"{second.title!r} is not used: its unit is missing or not known")
     data = data[:, np.argsort(data[0], kind="stable")]
     group = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _SAME * np.roll(data[0], 1))  # rows of one setting
     count = np.bincount(group)

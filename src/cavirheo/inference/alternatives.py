@@ -117,7 +117,7 @@ def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[Mes
     for rival in sorted(rivals, key=_log, reverse=True):
         gain = _above(rival, this)
         described.append({**_described(rival), "gain": gain, "equal": equal(gain), "rejected": gain < -DECISIVE})
-    return [Message("model.chosen", {"here": _described(this), "rivals": described})]
+    return [Message("model.chosen", {"this": _described(this), "rivals": described})]
 
 
 def as_alternative(answer: Posterior) -> OtherAnswer:
@@ -173,8 +173,8 @@ def _both(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> di
     """Two in a message, and how far the log evidence of the first lies above the second's (`rough`: roughly known)."""
     gain = _above(rival, this)
     return {
-        "there": _described(rival, stretch=stretch),
-        "here": _described(this, stretch=stretch),
+        "rival": _described(rival, stretch=stretch),
+        "this": _described(this, stretch=stretch),
         "gain": gain if gain == gain else None,
         "equal": equal(gain),
         "rough": bool(rival.evidence and (rival.evidence.error or 0.0) >= DECISIVE),
@@ -259,12 +259,12 @@ def _as(answer: Posterior, names: Sequence[str], prior: dict[str, tuple[float, .
     """(draws, names) of an answer in the parameters of another law."""
     columns = []
     for name in names:
-        plain = natural_name(name)
-        own = name if name in answer.names else LOG10 + _SAME.get(plain, plain)
-        if own in answer.names:
-            columns.append(answer.theta[:, answer.names.index(own)])
+        natural = natural_name(name)
+        column = name if name in answer.names else LOG10 + _SAME.get(natural, natural)
+        if column in answer.names:
+            columns.append(answer.theta[:, answer.names.index(column)])
         else:
             assert of_the_law(name)
             low, *_ = prior.get(name) or parameter_of(name).searched or (0.0,)
-            columns.append(np.full(len(answer.theta), _NEWTONIAN.get(plain, low)))
+            columns.append(np.full(len(answer.theta), _NEWTONIAN.get(natural, low)))
     return np.column_stack(columns)

@@ -201,7 +201,7 @@ class Analysis:
             raise
         except Exception as error:  # a defect, of ours or of a library, costs this curve alone
             _log.exception("%s has no answer", curve.name)
-            empty = self._nothing(curve, self.laws[0], self._options(self.bubbles[0]))
+            empty = self._empty_answer(curve, self.laws[0], self._options(self.bubbles[0]))
             return replace(empty, checks=input_checks.failed(error, curve, medium_of(self.medium)))
 
     def _starts(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
@@ -226,12 +226,13 @@ class Analysis:
 
         def window(curve: RadiusCurve) -> tuple[dict[str, Any], list[Message]]:
             shot = Experiment(curve, Family(law), medium_of(self.medium), options)
-            return {"checks": Checks("ok", t_star_end=shot.view.end / shot.time_scale)}, input_checks.of_walls(shot)
+            checks = Checks("ok", t_star_end=shot.view.end / shot.time_scale)
+            return {"checks": checks}, input_checks.wall_warnings(shot)
 
-        return input_checks.answered(curve, self._nothing(curve, law, options), window, self.trust_input)
+        return input_checks.answer_of(curve, self._empty_answer(curve, law, options), window, self.trust_input)
 
-    def _nothing(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
+    def _empty_answer(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
         """An answer without any value."""
         names = tuple(LOG10 + name for name in Family(law).parameters)
         how: dict[str, Any] = {"bubble": options.bubble, "medium": medium_of(self.medium), "options": asdict(options)}
-        return input_checks.nothing(curve, names, law, "least_squares", **how)
+        return input_checks.empty_answer(curve, names, law, "least_squares", **how)

@@ -56,16 +56,17 @@ class Amortised:
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
         model, problem = self.model, self.model.problem
-        made: Any = {"model": model.name, "model_sha256": model.sha256, "problem_id": problem.id}
-        empty = input_checks.nothing(curve, model.outputs, problem.material_name, "bdt", FIELD, self.medium, **made)
-        return input_checks.answered(curve, empty, self._answer, self.trust_input)
+        network: Any = {"model": model.name, "model_sha256": model.sha256, "problem_id": problem.id}
+        model_of_medium = problem.material_name, "bdt", FIELD, self.medium
+        empty = input_checks.empty_answer(curve, model.outputs, *model_of_medium, **network)
+        return input_checks.answer_of(curve, empty, self._answer, self.trust_input)
 
     def network_only(self, curve: RadiusCurve) -> Floats:
         """(outputs,) for the shot, in the prior's scale: what the network reads off the curve at equal Cauchy and
         Reynolds numbers. Raises InputError: the curve cannot be put on the network's grid."""
         return self._read(curve).for_shot
 
-    def _read(self, curve: RadiusCurve) -> _Reading:
+    def _read(self, curve: RadiusCurve) -> _NetworkOutput:
         model, problem, top = self.model, self.model.problem, curve.max_radius
         step, frames = problem.grid_step(top, self.medium), problem.grid.frames
         end, scale = step * (frames - 1), self.medium.time_scale(top)
@@ -79,7 +80,7 @@ class Amortised:
         theta = model(np.where(measured, features, features[measured][-1])[None])[0]
         values = problem.to_shot(natural_values(model.outputs, theta), top, self.medium)
         for_shot = np.array([scaled(name, value) for name, value in zip(model.outputs, values.values(), strict=True)])
-        return _Reading(theta, values, for_shot, end, int(np.count_nonzero(~measured)))
+        return _NetworkOutput(theta, values, for_shot, end, int(np.count_nonzero(~measured)))
 
     def _answer(self, curve: RadiusCurve) -> tuple[dict[str, Any], list[Message]]:
         """Fields of the Posterior, and further input warnings."""
@@ -119,10 +120,10 @@ class Amortised:
             "diagnostics": Diagnostics(stretch_source=source),
             "provenance": {"stretch": stretch, "stretch_source": source},
         }
-        return fields, input_checks.of_spikes(curve, outputs, self.network_only, read.for_shot)
+        return fields, input_checks.spike_warnings(curve, outputs, self.network_only, read.for_shot)
 
 
-class _Reading(NamedTuple):
+class _NetworkOutput(NamedTuple):
     """What a network reads off one curve: theta (outputs,) in the prior's scale, for the reference scale; for the shot
     values, SI, and `for_shot` (outputs,) in the prior's scale; end: s after R_max; missing: samples after the last."""
 

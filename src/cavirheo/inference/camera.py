@@ -280,9 +280,9 @@ def _integrated(
         height, share = summed(squares[:, k, k], constants, power)
         heights[k] = height - 0.5 * np.sum(starts[k] ** 2)
         largest = np.maximum(largest, share)
-    beside = np.concatenate((np.array([-np.inf]), heights, np.array([-np.inf])))
+    padded = np.concatenate((np.array([-np.inf]), heights, np.array([-np.inf])))
     order = np.argsort(-heights)
-    hill = (heights > beside[:-2]) & (heights >= beside[2:])
+    hill = (heights > padded[:-2]) & (heights >= padded[2:])
     hill[order[:LIKELIEST]] = True
     order = order[hill[order]]
     top, best = -np.inf, starts[order[0]]

@@ -207,8 +207,8 @@ class Draws:
         count = len(self.law)
         jobs = [(setting, k) for setting in settings for k in range(count)]
         shots = each(lambda job: self.shot(*job), jobs, workers, (lambda *_: done()) if done else None)
-        told = [shot[1] if shot else None for shot in shots]
-        return [told[i : i + count] for i in range(0, len(jobs), count)]
+        expectations = [shot[1] if shot else None for shot in shots]
+        return [expectations[i : i + count] for i in range(0, len(jobs), count)]
 
     def reached(self, setting: Setting, workers: int | None = None) -> tuple[Floats, Floats]:
         """Half-widths (answers, l) in decades that are expected of simulated recordings, and those of the intervals
@@ -219,11 +219,11 @@ class Draws:
         how: Any = {"material": self.family.name, "medium": self.medium, "bubble": self.bubble, "workers": workers}
         answers = infer_many([curve for curve, _ in shots], **how)
         pairs = []
-        for answer, (_, told) in zip(answers, shots, strict=True):
+        for answer, (_, expectation) in zip(answers, shots, strict=True):
             counts = answer.theta.size and answer.checks.verdict != "check_input"  # else the width is the prior's
             ends = [answer.interval(name) if counts else None for name in self.family.parameters]
             if all(ends):
-                pairs.append((told.half_width, [0.5 * np.log10(high / low) for low, high in filter(None, ends)]))
+                pairs.append((expectation.half_width, [0.5 * np.log10(high / low) for low, high in filter(None, ends)]))
         widths = np.reshape(pairs, (len(pairs), 2, len(self.family.parameters)))
         return widths[:, 0], widths[:, 1]
 

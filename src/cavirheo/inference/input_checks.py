@@ -80,7 +80,7 @@ _BUBBLES: dict[str, list[Any]] = {  # G in Pa, mu in Pa s, stretch and confineme
 }
 
 
-def plain(curve: RadiusCurve, medium: Medium) -> list[Message]:
+def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     """What the curve shows by itself: frames that stand several times, which flattens the curve and shifts its times,
     or in reverse; an R_max further before the first frame than the clock of an answer is free; a wrong scale."""
     radius, messages = curve.radius[np.isfinite(curve.radius)], [*curve.warnings]
@@ -92,11 +92,11 @@ def plain(curve: RadiusCurve, medium: Medium) -> list[Message]:
     with suppress(InputError):  # no R_max: the curve is not answered
         if missed := curve.frames_missed:
             messages.append(Message("check_input.late_start", {"frames": missed}))
-        messages += of_scale(curve, medium)
+        messages += scale_warnings(curve, medium)
     return messages
 
 
-def of_walls(shot: Experiment) -> list[Message]:
+def wall_warnings(shot: Experiment) -> list[Message]:
     """A message if nothing tells the viscosity of a liquid from what else lengthens a first collapse: in water it can
     pass for 0.09 Pa s (docs/real-bubbles.md). Elastic laws are left out: their G holds the answer together."""
     bubble, curve = shot.options.bubble, shot.curve
@@ -108,7 +108,7 @@ def of_walls(shot: Experiment) -> list[Message]:
     return [Message("check_input.no_rebound")]
 
 
-def of_spikes(
+def spike_warnings(
     curve: RadiusCurve, names: Sequence[str], read: Callable[[RadiusCurve], Floats], theta: Floats
 ) -> list[Message]:
     """A message if a parameter would be another by more than FACTOR without the frames that stand out. theta:
@@ -127,28 +127,28 @@ def of_spikes(
     return [Message("check_input.spikes", {"frames": len(wrong), "factors": far})] if far else []
 
 
-def nothing(
+def empty_answer(
     curve: RadiusCurve, names: tuple[str, ...], law: str, method: str, bubble: Bubble, medium: Medium, **provenance: Any
 ) -> Posterior:
-    """An answer of a curve without any value, which `answered` gives its values and checks. names: in the prior's
+    """An answer of a curve without any value, which `answer_of` gives its values and checks. names: in the prior's
     scale."""
     provenance = {"cavirheo": version("cavirheo"), **provenance, "source_sha256": curve.source_sha256}
     empty, unanswered = np.empty((0, len(names))), Checks("failed")
     return Posterior(names, units(names), empty, unanswered, law, method, provenance, bubble=bubble, medium=medium)
 
 
-def answered(
+def answer_of(
     curve: RadiusCurve,
     empty: Posterior,
     find: Callable[[RadiusCurve], tuple[dict[str, Any], list[Message]]],
     trust_input: bool,
 ) -> Posterior:
     """An answer for one curve, of the fields that `find` gives, with its further input warnings. One that cannot be
-    answered gives a failed one with the reason. empty: as `nothing` makes it."""
+    answered gives a failed one with the reason. empty: as `empty_answer` makes it."""
     start, medium = perf_counter(), empty.medium or WATER
     try:
         fields, warnings = find(curve)
-        fields["checks"] = warned(fields["checks"], [*plain(curve, medium), *warnings], trust_input)
+        fields["checks"] = warned(fields["checks"], [*curve_warnings(curve, medium), *warnings], trust_input)
     except ERRORS as error:  # of this curve alone
         fields = {"checks": failed(error, curve, medium)}
     provenance = empty.provenance | fields.pop("provenance", {})
@@ -158,7 +158,7 @@ def answered(
 def failed(error: Exception, curve: RadiusCurve, medium: Medium) -> Checks:
     """The checks of a curve whose answer an error ended; what is wrong with the input may be the cause."""
     _log.debug("%s has no answer", curve.name, exc_info=error)
-    return warned(Checks("failed", (of_error(error),)), plain(curve, medium), trust_input=False)
+    return warned(Checks("failed", (of_error(error),)), curve_warnings(curve, medium), trust_input=False)
 
 
 def warned(checks: Checks, warnings: Iterable[Message], trust_input: bool) -> Checks:
@@ -207,7 +207,7 @@ def _elastic(stretch: Any) -> Any:
     return 2.5 - 2.8 / stretch
 
 
-def of_scale(curve: RadiusCurve, medium: Medium) -> list[Message]:
+def scale_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     """A message if the first collapse comes at an unusual time, and another scale or frame rate explains the curve
     clearly better than a material at the stated one, or no material has such a first collapse. It names the factors
     by which radii are then too large, or times too short, from the smallest to the largest that explains it as well."""

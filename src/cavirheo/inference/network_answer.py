@@ -53,9 +53,9 @@ class Networked:
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
         names = (*(LOG10 + name for name in Family(self.material).parameters), "stretch")
-        made: Any = {"model": self.model.name, "model_sha256": self.model.sha256}
-        empty = input_checks.nothing(curve, names, self.material, "amortised", self.bubble, self.medium, **made)
-        return input_checks.answered(curve, empty, self._answer, self.trust_input)
+        network: Any = {"model": self.model.name, "model_sha256": self.model.sha256}
+        empty = input_checks.empty_answer(curve, names, self.material, "amortised", self.bubble, self.medium, **network)
+        return input_checks.answer_of(curve, empty, self._answer, self.trust_input)
 
     def _experiment(self, curve: RadiusCurve) -> Experiment:
         options = Options(self.window, None, self.stretch, tuple(FREE), bubble=self.bubble)
@@ -76,7 +76,8 @@ class Networked:
     def _answer(self, curve: RadiusCurve) -> tuple[dict[str, Any], list[Message]]:
         """Fields of the Posterior, and further input warnings."""
         shot = self._experiment(curve)
-        checks, warnings = Checks("unverified", t_star_end=shot.view.end / shot.time_scale), input_checks.of_walls(shot)
+        checks = Checks("unverified", t_star_end=shot.view.end / shot.time_scale)
+        warnings = input_checks.wall_warnings(shot)
         source = "given" if shot.stretch else "inferred with the other parameters"
         fields: dict[str, Any] = {"material": shot.family.name, "diagnostics": Diagnostics(stretch_source=source)}
         try:
@@ -102,5 +103,5 @@ class Networked:
         values, prior = shot.best(best), shot.of_law(shot.prior())
         fields |= {"names": names, "units": units(names), "theta": theta, "checks": checks, "best": values}
         fields |= {"stretch": values["stretch"], "prior": prior, "log_q": log_q - shot.log_stretched(theta)}
-        spikes = input_checks.of_spikes(curve, names, self._medians, np.median(theta, axis=0))
+        spikes = input_checks.spike_warnings(curve, names, self._medians, np.median(theta, axis=0))
         return fields, spikes + warnings

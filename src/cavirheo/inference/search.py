@@ -188,8 +188,8 @@ class Scan:
     def best(self, shot: Experiment, count: int, used: list[Floats]) -> list[Floats]:
         """Points with the smallest cost in the window of a shot, far from each other and from those used."""
         m = len(shot.since)
-        seen = [prediction and Prediction(*(values[:m] for values in prediction)) for prediction in self.predictions]
-        costs = [np.sum(shot.residual(prediction) ** 2) for prediction in seen]
+        cut = [each and Prediction(*(values[:m] for values in each)) for each in self.predictions]
+        costs = [np.sum(shot.residual(prediction) ** 2) for prediction in cut]
         width = (self.bounds[:, 1] - self.bounds[:, 0])[self.searched]
         chosen: list[Floats] = []
         for point in self.points[np.argsort(costs)]:

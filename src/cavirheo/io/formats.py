@@ -179,9 +179,9 @@ def _with_points(sheet: Sheet) -> Sheet:
     """
     rows = [[cell.replace("−", "-") if re.match(r"−\d", cell) else cell for cell in texts] for _, texts in sheet.rows]
     data = [texts for texts in rows if all(map(is_number, texts))] or rows  # what stands above a table says nothing
-    cells = {cell for texts in data for cell in texts}
-    notes, commas = sheet.notes, filter(_WITH_COMMA.fullmatch, cells)
-    if not any(map(_WITH_POINT.fullmatch, cells)) and not all(map(_THOUSANDS.fullmatch, commas)):
+    values = {cell for texts in data for cell in texts}
+    notes, commas = sheet.notes, filter(_WITH_COMMA.fullmatch, values)
+    if not any(map(_WITH_POINT.fullmatch, values)) and not all(map(_THOUSANDS.fullmatch, commas)):
         count = sum(bool(_WITH_COMMA.fullmatch(cell)) for texts in rows for cell in texts)
         rows = [[cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in texts] for texts in rows]
         notes = (*notes, f"{count} decimal commas")

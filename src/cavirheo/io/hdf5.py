@@ -70,5 +70,5 @@ def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve
         meta["stretch"] = float(stretch.item())
     samples: dict[str, Any] = {kind: np.asarray(item[()]) for kind, (item, _) in arrays.items()}
     units = {"time": "s", "radius": "m"} | {kind: unit for kind, (_, unit) in arrays.items() if unit}
-    check_units(path, units["time"], units["radius"], units.get("radius_std"))
+    check_units(f"the group {path}", units["time"], units["radius"], units.get("radius_std"))
     return make_curve(**samples, time_unit=units["time"], radius_unit=units["radius"], meta=meta)

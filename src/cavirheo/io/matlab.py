@@ -140,9 +140,9 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
             reason = f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m"
             return unusable(reason, meta, stated_time_of_max=0.0)
         scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
-        shown = {**meta, "notes": (f"seconds from t* with {scale}", *notes)}
+        with_notes = {**meta, "notes": (f"seconds from t* with {scale}", *notes)}
         seconds, metres = time * (max_radius * per_radius), radius * max_radius
-        scaled = make_curve(seconds, metres, time_unit="s", radius_unit="m", meta=shown, stated_time_of_max=0.0)
+        scaled = make_curve(seconds, metres, time_unit="s", radius_unit="m", meta=with_notes, stated_time_of_max=0.0)
         return scaled.labelled(warnings=(*scaled.warnings, *_density_warning(scaled.frame_rate, density)))
 
     return [curve(k, *arrays) for k, arrays in enumerate(zip(radii, times, strict=True))]

@@ -24,7 +24,8 @@ _NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (d
 def check_units(where: str, time: str | None, radius: str | None, radius_std: str | None) -> None:
     """Raises InputError: a unit is that of another quantity, or radii and their deviations are in two units."""
     fine = time in (None, *TIME_UNITS) and radius in (None, *RADIUS_UNITS)
-    require(fine, f"{where} gives time in {time} and radius in {radius}", "table.units")
+    message = f"{where} gives time in {time} and radius in {radius}; expected units of time and of length"
+    require(fine, message, "table.units")
     message = f"radius is in {radius} but radius_std in {radius_std}; give both in one unit"
     require(radius_std in (None, radius), message, "table.units")
 

@@ -151,10 +151,10 @@ class Column:
         units, unit, vocabulary = self._term.units, self.unit, self.table.vocabulary
         if not units:
             return 1.0
-        named = unit is not None and not np.isnan(units.get(unit, 1.0))
+        has_unit = unit is not None and not np.isnan(units.get(unit, 1.0))
         first_units = ", ".join([name for name in units if name.isascii()][:4])
         hint = self._term.hint or f"write it into the title, as in {self.title.split()[0]} ({next(iter(units))})"
-        require(named, f"{self.title!r} has no unit: {hint}; {vocabulary.expected}", vocabulary.code("no_unit"))
+        require(has_unit, f"{self.title!r} has no unit: {hint}; {vocabulary.expected}", vocabulary.code("no_unit"))
         unknown = f"{self.title!r} has the unknown unit {unit!r} ({first_units}); {vocabulary.expected}"
         require(unit in units, unknown, vocabulary.code("unit"))
         return units[str(unit)]

@@ -17,7 +17,7 @@ from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
 from cavirheo.reporting.panels import answer_panels, group_panels, shots_of
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
 from cavirheo.writing import claim
-from cavirheo.writing.document import Outputs, drawn, write_json
+from cavirheo.writing.document import Outputs, try_to_draw, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -80,8 +80,8 @@ def write_report(
     pairs, date = CurveAnswers.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figures = figures if complete else ()
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
-    own = claim.Claim(command, {"command": command, "curves": sources}, replace)
-    with nullcontext() if claim.current() else claim.claimed(own):  # a command has its claim
+    new_claim = claim.Claim(command, {"command": command, "curves": sources}, replace)
+    with nullcontext() if claim.current() else claim.claimed(new_claim):  # a command has its claim
         folder = outputs(directory, pairs.curves, figures)
         document = result(pairs, command, date=date, notes=notes)
         document.add_published(published or {}, references)
@@ -104,15 +104,15 @@ def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
     """SVG of each curve, or why there is none; of very many curves the radius alone, half as high."""
     from cavirheo.reporting.html import DETAILED
 
-    shown, height = (1, svg.HEIGHT / 2) if len(pairs) > DETAILED else (2, svg.HEIGHT)
+    count, height = (1, svg.HEIGHT / 2) if len(pairs) > DETAILED else (2, svg.HEIGHT)
     points = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))
 
     def draw(pair: tuple[RadiusCurve, Posterior], row: CurveRecord) -> str:
         panels = answer_panels(pair[0], pair[1].checks, row)
-        return svg.curve_svg(panels[:shown], height=height, points=points)
+        return svg.curve_svg(panels[:count], height=height, points=points)
 
     notes, rows = document.notes, zip(pairs, document.curves, strict=True)
-    return [drawn(f"picture of {row.name}", notes, draw, pair, row) or notes[-1] for pair, row in rows]
+    return [try_to_draw(f"picture of {row.name}", notes, draw, pair, row) or notes[-1] for pair, row in rows]
 
 
 def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str]:
@@ -125,4 +125,4 @@ def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str
         shots = shots_of(pairs, document.curves, indices)
         return svg.group_svg(group_panels(shots, group, document.modulus_unit), points)
 
-    return [drawn(f"picture of {of[0].name}", notes, draw, *of) or notes[-1] for of in members]
+    return [try_to_draw(f"picture of {of[0].name}", notes, draw, *of) or notes[-1] for of in members]

@@ -18,7 +18,7 @@ from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.panels import Layer, Panel, answer_panels, group_panels, shots_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import style
-from cavirheo.writing.document import Outputs, drawn, short_name
+from cavirheo.writing.document import Outputs, short_name, try_to_draw
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,12 +95,12 @@ def write(
         for kind in figures if figure else ():
             folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
 
-    shown: list[tuple[str, GroupRecord | None, list[int]]]
-    shown = [(row.name, None, [index]) for index, row in enumerate(rows)]
-    shown += [(group.name, group, indices) for group, indices in document.members()]
+    pictures: list[tuple[str, GroupRecord | None, list[int]]]
+    pictures = [(row.name, None, [index]) for index, row in enumerate(rows)]
+    pictures += [(group.name, group, indices) for group, indices in document.members()]
     stems = stems_of((row.name for row in rows), (group.name for group in document.groups))
-    for stem, (name, *content) in zip(stems, shown, strict=True):
-        drawn(f"figure of {name}", failed, save, stem, *content)
+    for stem, (name, *content) in zip(stems, pictures, strict=True):
+        try_to_draw(f"figure of {name}", failed, save, stem, *content)
         if advance:
             advance()
     return failed

@@ -177,9 +177,9 @@ class GroupRecord(Record, ParameterValues[Spread]):
             self.errors[reference] = {}
             for method, values in self.by_method.items():
                 errors = {name: error_of(value, of_reference.get(name, Spread())) for name, value in values.items()}
-                known = {name: error for name, error in errors.items() if error is not None}
-                if known and method != reference:
-                    self.errors[reference][method] = known
+                finite_errors = {name: error for name, error in errors.items() if error is not None}
+                if finite_errors and method != reference:
+                    self.errors[reference][method] = finite_errors
 
     def mean(self, value: Spread, factor: float = 1.0) -> str:
         """'6.4 ± 1.6'; '0.041 ± 0.006 (n = 3)' where fewer shots determine it than are trusted."""

@@ -52,7 +52,7 @@ def write(
     What is the same for all curves is said once; of more than DETAILED curves each has its row, message and picture.
     """
     curves, unit = result.curves, result.modulus_unit
-    answered, brief = [curve for curve in curves if curve.has_answer], len(curves) > DETAILED
+    answers, brief = [curve for curve in curves if curve.has_answer], len(curves) > DETAILED
     facts = [
         {
             "material": digits.MATERIALS.get(curve.material, curve.material),
@@ -61,7 +61,7 @@ def write(
             "stretch": curve.diagnostics.stretch_source,
             "file": curve.source,
         }
-        for curve in answered
+        for curve in answers
     ]
     shared = {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
     page = template("report.html").render(
@@ -71,7 +71,7 @@ def write(
         pictures=pictures,
         sheets=sheets,
         shared=shared,
-        origin=_text(_common([curve.provenance for curve in (answered if shared else curves)])),
+        origin=_text(_common([curve.provenance for curve in (answers if shared else curves)])),
         brief=brief,
     )
     Path(path).write_text(page, encoding="utf-8")
@@ -124,8 +124,8 @@ def live_page(
             picture = svg.curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
     material = group.material if group else None
     needed = material.still_needed([result.curves[i] for i in members], half_width) if material else None
-    shown = {"record": record, "group": group, "material": material, "more": needed, "percent": 100.0 * half_width}
-    return template(LIVE).render(**shown, result=result, picture=picture)
+    content = {"record": record, "group": group, "material": material, "more": needed, "percent": 100.0 * half_width}
+    return template(LIVE).render(**content, result=result, picture=picture)
 
 
 def _printable(value: Any) -> Any:

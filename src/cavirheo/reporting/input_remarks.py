@@ -40,7 +40,7 @@ def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
 def warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
     """(name, sentence) of what must not be overlooked: curves without R_max, and scales that make no sense."""
     for curve in curves:
-        yield from ((curve.name, warning.text) for warning in input_checks.plain(curve, WATER))
+        yield from ((curve.name, warning.text) for warning in input_checks.curve_warnings(curve, WATER))
         try:
             _ = curve.max_radius
         except InputError as error:

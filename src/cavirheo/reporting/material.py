@@ -44,9 +44,9 @@ class ParameterValues(Generic[Value]):
     @classmethod
     def fields_of(cls, values: Mapping[str, Value]) -> dict[str, Any]:
         """The fields of these parameters."""
-        own = {key: values[name] for name, key in cls._keys.items() if name in values}
-        others = {name: value for name, value in values.items() if name not in cls._keys}
-        return {**own, "other_parameters": others}
+        standard = {key: values[name] for name, key in cls._keys.items() if name in values}
+        further = {name: value for name, value in values.items() if name not in cls._keys}
+        return {**standard, "other_parameters": further}
 
     def value(self, name: str) -> Value:
         """A parameter by its natural name; empty where there is none."""

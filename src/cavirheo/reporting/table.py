@@ -126,11 +126,11 @@ def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
     """The answer, then those of the others by evidence: model, G, µ, λ, RMSE and log evidence above the answer's."""
-    own, rows = record.evidence.log if record.evidence else None, []
-    models: list[tuple[CurveRecord | OtherModel, float | None]] = [(record, own)]
+    log_evidence, rows = record.evidence.log if record.evidence else None, []
+    models: list[tuple[CurveRecord | OtherModel, float | None]] = [(record, log_evidence)]
     models += [(model, model.log_evidence) for model in sorted(record.other_models, key=evidence, reverse=True)]
     for model, log in models:
-        above = digits.MISSING if log is None or own is None else f"{log - own:+.1f}"
+        above = digits.MISSING if log is None or log_evidence is None else f"{log - log_evidence:+.1f}"
         values = (model.shear_modulus_Pa, factor), (model.viscosity, 1.0), (model.stretch, 1.0)
         texts = [digits.quantity(value, scale) for value, scale in values]
         rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), "0" if model is record else above])
@@ -176,27 +176,27 @@ def write_csv(path: str | Path, result: Result) -> None:
 
 def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(names of the columns, a row for each curve)."""
-    first, others = ["stretch", "shear_modulus", "viscosity"], result.parameters
-    columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *others)}
+    first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
+    columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *further)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
     head = ["name", "group", "source", "material", "method", "max_radius_m"]
     head += [columns[name] + end for name in first for end in ends.values()]
     head += ["rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
-    head += [columns[name] + end for name in others for end in ends.values()]
+    head += [columns[name] + end for name in further for end in ends.values()]
     rows = []
     for record in result.curves:
         values = {column: record.value(name) for name, column in columns.items()}
-        cells = {column + end: getattr(value, part) for column, value in values.items() for part, end in ends.items()}
+        numbers = {column + end: getattr(value, part) for column, value in values.items() for part, end in ends.items()}
         words = {"message": record.message, "bubble": record.bubble.name}
-        rows.append(vars(record) | words | vars(record.window) | cells)
+        rows.append(vars(record) | words | vars(record.window) | numbers)
     return head, rows
 
 
 def _print_parameters(console: Console, result: Result) -> None:
     """What was inferred or given besides G, µ and λ, without the camera's."""
-    of_laws, left_out = parameters_of(result.curves), (*CAMERA, AT_RATE)
+    of_laws, excluded = parameters_of(result.curves), (*CAMERA, AT_RATE)
     names = [name for name in result.parameters if name in of_laws or not of_the_law(name)]
-    if not (names := [name for name in names if name not in left_out]):
+    if not (names := [name for name in names if name not in excluded]):
         return
     symbols, factors, units = zip(*map(in_unit, names), strict=True)
     table = terminal.table("curve", [f"{symbol}\n{unit}".strip() for symbol, unit in zip(symbols, units, strict=True)])
@@ -220,7 +220,7 @@ def _windowed(records: Sequence[CurveRecord]) -> list[str]:
 def windows(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[str, str]]]:
     """'G (kPa), µ (Pa s)', and '6.44, 0.0295' of each record for windows of 1, 2, 3 and all collapses; * where one is
     at a bound. Nothing of a record that no fit answers."""
-    cells = []
+    texts_of_records = []
     for record in records:
         fitted = record.method in FITS and record.has_answer
         windows = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
@@ -229,18 +229,19 @@ def windows(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[
             values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed([record])]
             numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
             texts[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
-        cells.append(texts)
-    names = _windowed([record for record, texts in zip(records, cells, strict=True) if texts])
+        texts_of_records.append(texts)
+    names = _windowed([record for record, texts in zip(records, texts_of_records, strict=True) if texts])
     parts = (in_unit(name, unit) for name in names)
-    return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts), cells
+    return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts), texts_of_records
 
 
 def _print_windows(console: Console, result: Result) -> None:
     """G and mu of every curve for windows of 1, 2, 3 and all collapses; of every group mean ± standard deviation over
     the trusted curves that have the window, and how many they are."""
     unit, heads, curves = result.modulus_unit, list(_WINDOWS.values()), result.curves
-    values, cells = windows(curves, unit)
-    rows = [(curve.name, list(texts.values()), "") for curve, texts in zip(curves, cells, strict=True) if texts]
+    values, texts_of_records = windows(curves, unit)
+    windowed = zip(curves, texts_of_records, strict=True)
+    rows = [(curve.name, list(texts.values()), "") for curve, texts in windowed if texts]
     if not rows:
         return
     for group, shots in result.shots():

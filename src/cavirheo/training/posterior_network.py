@@ -239,8 +239,8 @@ class PosteriorTraining(Training[PosteriorNetwork]):
             inputs = torch.from_numpy(recordings.inputs[i : i + 1])
             has, choice = self.mask[kind], -torch.log(-torch.log(uniform))
             z, _, _ = sequential(inputs, one_hot[kind : kind + 1], has, has, choice, normal, normal, nothing)
-            slots = used(*self.kinds[kind])
-            below[i, slots] = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)[slots]
+            places = used(*self.kinds[kind])
+            below[i, places] = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)[places]
         by_slot = {}
         for name, shares in zip(COORDINATES, below.T, strict=True):
             if len(off := np.abs(2.0 * shares[np.isfinite(shares)] - 1.0)):

@@ -133,11 +133,11 @@ class CollapseTime(options.Printing, options.Pictures, options.Liquid):
         run.refuse(problems)
         run.notes += remarks
         run.need(groups, "collapse time")
-        known = {"shear_modulus": self.shear_modulus, "viscosity": self.viscosity}
+        values = {"shear_modulus": self.shear_modulus, "viscosity": self.viscosity}
         if self.exact:
             run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
         for group in groups:
-            group.answer(self.material, exact=self.exact, medium=liquid, **known)
+            group.answer(self.material, exact=self.exact, medium=liquid, **values)
         answered_groups = [group for group in groups if group.estimate] if self.drawing(run) else []
         head = {"material": self.material, "medium": asdict(liquid), **run.head}
         document = collapse_times.CollapseTimes(groups=groups, **head)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
 
 _FITTED = "nhkv, newtonian, power-law, ...; auto: the evidence chooses"
-_WEIGHED = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
+_LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
 _WEIGHTS = "learnt: the residuals tell how much less frames beside collapses count"
 _OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other way round"
@@ -99,20 +99,20 @@ class Fit(_Report, options.OneBubble, _FitOptions):
     def requested(self, files: Sequence[Path]) -> Analysis:
         from cavirheo.inference.analysis import Analysis
 
-        told: dict[str, Any] = {
+        settings: dict[str, Any] = {
             "method": "fit",
             "bubble": self.bubbles,
             "medium": self.liquid,
             "scale_bound": self.scale_percent / 100,
         }
-        told["t0_bound"] = None if self.t0_us is None else self.t0_us * 1e-6
-        told["end"] = None if self.window_us is None else self.window_us * 1e-6
-        return Analysis(**options.shared(self, Analysis) | told)
+        settings["t0_bound"] = None if self.t0_us is None else self.t0_us * 1e-6
+        settings["end"] = None if self.window_us is None else self.window_us * 1e-6
+        return Analysis(**options.shared(self, Analysis) | settings)
 
 
 @dataclass(kw_only=True)
 class _LawOptions:
-    laws: Annotated[str, option("two or more laws, with commas", autocompletion=completion.many_law_names)] = _WEIGHED
+    laws: Annotated[str, option("two or more laws, with commas", autocompletion=completion.many_law_names)] = _LAWS
     stretch: options.Stretch = None
     window: options.Window = None
     exact_law: options.ExactLaw = False

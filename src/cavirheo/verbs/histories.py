@@ -76,7 +76,7 @@ class Measure(options.Printing):
                 return stack.enter_context(run.bar("measuring", count, unit="frames"))
 
             measurement, curve = examine(path, begin=begin, **settings)
-        warnings = [warning.text for warning in input_checks.plain(curve, WATER)]
+        warnings = [warning.text for warning in input_checks.curve_warnings(curve, WATER)]
         record = document.describe(
             measurement, curve, warnings, command=run.command, date=run.date, notes=list(measurement.notes)
         )

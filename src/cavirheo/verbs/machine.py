@@ -97,8 +97,8 @@ def _lines() -> Iterator[tuple[str, str]]:
     for extra, names in libraries.items():
         yield f"[{extra}]", _installed(names)
     folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # it is not compiled for that
-    kept = f"compiled, kept in {', '.join(sorted(folders))}"
-    yield "solver", kept if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"
+    compiled = f"compiled, kept in {', '.join(sorted(folders))}"
+    yield "solver", compiled if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"
     for name, path in shipped().items():
         yield "model", f"{name}, sha256 {checksum(path)}"
     variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]

@@ -323,8 +323,8 @@ class Inference(Answering, OneBubble, Question):
         """What is asked of each curve. Raises InputError: settings that cannot be, or do not go together."""
         from cavirheo.inference.analysis import Analysis
 
-        told: dict[str, Any] = {"bubble": self.bubbles, "medium": self.liquid, "discrepancy": not self.exact_law}
-        return Analysis(**shared(self, Analysis) | told)
+        settings: dict[str, Any] = {"bubble": self.bubbles, "medium": self.liquid, "discrepancy": not self.exact_law}
+        return Analysis(**shared(self, Analysis) | settings)
 
     def check_verify(self, files: Iterable[Path]) -> None:
         """Raises InputError for an option that only --verify would use, before hours are spent.

@@ -99,7 +99,7 @@ def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], No
     stage = refined(stage, {i: (patch.x, patch.y, patch.radius) for i, patch in chosen.items()})
     if levels:
         stage = replace(stage, depth=stage.depth * float(np.median(levels)))
-    patches_of = {i: found or outline.patches(stage, i) for i, found in patches_of.items()}
+    patches_of = {i: patches or outline.patches(stage, i) for i, patches in patches_of.items()}
     chosen, elsewhere = _one_bubble(patches_of, n)
     twins = sum(
         any(patch is not bubble and patch.area > 0.5 * bubble.area > 25.0 for patch in patches_of[i])
@@ -126,9 +126,9 @@ def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, P
         last, gone = peak, 0
         for i in way:
             away = [(patch, hypot(patch.x - last.x, patch.y - last.y)) for patch in patches_of.get(i, ())]
-            near = [(p, d) for p, d in away if d < RULES.jump + 0.5 * max(p.radius, last.radius)]
-            if near:
-                (last, _), gone = max(near, key=lambda pair: pair[0].area / (1.0 + (pair[1] / 10.0) ** 2)), 0
+            candidates = [(p, d) for p, d in away if d < RULES.jump + 0.5 * max(p.radius, last.radius)]
+            if candidates:
+                (last, _), gone = max(candidates, key=lambda pair: pair[0].area / (1.0 + (pair[1] / 10.0) ** 2)), 0
                 chosen[i] = last
             elif i in patches_of:
                 gone += 1

@@ -80,7 +80,7 @@ class Document(Record):
 
 
 Kind = TypeVar("Kind", bound=Document)
-Drawn = TypeVar("Drawn")
+Picture = TypeVar("Picture")
 
 
 class Quantity(Record):
@@ -241,7 +241,7 @@ class Outputs:
     def picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *content: Any) -> list[str]:
         """`save(path, draw(*content))`; what is to be said where it cannot be drawn."""
         failed: list[str] = []
-        drawn(name, failed, lambda: self.write(name, save, draw(*content)))
+        try_to_draw(name, failed, lambda: self.write(name, save, draw(*content)))
         return failed
 
     def finish(self) -> None:
@@ -288,7 +288,7 @@ class Outputs:
                     self._listed.setdefault(entry["name"], []).append(entry)
 
 
-def drawn(name: str, failed: list[str], draw: Callable[..., Drawn], *content: Any) -> Drawn | None:
+def try_to_draw(name: str, failed: list[str], draw: Callable[..., Picture], *content: Any) -> Picture | None:
     """`draw(*content)`, of a picture or its file: where it cannot be drawn None, `failed` has a sentence more, and the
     run goes on.
 

@@ -186,7 +186,7 @@ class Sample:
         if self.ess >= needed and (self.reliable or needed < TUNING.part_small * TUNING.effective_fewest):
             return None
         (index, unseen), values = self.tail, {"effective": self.ess, "needed": needed}
-        tail = {"tail": index, "unseen": None if self.reliable else unseen}
+        tail = {"tail": index, "missing": None if self.reliable else unseen}
         return Message("interval.distrusted", {"draws": len(self.u), **values, **tail})
 
 

@@ -406,7 +406,7 @@ class Estimation:
             exact = not self.settings.discrepancy
             if exact or excess > TUNING.systematic:
                 verdict = "model_does_not_fit"
-            limits = {"seen": TUNING.systematic_seen, "limit": TUNING.systematic, "exact": exact}
+            limits = {"detectable": TUNING.systematic_seen, "limit": TUNING.systematic, "exact": exact}
             chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
             self.messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
         below = dict(zip(self.prior.names, self.prior.cdf(at), strict=True))
