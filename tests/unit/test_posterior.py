@@ -565,8 +565,10 @@ def test_a_law_is_looked_at_where_a_better_one_is_best():
     explorer = lost.sampling.explorer
     explorer.modes = [replace(mode, u=mode.u + 1.5, log_posterior=mode.log_posterior - 50.0) for mode in explorer.modes]
     explorer.value -= 50.0
+    lost.sampling.sample = Sample(explorer.u, explorer.value, np.zeros(len(explorer.u)))
     lost.look_where(best)
     assert explorer.height > best.sampling.explorer.height - TUNING.other_law
+    assert lost.sampling.short(0.0)  # what was drawn before
 
 
 def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):
