@@ -3,7 +3,6 @@
 import json
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,11 +25,12 @@ from cavirheo.inference.verify import Verification, adaptive_sampling, evidence,
 from cavirheo.inference.verify import mode as mode_module
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.evidence import rank_laws, ranked
-from cavirheo.inference.verify.mode import Target, climb
+from cavirheo.inference.verify.mode import Simulated, Target, climb
 from cavirheo.inference.verify.model_average import Part
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Mixture, Sample, markov_sample
+from cavirheo.inference.verify.surrogate import climb_emulated
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
@@ -142,17 +142,13 @@ def test_priors_are_normalised_and_their_coordinates_normal():
 
 
 class TwoModes(Target):
-    """Of two parameters, with a better and a worse mode on either side of u_0 = 0; the frames follow by a formula."""
+    """Of bubbles of a small stretch those of a large one: each hill has a mirror image."""
 
-    def __init__(self):
-        self.prior, self.columns, self.experiment = Prior(("a", "b"), [-1.0] * 2, [1.0] * 2), [0, 1], SimpleNamespace()
-        self.time, self.experiment.steps = np.linspace(0.0, 1.0, 20), np.ones(2)
-        self.noise = Noise(np.full(20, 0.05), self.time, 1.0, False)
+    middle = -np.inf  # u of the stretch
 
     def residuals(self, u, accuracy):
-        x, y = self.prior.to_x(u).T[..., None]
-        frames = 0.4 * (x**2 - 0.06) * np.sin(7.0 * self.time) + 0.1 * (y - 0.4 * x) * np.cos(3.0 * self.time)
-        return -frames - 0.025 * (0.25 - x) * np.cos(15.0 * self.time)
+        stretch = self.middle + np.hypot(u[:, 2] - self.middle, 0.01)
+        return super().residuals(np.column_stack([u[:, :2], stretch]), accuracy)
 
 
 def test_frames_of_a_shape_follow_the_size_of_the_bubble():
@@ -214,6 +210,18 @@ def test_a_mode_that_no_start_led_to_is_climbed_into():
     assert wrong.log_posterior + TUNING.other_mode < explorer.height < right.log_posterior - TUNING.other_mode
     explorer.climb_higher()
     assert explorer.height == pytest.approx(right.log_posterior, abs=TUNING.climb_expected)
+
+
+def test_a_mode_is_climbed_to_beside_a_higher_one():
+    here, rng = experiment(shot(noise=0.02)), np.random.default_rng(1)
+    target = TwoModes(here, here.prior(), here.noise(discrepancy=True))
+    known = climb(Target(here, here.prior(), here.noise(discrepancy=True)), np.zeros(3), ROUGH)
+    target.middle = known.u[2] - 0.8
+    spread = rng.standard_normal((42, 3)) * np.sqrt(np.diag(known.covariance))
+    u = known.u + np.concatenate([1.5 * spread[:30], 3.0 * spread[30:] - [0.0, 0.0, 1.6]])
+    simulated = Simulated.at(target, u, ROUGH)
+    found, _ = climb_emulated(target, simulated, u[30 + np.argmax(simulated.value[30:])], [known])
+    assert found.u == pytest.approx(known.u - [0.0, 0.0, 1.6], abs=0.1)
 
 
 def test_a_proposal_that_is_too_narrow_shows_in_size_and_tail():
@@ -557,8 +565,10 @@ def test_a_law_is_looked_at_where_a_better_one_is_best():
     explorer = lost.sampling.explorer
     explorer.modes = [replace(mode, u=mode.u + 1.5, log_posterior=mode.log_posterior - 50.0) for mode in explorer.modes]
     explorer.value -= 50.0
+    lost.sampling.sample = Sample(explorer.u, explorer.value, np.zeros(len(explorer.u)))
     lost.look_where(best)
     assert explorer.height > best.sampling.explorer.height - TUNING.other_law
+    assert lost.sampling.short(0.0)  # what was drawn before
 
 
 def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):

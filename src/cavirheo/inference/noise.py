@@ -251,8 +251,7 @@ class MarginalNoise:
     """The distribution of extended residuals (k, size), which hold m pulls, the logarithm of the rest of an integral
     over the camera and the shape of the bubble (camera.py) beside the n frames that `frames` is about.
 
-    power, constants, joint: of `frames`. pull: k^2 of the frames, by which the pulls' squares are multiplied
-    where the frames' are to be divided by it.
+    power, constants: of `frames`.
     """
 
     def __init__(self, frames: Noise, pulls: int, size: int) -> None:

@@ -53,7 +53,7 @@ def _pieces(h: Floats, start: Floats, rise: Floats, slope: Floats, curvature: Fl
 def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) -> Floats:
     """Table of the integral of `slope` (for arrays of any shape) from `origin`, one of the ascending nodes.
 
-    Pieces between the nodes are halved until quintics represent the slope to TOLERANCE. Where the slope is not finite
+    Pieces between the nodes are divided until quintics represent the slope to TOLERANCE. Where the slope is not finite
     the table ends: its range is the domain of the law. Integrals by Lobatto's quadrature with 7 points a piece; the
     second derivative is that of the polynomial through the slopes there.
 

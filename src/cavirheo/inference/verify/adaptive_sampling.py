@@ -73,7 +73,7 @@ class TwoFidelityTarget(Target):
         if not self.rough:
             return
         u, fine, rough, value = at.u[good], fine[good], at.residual[good], at.value[good]
-        trust = np.exp((value - np.max(value)) / TUNING.nugget_height)
+        trust = np.exp(np.maximum((value - np.max(value)) / TUNING.nugget_height, -20.0))  # a scatter needs several
         self.missed = np.average(fine - rough, axis=0, weights=trust)
         wrong = self.log_posterior(u, fine) - self.log_posterior(u, rough + self.missed)
         self.rough = bool(np.cov(wrong, aweights=trust) < TUNING.corrected_scatter**2)

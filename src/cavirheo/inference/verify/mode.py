@@ -151,11 +151,6 @@ class Target:
         residual[selected, density_column] += gain
         return Simulated(simulated.u, residual, self.log_posterior(simulated.u, residual))
 
-    def log_joint(self, u: Floats, residual: Floats, z: Floats | None) -> Floats:
-        """(k,) log posterior of u (k, d) whose simulations have extended residuals (k, size), of a camera z (k, m) or,
-        without one, of any."""
-        return self.log_posterior(u, residual if z is None else self.extended(self.noise.shapes(residual), z))
-
     def linear(self, u: Floats) -> Floats:
         """(k, d) coordinates that frames are nearly linear in, of u (k, d): parameters, not their logarithms. Of the
         accommodation its inverse, a resistance, where that is small beside the others, and else the logarithm. Of a law

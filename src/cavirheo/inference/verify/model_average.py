@@ -51,16 +51,19 @@ class Part:
 
     def look_where(self, other: Part) -> None:
         """Climb from where another model is best, if that is above all that is known of this one: laws contain each
-        other, and a search may have missed there what the other's has found."""
+        other, and a search may have missed there what the other's has found. Draws that have missed it do not count."""
         explorer, highest = self.sampling.explorer, other.sampling.explorer.highest
         looked_at = self._looked is not None and np.array_equal(highest, self._looked)
-        if other.sampling.explorer.height - explorer.height < TUNING.other_law or looked_at:
+        height = explorer.height
+        if other.sampling.explorer.height - height < TUNING.other_law or looked_at:
             return
         self._looked = highest
         best = other.estimation.shot.best(other.estimation.target.with_camera(highest[None])[0])
         start = self.estimation.start_at(best)
         explorer(start[None])
         explorer.climb_from(start)
+        if explorer.height - height > TUNING.other_law:
+            self.sampling.sample = None
 
 
 def _part(estimation: Estimation, prior: float) -> Part | SolverError:
@@ -130,7 +133,7 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
         if part.sampling.sample is None and of_law < LEAST_PROBABILITY:
             continue
         if part.sampling.sample is None:
-            part.sampling.weigh(float(share))
+            part.sampling.weigh(max(float(share), TUNING.part_seen))
         if part.sampling.sample is None:
             why = f"too few bubbles of {part.estimation.shot.family.name} about its maximum can be simulated"
             problems.append(SolverError(why))

@@ -170,16 +170,6 @@ class Sample:
         index, unseen = self.tail
         return self.chosen or not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
 
-    def resampled(self, count: int, rng: np.random.Generator) -> Sample:
-        """`count` of the draws chosen by their weights; one that is chosen more than once is one with more weight."""
-        log_whole = log_sum(self.log_weight)
-        ends = np.cumsum(np.exp(self.log_weight - log_whole))
-        places = (rng.uniform() + np.arange(count)) / count * ends[-1]
-        which, often = np.unique(np.searchsorted(ends, places), return_counts=True)
-        log_weight = np.log(often * len(which) / count) + log_whole - np.log(len(self.u))
-        log_target = self.log_target[which]
-        return Sample(self.u[which], log_target, log_target - log_weight, self.common, chosen=True)
-
     def distrust(self, needed: float) -> Message | None:
         """Why the draws are not worth an interval that takes so many effective ones; None if they are. Of a small
         part of an answer the tail does not matter."""

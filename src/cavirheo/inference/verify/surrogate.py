@@ -169,17 +169,19 @@ def climb_emulated(
     """
     known = len(simulated.u)
     enough = len(simulated.finite.u) > 2 * (len(start) + 1)
+    height = np.max(simulated.value[np.all(simulated.u == start, axis=1)], initial=-np.inf)
     for _ in range(TUNING.climb_surrogates if enough else 0):
         mode = climb(Emulated(target, Surrogate(target, *simulated.finite)), start, ROUGH, maxima)
         if mode is None:
             return None, simulated.after(known)
         end = Simulated.at(target, mode.u[None])
         simulated = simulated.joined(end)
-        start = simulated.u[np.argmax(simulated.value)]
+        if end.value[0] > height:  # not of all that is known: another mode may be higher
+            start, height = mode.u, end.value[0]
         if not abs(end.value[0] - mode.log_posterior) > TUNING.climb_expected or not np.isfinite(end.value[0]):
             break
     mode = climb(target, start, ROUGH, maxima)
-    if mode:
+    if mode and np.any(mode.u != start):
         simulated = simulated.joined(Simulated(mode.u[None], mode.residual[None], np.array([mode.log_posterior])))
     return mode, simulated.after(known)
 
