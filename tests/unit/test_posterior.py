@@ -22,7 +22,6 @@ from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_network import network_of
 from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, predictive, verification, verify_many
-from cavirheo.inference.verify import mode as mode_module
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.evidence import rank_laws, ranked
 from cavirheo.inference.verify.mode import Simulated, Target, climb
@@ -380,14 +379,13 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4, 7])
 def test_against_emcee(seed, monkeypatch):
-    """An affine-invariant ensemble finds the same medians and widths; both simulate roughly, for it takes 100,000."""
+    """An affine-invariant ensemble of the same simulations finds the same medians and widths."""
     emcee = pytest.importorskip("emcee")
     _, curve = calibration.shot(seed)
     known = {"discrepancy": False, "free": "none"}  # a scale would move the viscosity of the answer, not of the chain
     settings = known | {"ranges": calibration.RANGES, "seed": seed}
     answer = fit(curve, window="all")
     monkeypatch.setattr(adaptive_sampling, "TUNING", replace(TUNING, effective_enough=2500.0, draws=6000))
-    monkeypatch.setattr(mode_module, "DEFAULT", ROUGH)
     found = verify.verify(curve, answer, **settings)
     job = Estimation(Verification(**settings), curve, answer)
     target, rng = job.target, np.random.default_rng(seed)
@@ -397,18 +395,18 @@ def test_against_emcee(seed, monkeypatch):
     moves = [(emcee.moves.DEMove(), 0.5), (emcee.moves.StretchMove(), 0.5)]
 
     def log_posterior(u):
-        return target.log_posterior(u, target.residuals(u, ROUGH))
+        return target.log_posterior(u, target.residuals(u, DEFAULT))
 
     sampler = emcee.EnsembleSampler(4 * d, d, log_posterior, vectorize=True, moves=moves)
     sampler._random.seed(seed)
-    sampler.run_mcmc(walkers, 4000)
+    sampler.run_mcmc(walkers, 3000)
     tau = float(np.max(sampler.get_autocorr_time(tol=0)))
     assert len(sampler.get_chain()) > 20 * tau
     x = target.prior.to_x(sampler.get_chain(discard=int(4 * tau), flat=True))
     for i, name in enumerate(("shear_modulus", "viscosity", "stretch")):
         sd, ours = np.std(x[:, i]), np.log10(found.draws(name))
         width = np.sqrt(np.average((ours - np.average(ours, weights=found.weights)) ** 2, weights=found.weights))
-        assert np.log10(found.median(name)) == pytest.approx(np.median(x[:, i]), abs=0.1 * sd)
+        assert np.log10(found.median(name)) == pytest.approx(np.median(x[:, i]), abs=0.12 * sd)
         assert width == pytest.approx(sd, rel=0.15)
 
 
