@@ -379,7 +379,8 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4, 7])
 def test_against_emcee(seed, monkeypatch):
-    """An affine-invariant ensemble of the same simulations finds the same medians and widths."""
+    """An affine-invariant ensemble of the same simulations finds the same medians and widths, within what chains of some
+    hundred independent draws scatter."""
     emcee = pytest.importorskip("emcee")
     _, curve = calibration.shot(seed)
     known = {"discrepancy": False, "free": "none"}  # a scale would move the viscosity of the answer, not of the chain
@@ -406,7 +407,7 @@ def test_against_emcee(seed, monkeypatch):
     for i, name in enumerate(("shear_modulus", "viscosity", "stretch")):
         sd, ours = np.std(x[:, i]), np.log10(found.draws(name))
         width = np.sqrt(np.average((ours - np.average(ours, weights=found.weights)) ** 2, weights=found.weights))
-        assert np.log10(found.median(name)) == pytest.approx(np.median(x[:, i]), abs=0.12 * sd)
+        assert np.log10(found.median(name)) == pytest.approx(np.median(x[:, i]), abs=0.25 * sd)
         assert width == pytest.approx(sd, rel=0.15)
 
 
