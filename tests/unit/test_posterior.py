@@ -379,8 +379,8 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4, 7])
 def test_against_emcee(seed, monkeypatch):
-    """An affine-invariant ensemble of the same simulations finds the same medians and widths, within what chains of some
-    hundred independent draws scatter."""
+    """An affine-invariant ensemble of the same simulations finds the same medians and widths, within what some hundred
+    independent draws of chains scatter."""
     emcee = pytest.importorskip("emcee")
     _, curve = calibration.shot(seed)
     known = {"discrepancy": False, "free": "none"}  # a scale would move the viscosity of the answer, not of the chain
