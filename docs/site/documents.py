@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Collection, Iterator
 from inspect import cleandoc
+from pkgutil import resolve_name
 from typing import Any
 
 from markup import prose, table
@@ -52,7 +53,7 @@ def formats() -> Iterator[str]:
 
 def others() -> list[type[Document]]:
     """The documents that `cavirheo.load` gives, but for result.json."""
-    kinds = [loading.import_name(kind) for kind, _ in loading.KINDS.values()]
+    kinds = [resolve_name(kind) for kind, _ in loading.KINDS.values()]
     return [kind for kind in kinds if kind is not Result]
 
 

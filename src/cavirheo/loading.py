@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from cavirheo.errors import InputError, as_path, expect, require
@@ -19,14 +19,17 @@ Loaded = TypeVar("Loaded", bound="Document | Dataset")
 
 # by `kind`, which with the ending .json is the usual name of its file: its class, and what prints its table
 KINDS = {
-    "result": ("reporting.record.Result", "reporting.table.print_all"),
-    "laws": ("reporting.laws.Laws", "reporting.laws.print_table"),
-    "rheometer": ("companions.rheometer.Rheometry", "companions.rheometer.print_rheometry"),
-    "collapse-time": ("companions.collapse_times.CollapseTimes", "companions.collapse_times.print_table"),
-    "measure": ("video.document.Measured", "video.document.print_table"),
-    "design": ("companions.design.Design", "companions.design.print_table"),
-    "metrics": ("training.evaluate.Metrics", "training.evaluate.print_metrics"),
-    "training": ("training.evaluate.TrainingRun", "training.evaluate.print_run"),
+    "result": ("cavirheo.reporting.record.Result", "cavirheo.reporting.table.print_all"),
+    "laws": ("cavirheo.reporting.laws.Laws", "cavirheo.reporting.laws.print_table"),
+    "rheometer": ("cavirheo.companions.rheometer.Rheometry", "cavirheo.companions.rheometer.print_rheometry"),
+    "collapse-time": (
+        "cavirheo.companions.collapse_times.CollapseTimes",
+        "cavirheo.companions.collapse_times.print_table",
+    ),
+    "measure": ("cavirheo.video.document.Measured", "cavirheo.video.document.print_table"),
+    "design": ("cavirheo.companions.design.Design", "cavirheo.companions.design.print_table"),
+    "metrics": ("cavirheo.training.evaluate.Metrics", "cavirheo.training.evaluate.print_metrics"),
+    "training": ("cavirheo.training.evaluate.TrainingRun", "cavirheo.training.evaluate.print_run"),
 }
 NAMES = tuple(f"{kind}.json" for kind in KINDS)
 
@@ -79,15 +82,9 @@ def _load(path: str | Path) -> Document | Dataset:
             raise
     message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
     require(isinstance(name, str) and name in KINDS, message, "document.other")
-    return read_json(path, import_name(KINDS[str(name)][0]))
+    return read_json(path, resolve_name(KINDS[str(name)][0]))
 
 
 def print_table(document: Document) -> None:
     """The table of a document, as its verb and `cavirheo show` print it."""
-    import_name(KINDS[document.kind][1])(document)
-
-
-def import_name(place: str) -> Any:
-    """What is imported from a place in the package, such as "reporting.record.Result"."""
-    module, _, name = place.rpartition(".")
-    return getattr(import_module(f"cavirheo.{module}"), name)
+    resolve_name(KINDS[document.kind][1])(document)

@@ -12,13 +12,14 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 import pytest
 
 import cavirheo
 from cavirheo import Bubble, Medium, fit, infer, read_curves
-from cavirheo.loading import KINDS, import_name
+from cavirheo.loading import KINDS
 
 HERE = Path(__file__).resolve().parent / "golden"
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,7 +50,7 @@ def _signature(thing: Any) -> str:
 def schema() -> dict[str, Any]:
     """Of every document: the fields of each of its records, with their types."""
     found = {}
-    for document in (import_name(kind) for kind, _ in KINDS.values()):
+    for document in (resolve_name(kind) for kind, _ in KINDS.values()):
         whole = document.model_json_schema(by_alias=True)
         records = {document.__name__: whole, **whole.get("$defs", {})}
         found[document.__name__] = {
