@@ -295,6 +295,11 @@ class Simulated(NamedTuple):
         return Simulated(self.u[good], self.residual[good], self.value[good])
 
 
+def trust_in(value: Floats) -> Floats:
+    """(k,) how much simulations with this log posterior (k,) count where the likely ones are described."""
+    return np.asarray((1.0 + (np.max(value) - value) / TUNING.nugget_height) ** -2.0)
+
+
 def same(first: Mode, second: Mode) -> bool:
     """Nearer to each other than their Gaussians are wide."""
     off = first.u - second.u

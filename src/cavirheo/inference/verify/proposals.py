@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats, log_sum, unscaled
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, same
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, same, trust_in
 from cavirheo.inference.verify.sampler import (
     Density,
     Mixture,
@@ -115,10 +115,12 @@ class AdaptiveProposal:
 
     def learn(self, u: Floats, residual: Floats, value: Floats) -> None:
         """Know simulations at u (k, d) with residuals (k, n) and log posterior (k,)."""
-        good = np.isfinite(value)
-        self.u = np.concatenate([self.u, u[good]])
-        self.residual = np.concatenate([self.residual, residual[good]])
-        self.value = np.concatenate([self.value, value[good]])
+        self.u, self.residual, self.value = self.simulated.joined(Simulated(u, residual, value).finite)
+
+    @property
+    def simulated(self) -> Simulated:
+        """All that is known."""
+        return Simulated(self.u, self.residual, self.value)
 
     @property
     def height(self) -> float:
@@ -142,7 +144,7 @@ class AdaptiveProposal:
 
     def climb_from(self, start: Floats) -> None:
         """Climb from a simulated u (d,) and take up the mode that it leads to, if this is a new one."""
-        mode, on_the_way = climb_emulated(self.target, Simulated(self.u, self.residual, self.value), start, self.modes)
+        mode, on_the_way = climb_emulated(self.target, self.simulated, start, self.modes)
         self.learn(*on_the_way)
         self.also([mode] if mode else [])
 
@@ -166,7 +168,9 @@ class AdaptiveProposal:
         def lifted(w: Floats) -> Floats:
             return surrogate(w) + lift(w)
 
-        sample, self.walkers = markov_sample(lifted, walkers, self._shelves, rng, draws)
+        sample, self.walkers = markov_sample(
+            lifted, walkers, lambda w: shelves(self.target, w, self.u.shape[1]), rng, draws
+        )
         u, camera = np.split(sample.u, [self.u.shape[1]], axis=1)
         sample = replace(sample, u=u, camera=camera, log_target=sample.log_target - lift(sample.u))
         self.drawn = sample
@@ -204,7 +208,7 @@ class AdaptiveProposal:
         """(k, m) camera z of bubbles at u (k, d) by a line through those of the likely simulations, and the standard
         deviations (m,) of draws about it."""
         z = self.target.camera.z(self.residual)
-        trust = (1.0 + (np.max(self.value) - self.value) / TUNING.nugget_height) ** -2.0
+        trust = trust_in(self.value)
         middle = trust @ self.u / np.sum(trust)
         root = np.sqrt(trust)[:, None]
         line = root * np.column_stack([np.ones(len(z)), self.u - middle])
@@ -213,9 +217,6 @@ class AdaptiveProposal:
         missed = z - slopes[0] - (self.u - middle) @ slopes[1:]
         spread = np.sqrt(trust @ missed**2 / np.sum(trust)) + TUNING.begun_camera
         return slopes[0] + (u - middle) @ slopes[1:], spread
-
-    def _shelves(self, w: Floats) -> Mixture | None:
-        return shelves(self.target, w, self.u.shape[1])
 
     def _through(self, draws: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture that follows weighted draws, with as many components as they are worth, and the modes."""

@@ -228,33 +228,27 @@ class Walkers:
     mixtures were fitted, to which they jump: each half to that of the other, for one that knows a walker's own place
     would lead away from it. further: of such places, what a mixture through them has beside it."""
 
-    def __init__(
-        self, target: Density, u: Floats, further: Callable[[Floats], Mixture | None], rng: np.random.Generator
-    ) -> None:
+    def __init__(self, target: Density, u: Floats, further: Callable[[Floats], Mixture | None]) -> None:
         self.target, self.further = target, further
         self.u, self.value = u.copy(), np.maximum(target(u), _NEVER)
-        halves = self._halves
-        count = int(np.clip(len(halves[0]) / (TUNING.joint_each * u.shape[1]), 1, TUNING.joint_components))
-        self.fitted = [Mixture.through(half, np.zeros(len(half)), count, rng) for half in halves]
-        self._widen(halves)
+        self.fitted: list[Mixture | None] = [None, None]
 
-    @property
-    def _halves(self) -> tuple[Floats, Floats]:
-        """Where the walkers are that each half's mixture is fitted to."""
+    def settle(self, rng: np.random.Generator) -> None:
+        """Fit the mixtures to where they are, on from the last ones."""
         first, second = np.array_split(self.u, 2)
-        return second, first
-
-    def settle(self) -> None:
-        """Fit the mixtures to where they are."""
-        halves = self._halves
-        self.fitted = [fit.fitted(half, np.zeros(len(half))) for fit, half in zip(self.fitted, halves, strict=True)]
-        self._widen(halves)
-
-    def _widen(self, halves: tuple[Floats, Floats]) -> None:
         self.before, self.mixtures = self.u.copy(), list[Mixture]()
-        for fit, half in zip(self.fitted, halves, strict=True):
+        for i, half in enumerate((second, first)):
+            fit = self._fitted(self.fitted[i], half, rng)
             mixture, further = fit.widened(TUNING.joint_wide, TUNING.joint_factor), self.further(half)
             self.mixtures.append(mixture.mixed_with(further, TUNING.shelf_share) if further else mixture)
+            self.fitted[i] = fit
+
+    def _fitted(self, last: Mixture | None, half: Floats, rng: np.random.Generator) -> Mixture:
+        equal = np.zeros(len(half))
+        if last:
+            return last.fitted(half, equal)
+        count = int(np.clip(len(half) / (TUNING.joint_each * half.shape[1]), 1, TUNING.joint_components))
+        return Mixture.through(half, equal, count, rng)
 
     def _log_mixture(self, u: Floats) -> Floats:
         halves = zip(self.mixtures, np.array_split(u, 2), strict=True)
@@ -297,10 +291,9 @@ def markov_sample(
     Then they walk until as many jumps are taken as there are draws. The integral is that of bridge sampling between
     them and what the mixture has drawn.
     """
-    chains, heights = Walkers(target, walkers, further, rng), [np.inf, np.inf]
-    for fits in range(TUNING.settling_most):
-        if fits:
-            chains.settle()
+    chains, heights = Walkers(target, walkers, further), [np.inf, np.inf]
+    for _ in range(TUNING.settling_most):
+        chains.settle(rng)
         height = []
         for _ in range(TUNING.walked_between):
             chains.step(rng)

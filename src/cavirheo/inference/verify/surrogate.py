@@ -18,7 +18,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.noise import MarginalNoise
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, trust_in
 from cavirheo.inference.verify.sampler import tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
@@ -85,7 +85,7 @@ class Surrogate:
         self.root: Floats = np.linalg.cholesky((off.T * weight) @ off / np.sum(weight) + 1e-9 * np.eye(off.shape[1]))
         self.z: Floats = self._whitened(u)
         self.limit: float = TUNING.surrogate_reach**2 * float(np.max(np.sum(self.z**2, axis=1)))
-        trust = (1.0 + below / TUNING.nugget_height) ** -2.0
+        trust = trust_in(value)
         shapes = target.noise.shapes(residual)
         self.best: Floats = shapes[0]
         self.axes, along = _directions(shapes - self.best, self._metric(), trust / np.sum(trust))
