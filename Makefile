@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile fuzz test-all validate pages challenge test-lowest test-pythons lint docs man dist space clean
+.PHONY: demo test test-slow test-hostile test-planted fuzz test-all validate pages challenge test-lowest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --fps 500000 --um-per-px 4 -o demo-result
@@ -18,6 +18,10 @@ test-slow: $(VENV)/test.done
 # Hundreds of hostile and odd files through every room: a table, and no traceback, hang or second line; a quarter hour
 test-hostile: $(VENV)/test.done
 	$(BIN)/python -m pytest -m hostile tests/nightly/test_corpus.py
+
+# Errors planted in a copy of src, one at a time, that the tests must catch; a quarter hour
+test-planted: $(VENV)/test.done
+	$(BIN)/python tests/nightly/planted_errors.py
 
 # Mutated files, the same on every machine; what is found is kept in build/fuzz.
 # Another SEED makes other files: make fuzz SEED=2 N=100000

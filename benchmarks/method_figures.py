@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from validation.claims.calibration import film
 
 FOLDER = Path(__file__).parents[1] / "docs" / "method"
+DPI = 120
 GREEN, PURPLE = "#009e73", "#cc79a7"
 G, MU = "shear_modulus", "viscosity"
 G_AXIS, MU_AXIS = "shear modulus G (kPa)", "viscosity µ (Pa s)"
@@ -267,7 +268,7 @@ def main() -> None:
     }
     parser.add_argument("names", nargs="*", choices=[[], *made], help=argparse.SUPPRESS)
     for name in parser.parse_args().names or made:
-        style.save(FOLDER / f"{name}.png", made[name](), dpi=120)
+        style.save(FOLDER / f"{name}.png", made[name](), dpi=DPI)
 
 
 if __name__ == "__main__":

@@ -4,9 +4,11 @@
     python -m validation --page --fill      # docs/claims.md and the numbers between markers, of validation/results.json
 
 Without names every claim runs, in ten minutes of two quiet cores; --full takes as many cases as a published number
-needs. A claim that is not run keeps its numbers in the file; calibration:infer runs one setting of calibration, whose
-numbers have a commit of their own then. Cases of a commit without changes are kept beside the
-file, so that an interrupted run goes on. --data: folder of the open sets; without it the claim open_sets is left out.
+needs. A claim that is not run keeps its numbers in the file; calibration:infer runs one setting of calibration, and
+challenge:fit one program of the challenge, whose numbers have a commit of their own then. Cases of a commit without
+changes are kept beside the file, so that an interrupted run goes on. --data: folder of the open sets; without it the
+claim open_sets is left out. Pictures of claims go to `pictures` beside the file; those of validation/results.json to
+where the pages and the paper have them.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from pathlib import Path
 from cavirheo.parallel import cores
 from validation import pages
 from validation.claims.calibration import SETTINGS
+from validation.claims.challenge import PARTS
 from validation.numbers import Number, Run
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,14 +78,16 @@ def main() -> None:
     given = parser.parse_args()
     if given.page or given.fill:
         return pages.write(given.page, given.fill)
-    unknown = set(given.claims) - {*CLAIMS, *(f"calibration:{setting}" for setting in SETTINGS)}
+    parts = {*(f"calibration:{setting}" for setting in SETTINGS), *(f"challenge:{part}" for part in PARTS)}
+    unknown = set(given.claims) - {*CLAIMS, *parts}
     if unknown:
         parser.error(f"unknown claims {', '.join(sorted(unknown))}; known: {', '.join(CLAIMS)}")
     found = json.loads(given.out.read_text("utf-8")) if given.out.exists() else {}
     given.out.parent.mkdir(parents=True, exist_ok=True)
     at = commit()
     kept = None if not at or at.endswith("+") else ROOT / "build" / "validate" / at
-    run = Run(given.full, cores(), kept, Path(given.data) if given.data else None)
+    pictures = ROOT if given.out.resolve() == pages.RESULTS else given.out.parent / "pictures"
+    run = Run(given.full, cores(), kept, Path(given.data) if given.data else None, pictures=pictures)
     for claim in given.claims or CLAIMS:
         began = time.perf_counter()
         name, _, part = claim.partition(":")

@@ -21,16 +21,28 @@ from validation.__main__ import commit, processor
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "validation" / "last_run.json"
-TARGETS = ("dist", "test-lowest", "test-slow", "test-hostile", "fuzz", "docs", "validate")
+TARGETS = (
+    "dist",
+    "test-pythons",
+    "test-lowest",
+    "test-slow",
+    "test-hostile",
+    "test-planted",
+    "fuzz",
+    "docs",
+    "validate",
+)
 COUNT = re.compile(r"(\d+) (passed|failed|skipped|errors?|deselected|warnings?)\b")  # of pytest
+PLANTED = re.compile(r"^(\d+) of (\d+) (caught)$", re.MULTILINE)
 FUZZED = re.compile(r"^ *(\d+)  (\w+: \w+)$", re.MULTILINE)  # files that a room read or refused
 LAST = 200  # characters of the last line that are kept
 
 
 def figures(text: str) -> dict[str, int]:
-    """Counts of pytest's last summary, and those of the fuzzer."""
+    """Counts of pytest's last summary, of planted errors, and those of the fuzzer."""
     summaries = [counts for line in text.splitlines() if (counts := COUNT.findall(line))]
-    return {name: int(count) for count, name in [*(summaries or [[]])[-1], *FUZZED.findall(text)]}
+    planted = [pair for caught, of, word in PLANTED.findall(text) for pair in ((caught, word), (of, "planted"))]
+    return {name: int(count) for count, name in [*(summaries or [[]])[-1], *planted, *FUZZED.findall(text)]}
 
 
 def run(target: str) -> dict:

@@ -30,13 +30,20 @@ class Number:
 @dataclass(frozen=True)
 class Run:
     """How claims are measured. kept: folder of the rows of single cases, so that a run goes on; data: the open sets;
-    part: one setting of a claim that has several, all without it."""
+    part: one setting of a claim that has several, all without it; pictures: folder of the pictures of claims."""
 
     full: bool = False
     workers: int = 1
     kept: Path | None = None
     data: Path | None = None
     part: str = ""
+    pictures: Path | None = None
+
+    def picture(self, name: str) -> Path:
+        """Where a picture goes, by its path in the repository."""
+        path = Path(self.pictures or ".") / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
 
     def count(self, quick: int, full: int) -> int:
         return full if self.full else quick

@@ -130,18 +130,21 @@ def grouped(truth: Sequence[Row], programs: dict[str, list[Row]], by: Callable[[
     return markdown(("program", "", word, *HEADS), rows)
 
 
+def ratios(truth: Sequence[Row], first: Sequence[Row], other: Sequence[Row], quantity: str) -> list[float]:
+    """Widths of the first program over those of the other one, in recordings where both intervals hold."""
+    pairs = zip(judge(truth, first, quantity), judge(truth, other, quantity), strict=True)
+    return [a.width / b.width for a, b in pairs if a.bounded and a.held and b.bounded and b.held and b.width > 0]
+
+
 def narrower(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
-    """The first program against each other one, in recordings where both intervals hold."""
+    """The first program against each other one."""
     first, *others = programs
     rows = []
     for other in others:
         for quantity in QUANTITIES:
-            pairs = zip(*(judge(truth, programs[name], quantity) for name in (first, other)), strict=True)
-            ratios = [
-                a.width / b.width for a, b in pairs if a.bounded and a.held and b.bounded and b.held and b.width > 0
-            ]
-            shown = f"{np.median(ratios):.2f}" if ratios else ""
-            rows.append([f"{first} over {other}", quantity, shown, str(len(ratios))])
+            both = ratios(truth, programs[first], programs[other], quantity)
+            shown = f"{np.median(both):.2f}" if both else ""
+            rows.append([f"{first} over {other}", quantity, shown, str(len(both))])
     return markdown(("widths", "", "median ratio where both hold", "recordings"), rows)
 
 

@@ -40,12 +40,12 @@ FIRST = 1000  # seed of the first shot: on those before it settings were chosen
 SETTINGS = {  # bubble of the shots, of the answer, way, R_max as read, discrepancy; shots of a quick and a full run
     "infer": (("real", "real", "infer", False, False), 60, 300),
     "fit": (("real", "real", "fit", False, False), 48, 300),
-    "full": (("real", "real", "full", False, False), 32, 300),
+    "full": (("real", "real", "full", False, False), 32, 100),
     "infer_as_read": (("real", "real", "infer", True, True), 32, 200),
     "field_infer": (("field", "real", "infer", False, False), 0, 300),
     "field_infer_field": (("field", "field", "infer", False, False), 0, 300),
     "field_fit_field": (("field", "field", "fit", False, False), 0, 300),
-    "field_full_field": (("field", "field", "full", False, False), 0, 300),
+    "field_full_field": (("field", "field", "full", False, False), 0, 100),
 }
 SHOWN = {
     "G": "shear_modulus",

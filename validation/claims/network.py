@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks import posterior_network
+from benchmarks import method_figures, posterior_network
 from cavirheo.inference.latent import z_index
+from cavirheo.writing import style
 from validation.claims.calibration import LEVELS, SHOWN
 from validation.numbers import Number, Run, coverage
 
@@ -18,3 +19,5 @@ def measure(run: Run) -> Iterator[Number]:
         mine = np.array([one.distance for one in found if one.coordinate == z_index(name)])
         for level in LEVELS:
             yield coverage(f"{symbol}.{100 * level:.0f}", mine < level, level, seed=posterior_network.SEED)
+    if run.pictures:
+        style.save(run.picture("docs/method/draws.png"), method_figures.draws(), dpi=method_figures.DPI)
