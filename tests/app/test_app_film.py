@@ -12,7 +12,7 @@ from recordings import RATE, SCALE, film
 from cavirheo.app import film as step
 from cavirheo.app import words
 from cavirheo.app.session import PageSettings, Session, VisitorLimits
-from cavirheo.errors import InputError, number_of
+from cavirheo.errors import InputError
 from cavirheo.io import read_curves
 from cavirheo.io.subprocess_reader import Reader
 from cavirheo.io.videos import Camera
@@ -39,19 +39,15 @@ def session(reader, tmp_path):
 @pytest.fixture
 def seen(session):
     """The film, measured."""
-    step.measure(session, CAMERA, silent)
+    step.measure(session, CAMERA, print)
     return session.current
-
-
-def silent(*_):
-    pass
 
 
 def test_the_confirmed_curve_is_that_of_the_command_line(session, tmp_path):
     assert (session.waiting, session.curves, session.files) == (["shot.tif"], [], [])
     with refused("app.not_measured"):
         step.confirm(session)
-    step.measure(session, CAMERA, silent)
+    step.measure(session, CAMERA, print)
     step.unlisted(session.current, "6, 12-14")
     step.confirm(session)
     (mine,) = session.curves
@@ -106,7 +102,7 @@ def test_what_is_missing_or_must_be_measured_again_is_said_at_its_field(session,
     assert step.unready(seen, *TYPED, "6") == ["", "", "", ""]
     assert "measure again" in step.unready(seen, str(RATE), "6", "", "")[1]
     assert "1 to 34" in step.unready(seen, *TYPED, "0")[3]
-    step.measure(session, Camera(RATE), silent)  # a .tif may have a scale; this one has none
+    step.measure(session, Camera(RATE), print)  # a .tif may have a scale; this one has none
     assert "missing" in step.unready(session.current, str(RATE), "", "", "")[1]
 
 
@@ -120,7 +116,7 @@ def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(session,
     session.add([tmp_path / name for name in names], PageSettings())
     for session.film in names:
         with pytest.raises(InputError) as error:
-            step.measure(session, CAMERA, silent)
+            step.measure(session, CAMERA, print)
         assert str(session.folder) not in words.for_page(error.value)
     assert [path.suffix for path in session.folder.iterdir() if path.is_file()] == []  # no frames are left behind
 
@@ -130,16 +126,6 @@ def test_too_much_is_refused(reader, tmp_path):
         film().save(tmp_path / "shot.tif")
         session.add([tmp_path / "shot.tif"], PageSettings())
         with refused("app.too_large"):
-            step.measure(session, CAMERA, silent)
+            step.measure(session, CAMERA, print)
         with refused("app.too_many_files"):
             session.add([tmp_path / "more.mp4"], PageSettings())
-
-
-NUMBERS = {"": None, "1050": 1050.0, "0,07": 0.07, "1.050": 1.05}
-
-
-def test_numbers_are_read_as_they_are_typed_if_there_is_one_way():
-    assert {text: number_of(text, "density") for text in NUMBERS} == NUMBERS
-    for text, code in (("1,050", "input.which_number"), ("x", "input.not_a_number")):
-        with refused(code, "density"):
-            number_of(text, "density")
