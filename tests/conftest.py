@@ -24,7 +24,7 @@ BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, whe
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 NEEDED = {  # a library of an extra, and the files of tests that need it
-    "av": ["*test_video*", "*test_app_film*"], "gradio": ["*test_app*"], "distributed": ["*test_cluster*"],
+    "av": ["*test_video*"], "gradio": ["*test_app*"], "distributed": ["*test_cluster*"],
     "mkdocstrings_handlers": ["*test_site*"],
 }  # fmt: skip
 collect_ignore_glob = [glob for name, globs in NEEDED.items() if not find_spec(name) for glob in globs]

@@ -1,4 +1,5 @@
-"""The browser app without a browser: sessions, limits, the endpoint, the zip. In a browser: test_app_browser.py."""
+"""The browser app without a browser: sessions, limits, the endpoint, the zip, and the step of a recording: measured
+apart, frames left out, confirmed. In a browser: test_app_browser.py."""
 
 import json
 import os
@@ -17,9 +18,12 @@ from threading import Event, Thread
 import httpx
 import numpy as np
 import pytest
+from answers import same
 from conftest import refused
+from recordings import RATE, SCALE, film
 
 from cavirheo import InputError, RadiusCurve, read_curves
+from cavirheo.app import film as step
 from cavirheo.app import words
 from cavirheo.app.events import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
@@ -29,6 +33,7 @@ from cavirheo.errors import require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
+from cavirheo.io.videos import Camera
 from cavirheo.workflow.store import Store
 
 SOFT = examples()["soft_gel.csv"]
@@ -50,7 +55,6 @@ def client(served):
 
 
 def ask(client, *files, call="predict", **options):
-    """What the endpoint answers for these files."""
     from gradio_client import handle_file
 
     return getattr(client, call)([handle_file(str(file)) for file in files], **options, api_name="/infer")
@@ -75,7 +79,7 @@ def session(reader):
         yield one
 
 
-QUICK = PageSettings(verify="none")
+CAMERA, QUICK = Camera(RATE, SCALE), PageSettings(verify="none")
 
 
 def single(path, scale=1.0, frames=120):
@@ -186,7 +190,6 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten_with_their_last_p
 
 
 def until(fine, seconds=10.0):
-    """Wait until this is so."""
     end = time.monotonic() + seconds
     while not fine():
         assert time.monotonic() < end
@@ -194,7 +197,6 @@ def until(fine, seconds=10.0):
 
 
 def gone(visitors, name):
-    """This one leaves, and is forgotten."""
     folder = visitors.of(name).folder
     visitors.leave(name)
     until(lambda: not folder.exists())
@@ -487,3 +489,108 @@ def test_nothing_is_left_when_the_server_ends(tmp_path):
         said = server.stderr.read()
     assert server.returncode == 0, said
     assert [path for path in tmp_path.rglob("*") if "cavirheo" in path.name or path.is_file()] == []
+
+
+# --- a recording
+
+TEXTS = (str(RATE), str(SCALE), "")
+
+
+@pytest.fixture
+def filming(session, tmp_path):
+    """With shot.tif loaded."""
+    pytest.importorskip("av")
+    film().save(tmp_path / "shot.tif")
+    session.add([tmp_path / "shot.tif"], PageSettings(), copy=True)
+    return session
+
+
+@pytest.fixture
+def seen(filming):
+    step.measure(filming, CAMERA, print)
+    return filming.current
+
+
+def test_the_confirmed_curve_is_that_of_the_command_line(filming, tmp_path):
+    assert (filming.waiting, filming.curves, filming.files) == (["shot.tif"], [], [])
+    with refused("app.not_measured"):
+        step.confirm(filming)
+    step.measure(filming, CAMERA, print)
+    step.unlisted(filming.current, "6, 12-14")
+    step.confirm(filming)
+    (mine,) = filming.curves
+    (theirs,) = read_curves(tmp_path / "shot.tif", frame_rate_hz=RATE, um_per_px=SCALE, exclude="6,12-14")
+    assert same([mine.time, mine.radius, mine.radius_std], [theirs.time, theirs.radius, theirs.radius_std])
+    assert mine.notes == theirs.notes
+    assert filming.waiting == []
+    expected = f"cavirheo infer shot.tif --fps {RATE:g} --um-per-px 5.5 --exclude 6,12-14"
+    assert filming.command(filming.settings) == expected
+
+
+def test_a_confirmed_curve_is_replaced_and_stands_beside_others(filming, seen, tmp_path):
+    (tmp_path / "other.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(8)))
+    step.confirm(filming)
+    filming.add([tmp_path / "other.csv"], PageSettings())
+    step.unlisted(filming.current, "20")
+    step.confirm(filming)
+    assert [one.name for one in filming.curves] == ["shot", "other"]
+    assert np.isnan(filming.curves[0].radius[19])
+    with pytest.raises(InputError):  # it is not that of the other shot
+        filming.prepare(PageSettings(rmax_um=150.0))
+    filming.clear()
+    assert (filming.films, filming.film, filming.files) == ({}, "", [])
+
+
+def test_frames_are_left_out_and_brought_back(seen):
+    seen.frame = 12
+    step.toggle(seen)
+    assert seen.exclude == "12"
+    assert np.isnan(step.curve(seen).radius[11])
+    assert step.unlisted(seen, "12, 3-5,") == [""]  # while it is typed
+    assert np.flatnonzero(step.excluded(seen)).tolist() == [2, 3, 4, 11]
+    step.toggle(seen)
+    for wrong, why in (("3, 99", "1 to 34"), ("1-34", "all measured frames")):
+        assert why in step.unlisted(seen, wrong)[0]
+        assert seen.exclude == "3-5"
+    assert step.unlisted(seen, "") == [""]
+    assert not step.excluded(seen).any()
+
+
+def test_what_is_missing_or_must_be_measured_again_is_said_at_its_field(filming, seen):
+    assert step.camera_of(seen, TEXTS) == (CAMERA, ["", "", ""])
+    for texts, field, why in (
+        (("", "5.5", ""), 0, "missing"),
+        (("500,000", "5.5", ""), 0, "two ways"),
+        (("5e5", "-1", ""), 1, "positive"),
+        (("5e5", "5.5", "x"), 2, "number"),
+    ):
+        wrong = step.camera_of(seen, texts)[1]
+        assert why in wrong[field]
+        assert [bool(one) for one in wrong] == [k == field for k in range(3)]
+    assert step.unready(seen, *TEXTS, "6") == ["", "", "", ""]
+    assert "measure again" in step.unready(seen, str(RATE), "6", "", "")[1]
+    assert "1 to 34" in step.unready(seen, *TEXTS, "0")[3]
+    step.measure(filming, Camera(RATE), print)  # a .tif may have a scale; this one has none
+    assert "missing" in step.unready(filming.current, str(RATE), "", "", "")[1]
+
+
+def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(filming, tmp_path):
+    import tifffile
+
+    frames = film().frames
+    tifffile.imwrite(tmp_path / "still.tif", np.repeat(frames[:1], 9, 0), photometric="minisblack")
+    tifffile.imwrite(tmp_path / "one.tif", frames[0])
+    (tmp_path / "empty.mp4").write_bytes(b"")
+    (tmp_path / "damaged.mp4").write_bytes(b"no picture" * 99)
+    names = ("still.tif", "one.tif", "empty.mp4", "damaged.mp4")
+    filming.add([tmp_path / name for name in names], PageSettings())
+    for filming.film in names:
+        with pytest.raises(InputError) as error:
+            step.measure(filming, CAMERA, print)
+        assert str(filming.folder) not in words.for_page(error.value)
+    assert [path.suffix for path in filming.folder.iterdir() if path.is_file()] == []  # no frames are left behind
+    filming.film, filming.limits = "shot.tif", VisitorLimits(film_mb=0.01, files=5)
+    with refused("app.too_large"):
+        step.measure(filming, CAMERA, print)
+    with refused("app.too_many_files"):
+        filming.add([tmp_path / "more.mp4"], PageSettings())

@@ -1,7 +1,6 @@
 """Training: it learns, it resumes exactly, and what is exported is what was trained."""
 
 import json
-import sys
 from datetime import date
 from importlib import import_module
 from pathlib import Path
@@ -21,7 +20,6 @@ from cavirheo.training import evaluate as judge
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.evaluate import breakdown, metrics
 from cavirheo.training.recipe import Recipe, read_recipe
-from cavirheo.writing.document import Outputs
 
 CPU, UNITS = {"device": "cpu", "threads": 1}, ("Pa", "Pa s")
 SMALL = "width = 16\nposition = 8\nheads = 2\nfeed_forward = 16\nlayers = 1\ndropout = 0.1"
@@ -81,16 +79,6 @@ def test_breakdown_finds_the_error_where_it_is():
     assert (low["low"], low["high"]) == (-3.0, -2.0)
     assert (low["rmse"], low["bias"], low["share"]) == pytest.approx((0.3, 0.0, 0.18 / 0.19))
     assert (nothing["rmse"], nothing["bias"], nothing["share"]) == (None, None, 0.0)
-
-
-def test_the_picture(tmp_path, monkeypatch):
-    pytest.importorskip("matplotlib.figure")
-    truth = Prior.uniform({"log10_viscosity": (-4.0, 0.0)}).sample(60, 1)
-    scores, outputs = metrics(["log10_viscosity"], truth, truth + 0.1), Outputs(tmp_path, "metrics.json")
-    judge.draw(outputs, scores, truth, truth + 0.1)
-    assert (tmp_path / "predicted.png").stat().st_size > 10_000
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert code_of(judge.draw, outputs, scores, truth, truth) == "figures.matplotlib"
 
 
 @pytest.mark.train
