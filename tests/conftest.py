@@ -5,6 +5,7 @@ import importlib.util
 import os
 import shutil
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -87,6 +88,14 @@ def refusal(called: tuple[int, str, str], *words: str) -> str:
     assert (status, err.count("\n")) == (2, 1), err
     assert [word for word in words if word not in err] == []
     return err
+
+
+def until(fine: Callable[[], bool], seconds: float = 20.0) -> None:
+    """Wait until this is so."""
+    end = time.monotonic() + seconds
+    while not fine():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 LONGEST = (

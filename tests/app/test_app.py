@@ -19,7 +19,7 @@ import httpx
 import numpy as np
 import pytest
 from answers import same
-from conftest import refused
+from conftest import refused, until
 from recordings import RATE, SCALE, film
 
 from cavirheo import InputError, RadiusCurve, read_curves
@@ -187,13 +187,6 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten_with_their_last_p
         until(lambda: forgotten[-1] == "reloaded")
         assert visitors.of("one") is last  # whose other page is open
     assert not last.folder.exists()
-
-
-def until(fine, seconds=10.0):
-    end = time.monotonic() + seconds
-    while not fine():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def gone(visitors, name):

@@ -1,10 +1,10 @@
 """The browser app in a real Chromium: journeys of visitors, wide and narrow, without a request to elsewhere."""
 
 import json
-import time
 import zipfile
 
 import pytest
+from conftest import until
 
 from cavirheo.app.session import VisitorLimits
 from cavirheo.app.steps import examples
@@ -226,10 +226,7 @@ def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
     (mine,), link = {*kept} - before, page.url.partition("session=")[2]
     monkeypatch.setattr(visitors, "limits", VisitorLimits(absent=0.05))
     page.close()
-    end = time.monotonic() + 20
-    while mine in kept:
-        assert time.monotonic() < end
-        time.sleep(0.05)
+    until(lambda: mine not in kept)
     assert visitors.back("another page", link) is None
 
 

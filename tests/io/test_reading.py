@@ -99,13 +99,12 @@ def book(hidden=(), **tabs):
     return lambda path: files.write_xlsx(path, tabs, hidden=hidden)
 
 
-def hdf5(*names, group=b""):
-    """The time, the radius, perhaps its deviation, and a set that is neither."""
-
+def hdf5(sets, **stretches):
     def write(path):
         with h5py.File(path, "w") as file:
-            file.update(zip([group + name for name in names], (US, UM, UM), strict=False))
-            file[b"notes \xb5"] = np.zeros(3)
+            file.update(sets)
+            for group, stretch in stretches.items():
+                file[group].attrs["stretch"] = stretch
 
     return write
 
@@ -151,8 +150,8 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
     "heading and commas": (book(a=[["Bubble data"], [None], *COMMAS]), "first sheet"),
     "tab without a name": (book(**{"": SHEET}), ""),
     "open document": (lambda path: files.write_ods(path, "".join(map(files.ods_row, SHEET))), "first sheet"),
-    "HDF5 title in Latin 1": (hdf5(b"t_\xb5s", b"R_\xb5m"), ""),
-    "HDF5 group in Latin 1": (hdf5(b"time_us", b"radius_um", group=b"gel \xb5/"), ""),
+    "HDF5 title in Latin 1": (hdf5({b"t_\xb5s": US, b"R_\xb5m": UM, b"notes \xb5": UM[:3]}), ""),
+    "HDF5 group in Latin 1": (hdf5({b"gel \xb5/time_us": US, b"gel \xb5/radius_um": UM}), ""),
     "MATLAB metres": (mat(Rnew=RADIUS, t=TIME), ""),
     "MATLAB micrometres": (mat(Rnew=UM, t=TIME), "taken as um"),
     "MATLAB pixels": (mat(Rnew=UM / 2.76, deltax=2.76e-6, deltat=TIME[1] - TIME[0]), "deltax"),
@@ -176,13 +175,8 @@ def labelled(label, radius):
     return "".join(f'"{label}",{row},"a ""b"", c"\n' for row in lines(",", US, radius).splitlines())
 
 
-def two_groups(path):
-    with h5py.File(path, "w") as file:
-        file["first/time"], file["first/radius"], file["unrelated"] = TIME, RADIUS, np.zeros(3)
-        file["series/second/time_us"], file["series/second/radius_um"] = US, 1.5 * UM
-        file["first"].attrs["stretch"] = 7.0
-
-
+GROUPS = {"first/time": TIME, "first/radius": RADIUS, "unrelated": UM[:3]}
+GROUPS |= {"series/second/time_us": US, "series/second/radius_um": 1.5 * UM}
 RADII, QUOTED = lines(",", US, UM, 1.5 * UM), labelled("gel, 1", UM) + labelled("gel, 2", 1.5 * UM)
 BLOCKS = lines(",", [0.0, -1000.0, *US, -1000.0, *US], [7e-310, -1000.0, *UM, -1000.0, *1.5 * UM])
 ROWS = mat(shift_normRnew=np.stack([R_STAR, R_STAR]), Rmax=[[200.0], [300.0]], t=TIME)
@@ -193,7 +187,7 @@ SEVERAL = {  # two curves, their names, and what each says
     "unit row": (f"Time,shot 1,shot 2\nus,um,um\n{RADII}", "shot 1", "shot 2", "2 columns of radii"),
     "blocks": (BLOCKS, "1", "2", "1 blocks of the file hold no radius"),
     "separators in quotes": (f'shot,time_us,radius_um,"note, if any"\n{QUOTED}', "gel, 1", "gel, 2", ""),
-    "HDF5 groups": (two_groups, "first", "series/second", ""),
+    "HDF5 groups": (hdf5(GROUPS, first=7.0), "first", "series/second", ""),
     "MATLAB rows": (ROWS, "1", "2", "R/R_max times Rmax"),
 }
 
@@ -299,9 +293,9 @@ BAD = {  # content, or what writes it; code; what is named
     "commas.csv": (b"time_us,radius_um\n1,5,200,3\n", "tabular.width", "row 2 has 4 cells"),
     "twice.csv": (b"time_us,radius_um,radius_um\n1,2,3\n", "table.twice", "radius"),
     "swapped.csv": (b"time_um,radius_us\n1,2\n", "table.units", "time in um and radius in us"),
-    "length.h5": (hdf5(b"time_um", b"radius_um"), "table.units", "time in um"),
-    "time.h5": (hdf5(b"time", b"radius_us"), "table.units", "radius in us"),
-    "two kinds.h5": (hdf5(b"time", b"radius", b"radius_std_um"), "table.units", ""),
+    "length.h5": (hdf5({"time_um": US, "radius_um": UM}), "table.units", "time in um"),
+    "time.h5": (hdf5({"time": TIME, "radius_us": UM}), "table.units", "radius in us"),
+    "two kinds.h5": (hdf5({"time": TIME, "radius": RADIUS, "radius_std_um": UM}), "table.units", ""),
     "numbers.csv": (b"1,2\n2,3\n", "table.header", "time_us,radius_um"),
     "one comma.csv": (b"t_us;R_um\n1,234;100\n2,345;120\n", "tabular.comma", "1.234"),
     "point and comma.csv": (b"t_us;R_um\n1.5;100\n2,25;120\n", "tabular.comma", "2.25"),
@@ -317,7 +311,6 @@ BAD = {  # content, or what writes it; code; what is named
     "numbered.txt": (b"t_us R_um\n1 0 100\n2 1 110\n", "tabular.width", "row 2 has 3 cells"),
     "underscore.csv": (b"time_us,radius_um\n1_0,100\n", "tabular.number", "1_0"),
     "odd scale.csv": (lines(",", US, 0.36 * UM).encode(), "table.header", ""),  # the collapse time contradicts it
-    "odd scale 2.csv": (lines(",", US, 2.1 * UM).encode(), "table.header", ""),
     "hollow.txt": (b"-1000,-1000\n1,0\n-1000,-1000\n", "table.empty", "-1000"),
     "noise.bin": (bytes(range(256)) * 20, "reading.binary", ""),
     "other.mat": (mat(G=1.0, speed=np.arange(3.0)), "matlab.variables", "G, speed"),

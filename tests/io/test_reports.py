@@ -15,12 +15,11 @@ from conftest import refused, rows_of
 from scipy.stats import theilslopes
 
 from cavirheo import infer_many, load, population
-from cavirheo.inference.input_checks import warned
 from cavirheo.inference.network_answer import Networked
 from cavirheo.io.option_tables import read_column
 from cavirheo.messages import Message
 from cavirheo.physics.bubble import REAL, Bubble
-from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer
+from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer
 from cavirheo.reporting import group, html, result, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.figures import stems_of
@@ -281,16 +280,12 @@ def test_no_cell_of_a_table_is_a_formula(tmp_path):
     assert list(read_column(tmp_path / "a.csv")[1]) == names
 
 
-def test_messages_have_codes_and_sentences_and_an_input_warning_decides_the_verdict(tmp_path):
-    misfit = Message("misfit.rms", {"rms": 0.04, "limit": 0.03})
-    late = Message("check_input.late_start", {"frames": 3.2})
-    checks = warned(Checks("ok", (misfit,)), [late], trust_input=False)
-    assert (checks.verdict, checks.messages, checks.warnings) == ("check_input", (late, misfit), (late,))
-    assert warned(Checks("ok", (misfit,)), [late], trust_input=True).verdict == "ok"
-    write_report(tmp_path, [(bubble(), replace(answer(bubble()), checks=checks))], COMMAND, ())
+def test_messages_have_codes_and_sentences(tmp_path):
+    said = Message("check_input.late_start", {"frames": 3.2}), Message("misfit.rms", {"rms": 0.04, "limit": 0.03})
+    write_report(tmp_path, [(bubble(), with_verdict(answer(bubble()), "check_input", *said))], COMMAND, ())
     row = strictly(tmp_path / "result.json")["curves"][0]
-    assert row["messages"] == [{"code": one.code, "text": one.text} for one in (late, misfit)]
-    assert [one.code for one in load(tmp_path / "result.json").curves[0].messages] == [late.code, misfit.code]
+    assert row["messages"] == [{"code": one.code, "text": one.text} for one in said]
+    assert [one.code for one in load(tmp_path / "result.json").curves[0].messages] == [one.code for one in said]
 
 
 def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):

@@ -165,6 +165,15 @@ class TestTorch:
         run, models = tmp_path / "run", tmp_path / "models"
         assert code_of(self.export.export, recipe, run, models) == "export.unfinished"
         result = self.train(recipe, data, run, **CPU)
+        with monkeypatch.context() as patch:
+            patch.setattr(self.export, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
+            patch.setattr(self.export, "predict", lambda path, radius: self.answers(run, radius) + 2e-3)
+            with pytest.raises(RuntimeError, match=r"0\.002"):
+                self.export.export(recipe, run, models)
+        assert list(models.iterdir()) == []  # of a model that answers otherwise
+        other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
+        other.__dict__.pop("problem", None)
+        assert code_of(self.train, other, data, tmp_path / "other", **CPU) == "training.another_problem"
         another = changed(recipe, lr=0.02)
         assert "training.lr" in str(error_of(self.train, another, data, run, **CPU))
         assert "training.lr" in str(error_of(self.export.export, another, run, models))
@@ -202,18 +211,3 @@ class TestTorch:
             assert judge.evaluate(path, tmp_path / name)["part"] == part
         generate(recipe.problem, 60, tmp_path / "fewer", progress=False)
         assert code_of(judge.evaluate, path, tmp_path / "fewer") == "evaluate.trained_on"
-
-    def test_other_data_are_refused(self, recipe, data, tmp_path):
-        other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
-        other.__dict__.pop("problem", None)
-        assert code_of(self.train, other, data, tmp_path / "other", **CPU) == "training.another_problem"
-
-    def test_export_refuses_a_model_that_differs(self, recipe, data, tmp_path, monkeypatch):
-        pytest.importorskip("onnx")
-        recipe, run = changed(recipe, epochs=1), tmp_path / "run"
-        self.train(recipe, data, run, **CPU)
-        monkeypatch.setattr(self.export, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
-        monkeypatch.setattr(self.export, "predict", lambda path, radius: self.answers(run, radius) + 2e-3)
-        with pytest.raises(RuntimeError, match=r"0\.002"):
-            self.export.export(recipe, run, tmp_path / "models")
-        assert list((tmp_path / "models").iterdir()) == []
