@@ -69,7 +69,7 @@ def told(message=""):
 
 @pytest.fixture(scope="module")
 def reader():
-    with closing(Reader(seconds=20.0)) as one:
+    with closing(Reader(seconds=60.0)) as one:
         yield one
 
 

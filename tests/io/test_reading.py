@@ -64,9 +64,7 @@ def test_a_cell_without_real_numbers_is_an_empty_one(tmp_path, recwarn, kind):
 
 
 def test_bdt_without_maxima_waits_for_the_users(tmp_path):
-    variables = bdt_variables()
-    del variables["RmaxList"]
-    savemat(tmp_path / "gel.mat", variables)
+    savemat(tmp_path / "gel.mat", {name: value for name, value in bdt_variables().items() if name != "RmaxList"})
     curve = read_curves(tmp_path / "gel.mat")[0]
     assert code_of(lambda: curve.max_radius) == "curve.unscaled"
     scaled = curve.with_max_radius(R_MAX)

@@ -137,7 +137,7 @@ SHARDS = {  # what is done to one of three files, and the code by which their se
     "empty": (lambda path: os.truncate(path, 0), "dataset.unreadable"),
     "cut short": (lambda path: os.truncate(path, 1000), "dataset.unreadable"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "dataset.unreadable"),
-    "copied beside it": (lambda path: shutil.copy(path, path.with_name("shard-00000 (copy).h5")), "dataset.foreign"),
+    "copied beside it": (lambda path: shutil.copy(path, path.with_name("shard-00001 (copy).h5")), "dataset.foreign"),
     "in another's place": (lambda path: shutil.copy(path, path.with_name("shard-00001.h5")), "dataset.shape"),
 }
 

@@ -87,11 +87,9 @@ class TestTorch:
     def _torch(self):
         self.torch = pytest.importorskip("torch")
         pytest.importorskip("safetensors")
-        names = ("train", "loop", "point_network", "train")
-        self.export, self.loop, self.point, self.training = (
-            import_module(f"cavirheo.training.{name}") for name in names
-        )
-        self.train = self.training.train
+        names = ("train", "loop", "point_network")
+        self.export, self.loop, self.point = (import_module(f"cavirheo.training.{name}") for name in names)
+        self.train = self.export.train
 
     def test_the_network_of_the_paper(self):
         network = self.point.BubbleTransformer(read_recipe(ROOT / "recipes" / "bdt-viscoelastic.toml").network, 100, 2)
@@ -161,6 +159,7 @@ class TestTorch:
             return self.export.load_model(run / "best.safetensors")(self.torch.from_numpy(radius)).numpy()
 
     def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path, monkeypatch):
+        """And is judged on what it was not trained on."""
         pytest.importorskip("onnxscript")
         run, models = tmp_path / "run", tmp_path / "models"
         assert code_of(self.export.export, recipe, run, models) == "export.unfinished"
@@ -191,9 +190,6 @@ class TestTorch:
         assert card["history"]["train"] == pytest.approx(result["history"]["train"], rel=1e-4)
         trained = cavirheo.load(run)
         assert (trained.kind, trained.metrics, trained.outputs) == ("training", result["metrics"], list(recipe.outputs))
-        self.judged_on_what_it_was_not_trained_on(recipe, data, result, path, tmp_path, monkeypatch)
-
-    def judged_on_what_it_was_not_trained_on(self, recipe, data, result, path, tmp_path, monkeypatch):
         found = judge.evaluate(path, data)
         assert (found["part"], found["curves"]) == ("test", result["data"]["test"])
         for name, values in result["metrics"].items():
