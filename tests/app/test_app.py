@@ -348,6 +348,7 @@ TYPED = [  # into the fields, and those that are wrong; the number that is read
     ({"density": "1.05"}, ["density"], None),
     ({"density": "x"}, ["density"], None),
     ({"density": "1.05", "trust_input": True}, [], 1.05),
+    ({"density": "1,050", "trust_input": True}, ["density"], None),
     ({"density": "1002,5"}, [], 1002.5),
     ({"bubble": "auto", "verify": "none"}, [""], None),  # neither is wrong alone
     ({"material": "auto", "verify": "none"}, [""], None),
