@@ -5,6 +5,7 @@ import importlib.util
 import os
 import shutil
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -24,7 +25,7 @@ BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, whe
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 NEEDED = {  # a library of an extra, and the files of tests that need it
-    "av": ["*test_video*", "*test_app_film*"], "gradio": ["*test_app*"], "distributed": ["*test_cluster*"],
+    "av": ["*test_video*"], "gradio": ["*test_app*"], "distributed": ["*test_cluster*"],
     "mkdocstrings_handlers": ["*test_site*"],
 }  # fmt: skip
 collect_ignore_glob = [glob for name, globs in NEEDED.items() if not find_spec(name) for glob in globs]
@@ -87,6 +88,14 @@ def refusal(called: tuple[int, str, str], *words: str) -> str:
     assert (status, err.count("\n")) == (2, 1), err
     assert [word for word in words if word not in err] == []
     return err
+
+
+def until(fine: Callable[[], bool], seconds: float = 20.0) -> None:
+    """Wait until this is so."""
+    end = time.monotonic() + seconds
+    while not fine():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 LONGEST = (

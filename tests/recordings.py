@@ -1,6 +1,7 @@
 """Recordings for tests: a bubble with known R(t), filmed and written as cameras do."""
 
 import struct
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ def history(top: float = 24.0, fall: float = 8.3) -> tuple[np.ndarray, np.ndarra
     return time[10:] - time[10], radius[10:]
 
 
+@cache
 def film(seed: int = 1, frames: int = FRAMES, top: float = 24.0, **scene: object) -> Film:
     """Of 88 x 72 pixels unless the scene says otherwise."""
     time, radius = history(top)

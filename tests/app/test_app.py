@@ -1,4 +1,5 @@
-"""The browser app without a browser: sessions, limits, the endpoint, the zip. In a browser: test_app_browser.py."""
+"""The browser app without a browser: sessions, limits, the endpoint, the zip, and the step of a recording: measured
+apart, frames left out, confirmed. In a browser: test_app_browser.py."""
 
 import json
 import os
@@ -17,9 +18,12 @@ from threading import Event, Thread
 import httpx
 import numpy as np
 import pytest
-from conftest import refused
+from answers import same
+from conftest import refused, until
+from recordings import RATE, SCALE, film
 
 from cavirheo import InputError, RadiusCurve, read_curves
+from cavirheo.app import film as step
 from cavirheo.app import words
 from cavirheo.app.events import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
@@ -29,6 +33,7 @@ from cavirheo.errors import require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
+from cavirheo.io.videos import Camera
 from cavirheo.workflow.store import Store
 
 SOFT = examples()["soft_gel.csv"]
@@ -50,7 +55,6 @@ def client(served):
 
 
 def ask(client, *files, call="predict", **options):
-    """What the endpoint answers for these files."""
     from gradio_client import handle_file
 
     return getattr(client, call)([handle_file(str(file)) for file in files], **options, api_name="/infer")
@@ -65,7 +69,7 @@ def told(message=""):
 
 @pytest.fixture(scope="module")
 def reader():
-    with closing(Reader(seconds=20.0)) as one:
+    with closing(Reader(seconds=60.0)) as one:
         yield one
 
 
@@ -75,11 +79,7 @@ def session(reader):
         yield one
 
 
-def silent(*_):
-    pass
-
-
-QUICK = PageSettings(verify="none")
+CAMERA, QUICK = Camera(RATE, SCALE), PageSettings(verify="none")
 
 
 def single(path, scale=1.0, frames=120):
@@ -104,18 +104,18 @@ def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
     assert ours["curves"][0]["verdict"] != "check_input"
 
 
-@pytest.mark.parametrize(
-    ("named", "wrong"),
-    [
-        ("secret", {"model": "../../secret.onnx"}),
-        ("density", {"density": -3.0}),
-        ("helium", {"bubble": "helium"}),
-        ("auto compares models.*: choose one law", {"verify": "none", "material": "auto"}),
-    ],
-)
-def test_bad_settings_are_told_to_programs(client, named, wrong):
+WRONG = {
+    "secret": {"model": "../../secret.onnx"},
+    "density": {"density": -3.0},
+    "helium": {"bubble": "helium"},
+    "auto compares models.*: choose one law": {"verify": "none", "material": "auto"},
+}
+
+
+@pytest.mark.parametrize("named", WRONG)
+def test_bad_settings_are_told_to_programs(client, named):
     with told(named):
-        ask(client, SOFT, **wrong)
+        ask(client, SOFT, **WRONG[named])
 
 
 def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path):
@@ -162,7 +162,7 @@ def test_only_what_was_uploaded_is_read_and_removed(tmp_path, monkeypatch):
     assert (other.exists(), sent.exists()) == (True, False)
 
 
-def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
+def test_two_visitors_have_their_own_folders_and_are_forgotten_with_their_last_page(tmp_path):
     with closing(Visitors(VisitorLimits(absent=0.5, visitors=2))) as visitors:
         forgotten = []
         visitors.forgotten = forgotten.append
@@ -183,31 +183,13 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
         assert visitors.back("reloaded", last.link) is visitors.of("reloaded") is last
         assert visitors.back("stranger", "") is visitors.back("stranger", last.link + "x") is None
         assert visitors.of("stranger") is not last
+        visitors.leave("reloaded")
+        until(lambda: forgotten[-1] == "reloaded")
+        assert visitors.of("one") is last  # whose other page is open
     assert not last.folder.exists()
 
 
-def test_a_session_stays_while_one_of_its_pages_is_open():
-    with closing(Visitors(VisitorLimits(absent=0.05))) as visitors:
-        forgotten = []
-        visitors.forgotten = forgotten.append
-        session = visitors.of("one")
-        assert visitors.back("other", session.link) is session
-        visitors.leave("other")
-        until(lambda: forgotten == ["other"])
-        assert visitors.of("one") is session
-        gone(visitors, "one")
-
-
-def until(fine, seconds=10.0):
-    """Wait until this is so."""
-    end = time.monotonic() + seconds
-    while not fine():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 def gone(visitors, name):
-    """This one leaves, and is forgotten."""
     folder = visitors.of(name).folder
     visitors.leave(name)
     until(lambda: not folder.exists())
@@ -219,7 +201,7 @@ def test_answers_go_with_the_last_visitor_who_has_them():
             session = visitors.of(name)
             session.add([SOFT], QUICK, copy=True)
             infer(session, ["soft_gel[1]"])
-            export(session, silent)
+            export(session, print)
         keys = visitors.of("other").keys
 
         def kept():
@@ -265,14 +247,14 @@ def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
 def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(session):
     session.add([SOFT], QUICK, copy=True)
     with refused("app.no_answer"):
-        export(session, silent)
+        export(session, print)
     with refused("app.no_shots"):
         infer(session, [])
     infer(session, ["soft_gel[2]"])
     assert session.answers.document.command == "cavirheo infer soft_gel.csv --verify none (1 of 5 shots)"
     session.prepare(PageSettings(window=2))
     assert session.stale
-    for asked in (lambda: export(session, silent), lambda: session.find("soft_gel[2]")):
+    for asked in (lambda: export(session, print), lambda: session.find("soft_gel[2]")):
         with pytest.raises(InputError):
             asked()
     session.prepare(QUICK)
@@ -304,7 +286,7 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     assert all(one.theta is other.theta for (_, one), (_, other) in zip(pairs, first.pairs, strict=True))
 
 
-def test_a_material_has_a_density_of_its_own(session, tmp_path):
+def test_a_material_has_a_density_of_its_own(session, tmp_path, monkeypatch):
     for name, scale in (("light", 1.0), ("dense", 1.0001)):  # one recording given twice would be read once
         session.add([single(tmp_path / f"{name}.csv", scale)], QUICK)
     session.add([examples()["stiff_gel.mat"]], QUICK, copy=True)  # without seconds
@@ -321,17 +303,10 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path):
     assert session.stale
     with refused("physics.unusual_density"):
         name_materials(session, blank, ["", "1.05", *blank[2:]])
+    monkeypatch.setattr(session.reader, "read", lambda *_, **__: require(False, "too slow", "app.reading_too_slow"))
+    with refused("app.reading_too_slow"):
+        session.weigh({"dense": 1070.0})
     assert session.densities == {"dense": 1060.0}
-
-
-def test_a_density_that_could_not_be_read_with_is_not_kept(session, tmp_path, monkeypatch):
-    session.add([single(tmp_path / "one.csv")], PageSettings(), copy=True)
-    with monkeypatch.context() as slow, refused("app.reading_too_slow"):
-        slow.setattr(session.reader, "read", lambda *_, **__: require(False, "too slow", "app.reading_too_slow"))
-        session.weigh({"one": 1050.0})
-    assert session.densities == {}
-    session.weigh({"one": 1050.0})
-    assert session.densities == {"one": 1050.0}
 
 
 def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
@@ -367,22 +342,25 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
     assert session.answers is None
 
 
-@pytest.mark.parametrize(
-    ("typed", "wrong"),
-    [
-        ({"density": "1050", "window": 2}, []),
-        ({"density": "1,050", "stretch": "0.5"}, ["density", "stretch"]),
-        ({"density": "1.05"}, ["density"]),
-        ({"density": "1.05", "trust_input": True}, []),
-        ({"bubble": "auto", "verify": "none"}, [""]),  # neither is wrong alone
-        ({"material": "auto", "verify": "none"}, [""]),
-    ],
-)
-def test_the_fields_of_the_page_are_settings_or_say_why_not(typed, wrong):
+TYPED = [  # into the fields, and those that are wrong; the number that is read
+    ({"density": "1050", "window": 2}, [], 1050.0),
+    ({"density": "1,050", "stretch": "0.5"}, ["density", "stretch"], None),
+    ({"density": "1.05"}, ["density"], None),
+    ({"density": "x"}, ["density"], None),
+    ({"density": "1.05", "trust_input": True}, [], 1.05),
+    ({"density": "1,050", "trust_input": True}, ["density"], None),
+    ({"density": "1002,5"}, [], 1002.5),
+    ({"bubble": "auto", "verify": "none"}, [""], None),  # neither is wrong alone
+    ({"material": "auto", "verify": "none"}, [""], None),
+]
+
+
+@pytest.mark.parametrize(("typed", "wrong", "density"), TYPED)
+def test_the_fields_of_the_page_are_settings_or_say_why_not(typed, wrong, density):
     usual = {field.name: getattr(PageSettings, field.name) for field in fields(PageSettings)}
     settings, problems = PageSettings.of([*(usual | {"density": "", "window": 0} | typed).values()])
     assert list(problems) == wrong
-    assert wrong or settings.density == float(typed["density"])
+    assert wrong or settings.density == density
 
 
 @contextmanager
@@ -433,7 +411,7 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     """The values of an exported simulation, typed into the sliders, give the RMSE that is shown."""
     session.add([SOFT], PageSettings(), copy=True)
     (record,) = infer(session, ["soft_gel[1]"]).document.curves
-    with zipfile.ZipFile(export(session, silent)[0]) as archive:
+    with zipfile.ZipFile(export(session, print)[0]) as archive:
         archive.extractall(tmp_path)
     folder = tmp_path / "cavirheo-result"
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
@@ -505,3 +483,108 @@ def test_nothing_is_left_when_the_server_ends(tmp_path):
         said = server.stderr.read()
     assert server.returncode == 0, said
     assert [path for path in tmp_path.rglob("*") if "cavirheo" in path.name or path.is_file()] == []
+
+
+# --- a recording
+
+TEXTS = (str(RATE), str(SCALE), "")
+
+
+@pytest.fixture
+def filming(session, tmp_path):
+    """With shot.tif loaded."""
+    pytest.importorskip("av")
+    film().save(tmp_path / "shot.tif")
+    session.add([tmp_path / "shot.tif"], PageSettings(), copy=True)
+    return session
+
+
+@pytest.fixture
+def seen(filming):
+    step.measure(filming, CAMERA, print)
+    return filming.current
+
+
+def test_the_confirmed_curve_is_that_of_the_command_line(filming, tmp_path):
+    assert (filming.waiting, filming.curves, filming.files) == (["shot.tif"], [], [])
+    with refused("app.not_measured"):
+        step.confirm(filming)
+    step.measure(filming, CAMERA, print)
+    step.unlisted(filming.current, "6, 12-14")
+    step.confirm(filming)
+    (mine,) = filming.curves
+    (theirs,) = read_curves(tmp_path / "shot.tif", frame_rate_hz=RATE, um_per_px=SCALE, exclude="6,12-14")
+    assert same([mine.time, mine.radius, mine.radius_std], [theirs.time, theirs.radius, theirs.radius_std])
+    assert mine.notes == theirs.notes
+    assert filming.waiting == []
+    expected = f"cavirheo infer shot.tif --fps {RATE:g} --um-per-px 5.5 --exclude 6,12-14"
+    assert filming.command(filming.settings) == expected
+
+
+def test_a_confirmed_curve_is_replaced_and_stands_beside_others(filming, seen, tmp_path):
+    (tmp_path / "other.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(8)))
+    step.confirm(filming)
+    filming.add([tmp_path / "other.csv"], PageSettings())
+    step.unlisted(filming.current, "20")
+    step.confirm(filming)
+    assert [one.name for one in filming.curves] == ["shot", "other"]
+    assert np.isnan(filming.curves[0].radius[19])
+    with pytest.raises(InputError):  # it is not that of the other shot
+        filming.prepare(PageSettings(rmax_um=150.0))
+    filming.clear()
+    assert (filming.films, filming.film, filming.files) == ({}, "", [])
+
+
+def test_frames_are_left_out_and_brought_back(seen):
+    seen.frame = 12
+    step.toggle(seen)
+    assert seen.exclude == "12"
+    assert np.isnan(step.curve(seen).radius[11])
+    assert step.unlisted(seen, "12, 3-5,") == [""]  # while it is typed
+    assert np.flatnonzero(step.excluded(seen)).tolist() == [2, 3, 4, 11]
+    step.toggle(seen)
+    for wrong, why in (("3, 99", "1 to 34"), ("1-34", "all measured frames")):
+        assert why in step.unlisted(seen, wrong)[0]
+        assert seen.exclude == "3-5"
+    assert step.unlisted(seen, "") == [""]
+    assert not step.excluded(seen).any()
+
+
+def test_what_is_missing_or_must_be_measured_again_is_said_at_its_field(filming, seen):
+    assert step.camera_of(seen, TEXTS) == (CAMERA, ["", "", ""])
+    for texts, field, why in (
+        (("", "5.5", ""), 0, "missing"),
+        (("500,000", "5.5", ""), 0, "two ways"),
+        (("5e5", "-1", ""), 1, "positive"),
+        (("5e5", "5.5", "x"), 2, "number"),
+    ):
+        wrong = step.camera_of(seen, texts)[1]
+        assert why in wrong[field]
+        assert [bool(one) for one in wrong] == [k == field for k in range(3)]
+    assert step.unready(seen, *TEXTS, "6") == ["", "", "", ""]
+    assert "measure again" in step.unready(seen, str(RATE), "6", "", "")[1]
+    assert "1 to 34" in step.unready(seen, *TEXTS, "0")[3]
+    step.measure(filming, Camera(RATE), print)  # a .tif may have a scale; this one has none
+    assert "missing" in step.unready(filming.current, str(RATE), "", "", "")[1]
+
+
+def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(filming, tmp_path):
+    import tifffile
+
+    frames = film().frames
+    tifffile.imwrite(tmp_path / "still.tif", np.repeat(frames[:1], 9, 0), photometric="minisblack")
+    tifffile.imwrite(tmp_path / "one.tif", frames[0])
+    (tmp_path / "empty.mp4").write_bytes(b"")
+    (tmp_path / "damaged.mp4").write_bytes(b"no picture" * 99)
+    names = ("still.tif", "one.tif", "empty.mp4", "damaged.mp4")
+    filming.add([tmp_path / name for name in names], PageSettings())
+    for filming.film in names:
+        with pytest.raises(InputError) as error:
+            step.measure(filming, CAMERA, print)
+        assert str(filming.folder) not in words.for_page(error.value)
+    assert [path.suffix for path in filming.folder.iterdir() if path.is_file()] == []  # no frames are left behind
+    filming.film, filming.limits = "shot.tif", VisitorLimits(film_mb=0.01, files=5)
+    with refused("app.too_large"):
+        step.measure(filming, CAMERA, print)
+    with refused("app.too_many_files"):
+        filming.add([tmp_path / "more.mp4"], PageSettings())

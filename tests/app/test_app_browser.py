@@ -1,14 +1,15 @@
 """The browser app in a real Chromium: journeys of visitors, wide and narrow, without a request to elsewhere."""
 
 import json
-import time
 import zipfile
 
 import pytest
+from conftest import until
 
 from cavirheo.app.session import VisitorLimits
 from cavirheo.app.steps import examples
 
+FITS = "document.documentElement.scrollWidth <= innerWidth"
 WIDE, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 INPUT = "#upload input[type=file]"
 
@@ -52,19 +53,20 @@ def visit(served, browser):
     assert failed == []
 
 
-def drag(page, name, share):
-    """Move a slider to this share of its range, and wait until the simulation is drawn."""
+def slide(page, where, share):
+    move = "(one, share) => { one.value = share * one.max; one.dispatchEvent(new Event('input', {bubbles: true})); }"
+    page.locator(f"{where} input[type=range]").evaluate(move, share)
+
+
+def drag(page, share):
+    """Move its slider, and wait until the simulation is drawn."""
     line = "document.querySelector('#check-plot path.what-if')?.getAttribute('d') || ''"
     before = page.evaluate(line)
-    page.locator(f"#slider-{name} input[type=range]").evaluate(
-        "(one, share) => { one.value = share * one.max; one.dispatchEvent(new Event('input', {bubbles: true})); }",
-        share,
-    )
+    slide(page, "#slider-viscosity", share)
     page.wait_for_function(f"before => ({line}) !== before", arg=before)
 
 
 def layers(page):
-    """Names of what the picture of the check shows."""
     paths = "document.querySelectorAll('#check-plot path')"
     return set(page.evaluate(f"[...{paths}].map(one => one.getAttribute('class'))"))
 
@@ -86,12 +88,7 @@ def closed(page):
     return [k for k, tab in enumerate(page.locator("#steps [role=tab]").all(), 1) if tab.is_disabled()]
 
 
-def fits_the_screen(page):
-    return page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-
-
 def example(page):
-    """Loads a shipped file of five shots."""
     page.get_by_role("button", name="soft_gel.csv").click()
     page.wait_for_selector("#overview svg")
     assert page.locator("#found tbody tr").count() == 5
@@ -125,16 +122,16 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page.wait_for_selector("#check-plot svg")
     page.wait_for_selector("#facts article")
     assert "what-if" not in layers(page)
-    drag(page, "viscosity", 0.2)
+    drag(page, 0.2)
     first = page.inner_text("#trial")
-    drag(page, "viscosity", 0.6)
+    drag(page, 0.6)
     assert page.inner_text("#trial") != first
     page.click("#fit")
     page.wait_for_selector("#stop-fit", state="visible")
     page.wait_for_selector("#stop-fit", state="hidden")
     page.wait_for_selector("#check-plot path.fit", state="attached")
     assert {"what-if", "measured", "simulated", "draws", "fit", "residual"} <= layers(page)
-    assert fits_the_screen(page)
+    assert page.evaluate(FITS)
     unnamed = page.evaluate(  # every field has a name
         "[...document.querySelectorAll('input:not([type=file]), button, select')]"
         ".filter(one => one.offsetParent && !(one.labels?.length || one.getAttribute('aria-label') || one.title"
@@ -229,10 +226,7 @@ def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
     (mine,), link = {*kept} - before, page.url.partition("session=")[2]
     monkeypatch.setattr(visitors, "limits", VisitorLimits(absent=0.05))
     page.close()
-    end = time.monotonic() + 20
-    while mine in kept:
-        assert time.monotonic() < end
-        time.sleep(0.05)
+    until(lambda: mine not in kept)
     assert visitors.back("another page", link) is None
 
 
@@ -249,16 +243,14 @@ def test_a_recording_is_measured_looked_at_and_confirmed_on_a_phone(visit, tmp_p
     page.press("#film-scale input", "Enter")
     page.wait_for_selector("#film-frame img")
     page.wait_for_selector("#film-plot svg")
-    page.locator("#film-number input[type=range]").evaluate(
-        "one => { one.value = 40; one.dispatchEvent(new Event('input', {bubbles: true})); }"
-    )
+    slide(page, "#film-number", 0.5)
     page.wait_for_selector("#film-frame :text('Frame 40 of 80')")
     page.click("#film-toggle")
     page.wait_for_selector("#film-frame .excluded")
     assert page.input_value("#film-excluded input") == "40"
     page.fill("#film-excluded input", "40-45")
     page.wait_for_selector("#film-told :text('70 of 80')")
-    assert fits_the_screen(page)
+    assert page.evaluate(FITS)
     page.fill("#film-scale input", "5")
     page.click("#confirm")
     page.wait_for_selector("#film-scale :text('measure again')")

@@ -79,12 +79,3 @@ def test_a_link_opens_its_curve_with_its_picture_and_print_opens_all(page):
     assert page.locator("#curve-6 path.measured").is_visible()
     page.emulate_media(media="print")
     assert page.locator("article:visible").count() == 7
-
-
-def test_without_script_all_is_there(chromium, report):
-    page = chromium.new_page(java_script_enabled=False)
-    page.goto(report)
-    assert page.locator("article svg").count() == page.locator("table.curves a").count() == 7
-    page.locator("summary", has_text="shot[2]").click()
-    assert page.locator("#curve-2 svg").is_visible()
-    page.close()

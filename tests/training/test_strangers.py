@@ -94,70 +94,61 @@ def shards(instant, tmp_path) -> Path:
 
 
 def stored(name, make):
-    """Something else in the place of the data set `name`: what `make` of its content gives create_dataset."""
+    """Instead of the data set `name` a link, or what create_dataset makes of the settings that `make` gives of it."""
 
-    def change(file):
-        kept = file[name][:] if name != "status" else file[name].asstr()[:]
-        del file[name]
-        if settings := make(kept):
-            file.create_dataset(name, **settings)
+    def damage(path):
+        with h5py.File(path, "a") as file:
+            new = make(file[name][:] if name != "status" else file[name].asstr()[:])
+            del file[name]
+            if isinstance(new, dict):
+                file.create_dataset(name, **new)
+            elif new:
+                file[name] = new
 
-    return change
-
-
-def attribute(name, value):
-    return lambda file: file.attrs.__setitem__(name, value)
-
-
-def radius_of_another_file(file):
-    with h5py.File(Path(file.filename).with_name("other"), "w") as other:
-        other["radius"] = file["radius"][:]
-    del file["radius"]
-    file["radius"] = h5py.ExternalLink("other", "radius")
+    return damage
 
 
-SHARDS = {
-    "no theta": stored("theta", lambda kept: None),
-    "theta of a row less": stored("theta", lambda kept: {"data": kept[1:]}),
-    "theta of a column more": stored("theta", lambda kept: {"data": np.c_[kept, kept]}),
-    "theta not finite": stored("theta", lambda kept: {"data": kept * np.nan}),
-    "radius of text": stored("radius", lambda kept: {"data": kept.astype("S8")}),
-    "radius not finite": stored("radius", lambda kept: {"data": kept * np.inf}),
-    "radius of another file": radius_of_another_file,
-    "radius of a petabyte": stored("radius", lambda kept: {"shape": (10**12, 100), "dtype": "f4", "chunks": (10, 100)}),
-    "status of numbers": stored("status", lambda kept: {"data": np.zeros(len(kept))}),
-    "no problem": lambda file: file.attrs.__delitem__("problem"),
-    "problem a list": attribute("problem", "[]"),
-    "problem nested deeply": attribute("problem", "[" * 20_000),
-    "problem of another law": attribute("problem", json.dumps(PROBLEM.to_dict() | {"material": "honey"})),
-    "total huge": attribute("total", 2**62),
-    "start of another file": attribute("start", 20),
+def attribute(name, value=None):
+    def damage(path):
+        with h5py.File(path, "a") as file:
+            del file.attrs[name]
+            file.attrs.update({} if value is None else {name: value})
+
+    return damage
+
+
+PETABYTE = {"shape": (10**12, 100), "dtype": "f4", "chunks": (10, 100)}
+SHARDS = {  # what is done to one of three files, and the code by which their set is refused
+    "no theta": (stored("theta", lambda kept: None), "dataset."),
+    "theta of a row less": (stored("theta", lambda kept: {"data": kept[1:]}), "dataset."),
+    "theta of a column more": (stored("theta", lambda kept: {"data": np.c_[kept, kept]}), "dataset."),
+    "theta not finite": (stored("theta", lambda kept: {"data": kept * np.nan}), "dataset."),
+    "radius of text": (stored("radius", lambda kept: {"data": kept.astype("S8")}), "dataset."),
+    "radius not finite": (stored("radius", lambda kept: {"data": kept * np.inf}), "dataset."),
+    "radius of another file": (stored("radius", lambda kept: h5py.ExternalLink("other", "radius")), "limits."),
+    "radius of a petabyte": (stored("radius", lambda kept: PETABYTE), "limits."),
+    "status of numbers": (stored("status", lambda kept: {"data": np.zeros(len(kept))}), "dataset."),
+    "no problem": (attribute("problem"), "dataset."),
+    "problem a list": (attribute("problem", "[]"), "problem."),
+    "problem nested deeply": (attribute("problem", "[" * 20_000), "dataset."),
+    "problem of another law": (attribute("problem", json.dumps(PROBLEM.to_dict() | {"material": "honey"})), "problem."),
+    "total huge": (attribute("total", 2**62), "dataset."),
+    "start of another file": (attribute("start", 20), "dataset."),
+    "empty": (lambda path: os.truncate(path, 0), "dataset.unreadable"),
+    "cut short": (lambda path: os.truncate(path, 1000), "dataset.unreadable"),
+    "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "dataset.unreadable"),
+    "copied beside it": (lambda path: shutil.copy(path, path.with_name("shard-00001 (copy).h5")), "dataset.foreign"),
+    "in another's place": (lambda path: shutil.copy(path, path.with_name("shard-00001.h5")), "dataset.shape"),
 }
 
 
 @pytest.mark.parametrize("name", SHARDS)
 def test_broken_shard(shards, name):
-    with h5py.File(shards / "shard-00000.h5", "a") as file:
-        SHARDS[name](file)
+    damage, code = SHARDS[name]
+    damage(shards / "shard-00000.h5")
     said = error_of(dataset.load, shards)
-    assert said.code.startswith(("dataset.", "problem.", "limits."))
+    assert said.code.startswith(code)
     assert "shard-" in str(said)
-
-
-FILES = {
-    "empty": (lambda path: os.truncate(path, 0), "unreadable"),
-    "cut short": (lambda path: os.truncate(path, 1000), "unreadable"),
-    "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "unreadable"),
-    "copied beside it": (lambda path: shutil.copy(path, path.with_name("shard-00001 (copy).h5")), "foreign"),
-    "in another's place": (lambda path: shutil.copy(path, path.with_name("shard-00000.h5")), "shape"),
-}
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_files_that_are_no_set(shards, name):
-    damage, code = FILES[name]
-    damage(shards / "shard-00001.h5")
-    assert code_of(dataset.load, shards) == f"dataset.{code}"
 
 
 def test_a_set_that_does_not_fit_is_refused_before_it_is_made(instant, tmp_path, monkeypatch):
@@ -194,9 +185,12 @@ def test_a_model_is_judged_on_its_own_problem_only(instant, tmp_path):
 
 
 @needs_onnx
-def test_an_evaluation_needs_no_matplotlib(instant, tmp_path, monkeypatch):
+@pytest.mark.needs("matplotlib")
+def test_an_evaluation_draws_its_picture_where_matplotlib_is(instant, tmp_path, monkeypatch):
     path = made.sound(tmp_path)
     dataset.generate(Network(path).problem, 5, tmp_path / "set", seed=7, progress=False)
+    assert evaluate(path, tmp_path / "set", tmp_path / "drawn")["figures"] == ["predicted.png"]
+    assert (tmp_path / "drawn" / "predicted.png").stat().st_size > 10_000
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     found = evaluate(path, tmp_path / "set", tmp_path / "out")
     assert json.loads((tmp_path / "out" / "metrics.json").read_text()) == found

@@ -1,7 +1,6 @@
 """Training: it learns, it resumes exactly, and what is exported is what was trained."""
 
 import json
-import sys
 from datetime import date
 from importlib import import_module
 from pathlib import Path
@@ -21,7 +20,6 @@ from cavirheo.training import evaluate as judge
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.evaluate import breakdown, metrics
 from cavirheo.training.recipe import Recipe, read_recipe
-from cavirheo.writing.document import Outputs
 
 CPU, UNITS = {"device": "cpu", "threads": 1}, ("Pa", "Pa s")
 SMALL = "width = 16\nposition = 8\nheads = 2\nfeed_forward = 16\nlayers = 1\ndropout = 0.1"
@@ -83,27 +81,15 @@ def test_breakdown_finds_the_error_where_it_is():
     assert (nothing["rmse"], nothing["bias"], nothing["share"]) == (None, None, 0.0)
 
 
-def test_the_picture(tmp_path, monkeypatch):
-    pytest.importorskip("matplotlib.figure")
-    truth = Prior.uniform({"log10_viscosity": (-4.0, 0.0)}).sample(60, 1)
-    scores, outputs = metrics(["log10_viscosity"], truth, truth + 0.1), Outputs(tmp_path, "metrics.json")
-    judge.draw(outputs, scores, truth, truth + 0.1)
-    assert (tmp_path / "predicted.png").stat().st_size > 10_000
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert code_of(judge.draw, outputs, scores, truth, truth) == "figures.matplotlib"
-
-
 @pytest.mark.train
 class TestTorch:
     @pytest.fixture(autouse=True)
     def _torch(self):
         self.torch = pytest.importorskip("torch")
         pytest.importorskip("safetensors")
-        names = ("train", "loop", "point_network", "train")
-        self.export, self.loop, self.point, self.training = (
-            import_module(f"cavirheo.training.{name}") for name in names
-        )
-        self.train = self.training.train
+        names = ("train", "loop", "point_network")
+        self.export, self.loop, self.point = (import_module(f"cavirheo.training.{name}") for name in names)
+        self.train = self.export.train
 
     def test_the_network_of_the_paper(self):
         network = self.point.BubbleTransformer(read_recipe(ROOT / "recipes" / "bdt-viscoelastic.toml").network, 100, 2)
@@ -173,10 +159,20 @@ class TestTorch:
             return self.export.load_model(run / "best.safetensors")(self.torch.from_numpy(radius)).numpy()
 
     def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path, monkeypatch):
+        """And is judged on what it was not trained on."""
         pytest.importorskip("onnxscript")
         run, models = tmp_path / "run", tmp_path / "models"
         assert code_of(self.export.export, recipe, run, models) == "export.unfinished"
         result = self.train(recipe, data, run, **CPU)
+        with monkeypatch.context() as patch:
+            patch.setattr(self.export, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
+            patch.setattr(self.export, "predict", lambda path, radius: self.answers(run, radius) + 2e-3)
+            with pytest.raises(RuntimeError, match=r"0\.002"):
+                self.export.export(recipe, run, models)
+        assert list(models.iterdir()) == []  # of a model that answers otherwise
+        other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
+        other.__dict__.pop("problem", None)
+        assert code_of(self.train, other, data, tmp_path / "other", **CPU) == "training.another_problem"
         another = changed(recipe, lr=0.02)
         assert "training.lr" in str(error_of(self.train, another, data, run, **CPU))
         assert "training.lr" in str(error_of(self.export.export, another, run, models))
@@ -194,9 +190,6 @@ class TestTorch:
         assert card["history"]["train"] == pytest.approx(result["history"]["train"], rel=1e-4)
         trained = cavirheo.load(run)
         assert (trained.kind, trained.metrics, trained.outputs) == ("training", result["metrics"], list(recipe.outputs))
-        self.judged_on_what_it_was_not_trained_on(recipe, data, result, path, tmp_path, monkeypatch)
-
-    def judged_on_what_it_was_not_trained_on(self, recipe, data, result, path, tmp_path, monkeypatch):
         found = judge.evaluate(path, data)
         assert (found["part"], found["curves"]) == ("test", result["data"]["test"])
         for name, values in result["metrics"].items():
@@ -214,18 +207,3 @@ class TestTorch:
             assert judge.evaluate(path, tmp_path / name)["part"] == part
         generate(recipe.problem, 60, tmp_path / "fewer", progress=False)
         assert code_of(judge.evaluate, path, tmp_path / "fewer") == "evaluate.trained_on"
-
-    def test_other_data_are_refused(self, recipe, data, tmp_path):
-        other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
-        other.__dict__.pop("problem", None)
-        assert code_of(self.train, other, data, tmp_path / "other", **CPU) == "training.another_problem"
-
-    def test_export_refuses_a_model_that_differs(self, recipe, data, tmp_path, monkeypatch):
-        pytest.importorskip("onnx")
-        recipe, run = changed(recipe, epochs=1), tmp_path / "run"
-        self.train(recipe, data, run, **CPU)
-        monkeypatch.setattr(self.export, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
-        monkeypatch.setattr(self.export, "predict", lambda path, radius: self.answers(run, radius) + 2e-3)
-        with pytest.raises(RuntimeError, match=r"0\.002"):
-            self.export.export(recipe, run, tmp_path / "models")
-        assert list((tmp_path / "models").iterdir()) == []
