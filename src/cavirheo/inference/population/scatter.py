@@ -4,8 +4,8 @@ Of shot i, with Gaussians of share w, mean m and covariance V for its likelihood
 
     p(frames_i | c, S) = (1 - OUTLIERS) sum w N(m; c + b x_i, V + S) + OUTLIERS sum w N(m; c + b x_i, V + S + WIDE^2),
 
-c the centre in log10, S the covariance of the spread, b the slope along a column x, if there is one. An
-outlier has the second, broad density. Of a shot that only bounds a parameter N is a normal distribution function of
+c the centre in log10, S the covariance of the spread, b the slope along a column x, if there is one. An outlier
+has the second, broad density. Of a shot that only bounds a parameter N is a normal distribution function of
 it (likelihood.py). Hierarchical inference from the draws of single events, as for gravitational
 waves: Mandel, Farr and Gair 2019, doi:10.1093/mnras/stz896.
 """
