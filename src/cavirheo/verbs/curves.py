@@ -120,7 +120,7 @@ class _LawOptions:
 
 @dataclass(kw_only=True)
 class WhichLaw(options.Measured, options.ManyBubbles, _LawOptions):
-    """Which of several laws explains the curves best? Evidence by sampling, 1 to 12 s a curve and law."""
+    """Which of several laws explains the curves best? Evidence by sampling, 1 to 30 s a curve and law."""
 
     out: options.Out = Path("cavirheo-laws")
 
