@@ -36,7 +36,7 @@ SEED = {
     "material": 5,
 }  # in nine of ten shots an interval holds the truth, as in these
 TRUTH = np.log10([8e3, 0.05])  # Pa, Pa s
-SPREAD, STRAY = np.array([0.08, 0.05]), np.log10([4e4, 0.04])  # decades
+SPREAD, OUTLIER = np.array([0.08, 0.05]), np.log10([4e4, 0.04])  # decades
 INSIDE = 0.9  # probability within a contour
 
 
@@ -192,7 +192,7 @@ def window() -> Any:
 def material() -> Any:
     """Simulated shots of a gel whose places differ, and one of another gel: the shots; their material, its scatter."""
     rng = np.random.default_rng(SEED["material"])
-    truths = [*(TRUTH + SPREAD * rng.standard_normal((9, 2))), STRAY]
+    truths = [*(TRUTH + SPREAD * rng.standard_normal((9, 2))), OUTLIER]
     curves = []
     for k, logs in enumerate(truths, 1):
         law, size, stretch = NeoHookeanKelvinVoigt(*10.0**logs), rng.uniform(180e-6, 320e-6), rng.uniform(5.5, 7.5)
@@ -219,9 +219,9 @@ def material() -> Any:
     x, y = 1e-3 * np.array(found.interval(G)), np.array(found.interval(MU))
     bars: Any = {"xerr": np.diff(x)[:, None], "yerr": np.diff(y)[:, None], "lw": 1.3, "capsize": 2}
     right.errorbar(x[1], y[1], fmt="D", color=style.BLUE, ms=4, label="inferred: the same, from a", **bars)
-    for name, probability in found.strays.items():
+    for name, probability in found.outliers.items():
         one = answers[int(name.split()[1]) - 1]
-        label = f"does not belong ({probability:.0%})"
+        label = f"outlier ({probability:.0%})"
         right.plot(1e-3 * one.median(G), one.median(MU), "o", color=style.PALE, ms=4, label=label)
     key(left, loc="upper right"), key(right, loc="upper right")
     return figure

@@ -1,7 +1,7 @@
-"""Is the material of many shots right? Coverage, strays, pairs, time and memory of `cavirheo.population`.
+"""Is the material of many shots right? Coverage, outliers, pairs, time and memory of `cavirheo.population`.
 
     python benchmarks/population.py coverage [--groups 200] [--seed 1]
-    python benchmarks/population.py strays | pairs | width | none | bounds | timing | network | real
+    python benchmarks/population.py outliers | pairs | width | none | bounds | timing | network | real
 
 Shots of known truth are made without simulating bubbles: a likelihood that is Gaussian in log10 G and log10 mu, or in G
 and mu themselves (skewed in the logarithm), sampled with importance weights against the shot's prior. `network` uses
@@ -67,15 +67,15 @@ class Group:
 
     def __init__(
         self, rng: np.random.Generator, n: int, spread: np.ndarray, *, centre: np.ndarray | None = None,
-        stray: float = 0.0, widths: tuple[float, float] = (0.02, 0.15), stray_in: tuple[float, float] = (1.0, 1.0),
+        outlier: float = 0.0, widths: tuple[float, float] = (0.02, 0.15), outlier_in: tuple[float, float] = (1.0, 1.0),
     ) -> None:  # fmt: skip
         self.centre = rng.uniform([3.2, -2.0], [4.6, -1.0]) if centre is None else centre
         self.spread, rho = spread, rng.uniform(-0.9, 0.9)
         root = np.diag(spread) @ np.linalg.cholesky(np.array([[1.0, rho], [rho, 1.0]]))
         truths = self.centre + rng.standard_normal((n, 2)) @ root.T
-        self.away = int(rng.integers(n)) if stray else None
+        self.away = int(rng.integers(n)) if outlier else None
         if self.away is not None:
-            truths[self.away] = self.centre + stray * np.array(stray_in) * rng.choice([-1.0, 1.0], 2)
+            truths[self.away] = self.centre + outlier * np.array(outlier_in) * rng.choice([-1.0, 1.0], 2)
         self.widths = 10.0 ** rng.uniform(*np.log10(widths), (n, 2))
         self.answers = [
             shot(
@@ -99,13 +99,13 @@ def inside(found: Population, group: Group) -> dict[str, list[bool]]:
 
 
 def covered(number: int, seed: int) -> dict[str, list[bool]]:
-    """Whether intervals of this group hold the truth: 3 to 20 shots, spread 0 to 0.2 decades, a stray in a fifth."""
+    """Whether intervals of this group hold the truth: 3 to 20 shots, spread 0 to 0.2 decades, an outlier in a fifth."""
     rng = np.random.default_rng([seed, number])
     n = int(rng.integers(3, 21))
-    group = Group(rng, n, rng.uniform(0.0, 0.2, 2), stray=0.5 if number % 5 == 0 else 0.0)
+    group = Group(rng, n, rng.uniform(0.0, 0.2, 2), outlier=0.5 if number % 5 == 0 else 0.0)
     hits = inside(population(group.answers, seed=number), group)
     size = "3-7 shots" if n < 8 else "8-20 shots"
-    kinds = (size, "stray" if group.away is not None else "no stray")
+    kinds = (size, "outlier" if group.away is not None else "no outlier")
     return hits | {f"{name}, {kind}": values for name, values in hits.items() for kind in kinds}
 
 
@@ -119,30 +119,30 @@ def coverage(groups: int, seed: int) -> None:
         print(f"{name:<28}{100 * np.mean(values):6.1f} %  ({len(values)})")
 
 
-class Strays(NamedTuple):
-    """Of a group. found: whether its stray was, None where it has none; wrong: others that were named."""
+class Outliers(NamedTuple):
+    """Of a group. found: whether its outlier was, None where it has none; wrong: others that were named."""
 
     found: bool | None
     wrong: int
     shots: int
 
 
-def found_stray(number: int, seed: int, spread: float, way: tuple[float, float], sizes: tuple[int, int]) -> Strays:
-    """Every second group has a stray, 0.5 decades off in both parameters or, by `way`, in one."""
+def found_outlier(number: int, seed: int, spread: float, way: tuple[float, float], sizes: tuple[int, int]) -> Outliers:
+    """Every second group has an outlier, 0.5 decades off in both parameters or, by `way`, in one."""
     rng = np.random.default_rng([seed, number])
     n = int(rng.integers(sizes[0], sizes[1] + 1))
-    group = Group(rng, n, np.full(2, spread), stray=0.5 * (number % 2), stray_in=way)
-    said = set(population(group.answers, seed=number, names=range(n)).strays)
+    group = Group(rng, n, np.full(2, spread), outlier=0.5 * (number % 2), outlier_in=way)
+    said = set(population(group.answers, seed=number, names=range(n)).outliers)
     there = group.away is not None
-    return Strays(group.away in said if there else None, len(said - {group.away}), n - there)
+    return Outliers(group.away in said if there else None, len(said - {group.away}), n - there)
 
 
-def strays(groups: int, seed: int) -> None:
+def outliers(groups: int, seed: int) -> None:
     """Found where there is one; and false alarms where there is none."""
     for spread in (0.03, 0.1, 0.2):
         for way, label in (((1.0, 1.0), "both"), ((1.0, 0.0), "G alone")):
             for sizes in ((4, 7), (8, 20)):
-                all_of = [found_stray(i, seed, spread, way, sizes) for i in range(groups)]
+                all_of = [found_outlier(i, seed, spread, way, sizes) for i in range(groups)]
                 known = [one.found for one in all_of if one.found is not None]
                 wrong, shots = sum(one.wrong for one in all_of), sum(one.shots for one in all_of)
                 print(
@@ -317,7 +317,7 @@ def real(groups: int, seed: int) -> None:
 
 
 def main() -> None:
-    verbs = {verb.__name__: verb for verb in (coverage, strays, pairs, width, none, bounds, timing, network, real)}
+    verbs = {verb.__name__: verb for verb in (coverage, outliers, pairs, width, none, bounds, timing, network, real)}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=verbs)
     parser.add_argument("--groups", type=int, default=200)

@@ -56,7 +56,7 @@ def run(target: str) -> dict:
     with log.open("w", encoding="utf-8") as file:
         ended = subprocess.run(words, stdout=file, stderr=subprocess.STDOUT, check=False)
     text = log.read_text("utf-8", errors="replace")
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("make[")]
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith(("make[", "make:"))]
     return {
         "outcome": "passed" if ended.returncode == 0 else f"failed ({ended.returncode})",
         "date": datetime.now(UTC).date().isoformat(),

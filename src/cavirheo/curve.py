@@ -88,7 +88,7 @@ class RadiusCurve:
         unscaled: why the radii have no scale yet; `max_radius` raises it until `with_max_radius` gives the scale.
         time_unscaled: time is in units of R_max sqrt(rho/p) times (s/m) and needs that scale too.
         late: whether R_max may have been before the first frame, where the frames are not to tell it (`begins_late`).
-        warnings: what is doubtful about scale, rate or order of the frames; no answer is `ok` then unless the user
+        warnings: of scale, rate or order of the frames; no answer is `ok` then unless the user
             vouches for it. That of the radius' unit ends when `with_max_radius` gives the scale.
         unusable: why there is nothing to be read off. Such a curve (three samples, all NaN, an empty cell) is one
             too, so that the others of its file can be answered: `max_radius` raises the reason.

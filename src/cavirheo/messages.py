@@ -41,7 +41,7 @@ class Message:
 
     @property
     def input_warning(self) -> bool:
-        """Whether the recording or its settings are doubtful, so that the answer is not ok unless the user vouches."""
+        """Whether it is about the recording or its settings, so that the answer is not ok unless the user vouches."""
         return is_input_warning(self.code)
 
 

@@ -70,14 +70,14 @@ def test_nothing_is_extrapolated(omega, answered):
 
 
 SCATTER = np.append([1.8, 0.5, 1.4, 0.7, 1.25, 0.88], np.ones(STRAIN.size - 6))  # at low torque
-STRAY = np.where(np.arange(STRAIN.size) == 15, 1.3, 1.0)
+OUTLIER = np.where(np.arange(STRAIN.size) == 15, 1.3, 1.0)
 NOISE = 1 + 0.02 * np.random.default_rng(0).standard_normal(STRAIN.size)
 SOFT, FIVE, TEN = softening(STRAIN), np.sqrt(1 / 0.95 - 1), np.sqrt(1 / 0.9 - 1)
 STRAIN_SWEEPS = {  # G', tolerance, how and where the linear range ends, how near that is found
     "narrow": (SOFT, 0.02, "softens", np.sqrt(1 / 0.98 - 1), 0.02),
     "wide": (SOFT, 0.1, "softens", TEN, 0.02),
     "scatter": (SOFT * SCATTER, 0.05, "softens", FIVE, 0.02),
-    "stray": (SOFT * STRAY, 0.05, "softens", FIVE, 0.02),
+    "outlier": (SOFT * OUTLIER, 0.05, "softens", FIVE, 0.02),
     "noise": (SOFT * NOISE, 0.05, "softens", FIVE, 0.25),
     "stiffening": (500 * (1 + (STRAIN / 0.3) ** 2), 0.05, "stiffens", 0.3 * np.sqrt(0.05), 0.02),
     "ends in the linear range": (np.full(20, 1e3), 0.05, None, STRAIN[19], 0.02),

@@ -1,4 +1,4 @@
-"""The material of many shots: against closed forms and grids, with planted strays, copies and wrong priors."""
+"""The material of many shots: against closed forms and grids, with planted outliers, copies and wrong priors."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -64,9 +64,9 @@ def test_the_seed_decides_all_of_the_draws():
     assert np.allclose(one.interval("viscosity"), other.interval("viscosity"), rtol=0.06)
 
 
-def test_a_stray_is_named_and_moves_little():
+def test_an_outlier_is_named_and_moves_little():
     clean, spoilt = population(shots(8)), population(shots(8, away=[2]), names=list("abcdefgh"))
-    assert (list(spoilt.strays), clean.strays) == (["c"], {})
+    assert (list(spoilt.outliers), clean.outliers) == (["c"], {})
     assert len(spoilt.shots) == 8
     for name in ("shear_modulus", "viscosity"):
         assert abs(np.log10(spoilt.interval(name)[1] / clean.interval(name)[1])) < 0.04
@@ -101,8 +101,8 @@ def test_scatter_of_shots_is_found_with_its_correlation():
 
 def test_few_draws_are_said_and_widened():
     few = [seen(CENTRE, 0.05, 20, seed=k) if k == 1 else one for k, one in enumerate(shots(4))]
-    assert population(few).doubts
-    assert not population(shots(4)).doubts
+    assert population(few).warnings
+    assert not population(shots(4)).warnings
     assert likelihood(few[1].theta, np.zeros(20), np.zeros(20)).covariance[0, 0, 0] > 1.1 * 0.05**2
     assert likelihood(few[1].theta[:4], np.zeros(4), np.zeros(4)) is None
 
@@ -121,7 +121,7 @@ def test_what_does_not_count_is_counted():
     assert found.shots == ("shot 1", "shot 2", "shot 3", "shot 4")
     assert found.left_out == dict.fromkeys(("no_interval", "failed", "model_does_not_fit", "other_model", "copy"), 1)
     assert len(population(good + others[2:3], only_trusted=False).shots) == 5
-    assert population(shots(2)).doubts  # they are no population
+    assert population(shots(2)).warnings  # they are no population
 
 
 def test_two_materials_are_told_apart_and_one_is_not():

@@ -112,6 +112,23 @@ def test_the_page_of_claims_is_that_of_the_results_and_headline_numbers_are_mark
         assert not pages.AT_BEGINNING.search((ROOT / page).read_text("utf-8"))
 
 
+NO_MEASUREMENTS = (
+    "Python 3.11 to 3.14",
+    "90 % interval",
+    "in 90 % of cases",
+    "within 20 % of its value",
+    "10 kPa and 0.06 Pa s",
+)
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/how-far.md"])
+def test_no_measured_number_is_typed_by_hand(page):
+    text = (ROOT / page).read_text("utf-8")
+    assert pages.bare_numbers(text, NO_MEASUREMENTS) == []
+    for planted in ("an error of 0.43 px", "in 17 % of shots", "a 90 % share"):
+        assert len(pages.bare_numbers(f"{text}\n{planted}", NO_MEASUREMENTS)) == 1
+
+
 def test_shares_and_their_standard_errors():
     number = numbers.coverage("held", [True] * 45 + [False] * 5, 0.9)
     assert (number.value, number.n) == (0.9, 50)

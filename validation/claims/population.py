@@ -1,6 +1,6 @@
-"""One material from many shots: do the intervals of centre and spread hold the truth, and are strays found?
+"""One material from many shots: do the intervals of centre and spread hold the truth, and are outliers found?
 
-Groups are those of benchmarks/population.py: 3 to 20 shots, spread 0 to 0.2 decades, a stray in a fifth of them. The
+Groups are those of benchmarks/population.py: 3 to 20 shots, spread 0 to 0.2 decades, an outlier in a fifth of them. The
 two parameters of a group are not independent, so n counts groups.
 """
 
@@ -13,14 +13,14 @@ import numpy as np
 from benchmarks import population as benchmark
 from validation.numbers import SEED, Number, Run, coverage, share
 
-SPREADS = (0.03, 0.1, 0.2)  # decades; of groups of 8 to 20 shots with a stray in G and mu
+SPREADS = (0.03, 0.1, 0.2)  # decades; of groups of 8 to 20 shots with an outlier in G and mu
 
 
 def one(job: tuple[str, float, int]) -> dict:
     what, spread, number = job
     if what == "intervals":
         return {name: np.array(hits).tolist() for name, hits in benchmark.covered(number, SEED).items()}
-    return {"found": benchmark.found_stray(number, SEED, spread, (1.0, 1.0), (8, 20)).found}
+    return {"found": benchmark.found_outlier(number, SEED, spread, (1.0, 1.0), (8, 20)).found}
 
 
 def measure(run: Run) -> Iterator[Number]:
@@ -31,5 +31,5 @@ def measure(run: Run) -> Iterator[Number]:
             hits = [hit for row in rows for hit in row[f"{part} {level:.0%}"]]
             yield coverage(f"{part}.{100 * level:.0f}", hits, level, n)
     for spread in SPREADS:
-        jobs = [("stray", spread, number) for number in range(1, run.count(40, 200), 2)]
-        yield share(f"stray.{spread:g}", [row["found"] for row in run.rows("population", one, jobs)])
+        jobs = [("outlier", spread, number) for number in range(1, run.count(40, 200), 2)]
+        yield share(f"outlier.{spread:g}", [row["found"] for row in run.rows("population", one, jobs)])

@@ -133,15 +133,15 @@ def radii_picture(film: Clip) -> str:
 
 
 def summary(film: Clip) -> str:
-    """What to do with a recording; what is doubtful and what was found."""
+    """What to do with a recording; its warnings and what was found."""
     if film.measurement is None:
         return words.part("film", (), {}, {}, "")
     radii = curve(film)
     cut = f"{film.measurement.cut}: the radius rests on that part alone" * bool(film.measurement.cut)
     texts = [cut, *(text for _, text in warnings([radii]))]
-    doubtful = by_message((film.path.name, words.for_page(text)) for text in texts)
+    by_text = by_message((film.path.name, words.for_page(text)) for text in texts)
     state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
-    return words.part("film", summary_cells(radii), doubtful, notes([radii]), state)
+    return words.part("film", summary_cells(radii), by_text, notes([radii]), state)
 
 
 def frame_view(film: Clip) -> str:

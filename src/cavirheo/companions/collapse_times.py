@@ -86,7 +86,7 @@ class CollapseGroup(Record):
         n: shots.
         unusable: how many of them could not be used; their `message` says why.
         notes: on the group as a whole.
-        doubts: about the recordings and their settings.
+        warnings: about the recordings and their settings.
         estimate: G and mu; null without a usable shot.
         model: of the collapse times, "analytic" or "exact" (simulated).
         shots: R_max, lambda, t_1 and t_1/t_RC of each.
@@ -98,7 +98,7 @@ class CollapseGroup(Record):
     n: int = 0
     unusable: int = 0
     notes: list[str] = []
-    doubts: list[str] = []
+    warnings: list[str] = []
     estimate: CollapseEstimate | None = None
     model: Literal["analytic", "exact"] = "analytic"
     shots: list[CollapseShot]
@@ -112,8 +112,8 @@ class CollapseGroup(Record):
 
     @property
     def incomplete(self) -> bool:
-        """Whether a shot was left out, its input is doubtful, or there is no answer."""
-        return bool(self.unusable or self.doubts) or self.estimate is None or not self.estimate.complete
+        """Whether a shot was left out, its input has a warning, or there is no answer."""
+        return bool(self.unusable or self.warnings) or self.estimate is None or not self.estimate.complete
 
     def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
         """Estimate G and mu from the usable shots, if any; `options` are those of `inference.collapse_time.estimate`.
@@ -186,11 +186,13 @@ def read_groups(
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
-        doubtful = [
+        warnings = [
             f"{curve.name}: {warning.text}" for curve in mine for warning in input_checks.curve_warnings(curve, medium)
         ]
         shots = [_of_curve(curve, stretch) for curve in mine]
-        groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
+        groups.append(
+            CollapseGroup(name=name, source=source, source_sha256=sha256 or "", warnings=warnings, shots=shots)
+        )
     return groups, problems + unread, repeated + hints
 
 
@@ -291,7 +293,7 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
         if record.message:
             who = record.name if record.name.startswith(group.name) else f"{group.name} {record.name}"
             yield who, f"left out: {record.message}"
-    for note in (*group.doubts, *group.notes):
+    for note in (*group.warnings, *group.notes):
         yield group.name, note
     if origins := sorted({record.stretch_from for record in group.shots} - {"", "table"}):
         yield group.name, f"lambda: {', '.join(origins)}"

@@ -458,7 +458,7 @@ def _material(
     pooled = group.population
     if pooled and pooled.has_material and pooled.model.startswith(f"{family.name},"):
         mean, covariance, between = pooled.log_moments(family.parameters)
-        return mean, covariance, between if scatter is None else scatter, pooled.n - len(pooled.strays)
+        return mean, covariance, between if scatter is None else scatter, pooled.n - len(pooled.outliers)
     logs = np.array([log_ends(map(row.value, family.parameters)) for row in rows])  # (shots, l, 3)
     middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])
     if scatter is None:

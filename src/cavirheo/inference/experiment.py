@@ -67,7 +67,7 @@ _LN10 = float(np.log(10.0))
 def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
     """(mean, standard deviation) of the stretch as the file states it, or as the late plateau shows it.
 
-    A stated one is often the mean of many shots: it is doubted by as much as it misses this shot's plateau.
+    A stated one is often the mean of many shots: its prior is wider by as much as it misses this shot's plateau.
     """
     plateau = curve.stretch_from_tail() if requested in (None, "plateau") else None
     stated = curve.stretch if requested is None else None

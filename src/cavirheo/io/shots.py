@@ -62,7 +62,7 @@ def read_curves(
     Returns:
         The curves in the order of the file, (n,) times in s and radii in m. One that cannot be used (empty cell, three
         samples, all NaN) is returned with its reason; its `max_radius` raises it. What was recognised, converted or
-        left out stands in each curve's `notes`, what makes the recording doubtful in its `warnings` too.
+        left out stands in each curve's `notes`, input warnings in its `warnings` too.
 
     Raises:
         InputError: the file cannot be found or read, or holds no radius history, or not so many; the message says what

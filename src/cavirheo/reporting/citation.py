@@ -169,7 +169,7 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
             if searched:
                 low, high = (10.0**end for end in searched)
                 ranges.append(f"{symbol} {low:.3g} to {high:.3g}" + ("" if unit == "1" else f" {unit}"))
-        free = "time origin, radius scale and R_max were free within their doubts"
+        free = "time origin, radius scale and R_max were free within their priors"
         yield f"Priors are uniform in the logarithm ({', '.join(ranges)}); {free}."
     stated = Counter(curve.diagnostics.stretch_source for curve in answers if curve.stretch_prior)
     yield from (f"The stretch of {digits.counted(n, 'curve')} was {source}." for source, n in stated.items())

@@ -90,7 +90,7 @@ def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[Compared
 
 
 def remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
-    """The material, doubtful and failed shots."""
+    """The material, and shots with another verdict than ok."""
     lines = [group.material.line] if group.material else []
     if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
@@ -165,7 +165,7 @@ def _key(comparison: Comparison) -> str:
     words = "Mean ± standard deviation over the trusted shots that determine it. "
     if any(len(row.answers) > 1 for row in comparison.rows):
         words = f"{TRUSTED}: {words[0].lower()}{words[1:]}"
-        words += f"{ALL}: over all answered shots, doubtful ones included. "
+        words += f"{ALL}: over all answered shots, those with an input warning included. "
     if comparison.references:
         words += f"Error to {' or '.join(comparison.references)}: |mean − its mean| / its mean, in %. "
     words += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."

@@ -315,7 +315,7 @@ def in_words(slopes: dict[str, Slope]) -> str:
     clauses = [over_size(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
     most = max(slopes.values(), key=lambda power: power.n)
     shots = f"{most.n} shots" + (f", {most.n_trusted} of them trusted" if most.n_trusted < most.n else "")
-    wrong = ", and a constant should not: doubt the law or the bubble (by chance so in 1 group of 10)"
+    wrong = ", and a constant should not: the law or the bubble may be wrong (by chance so in 1 group of 10)"
     return f"{', '.join(clauses)} over {shots}" + wrong * any(power.sign for power in slopes.values())
 
 

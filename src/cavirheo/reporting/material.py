@@ -79,7 +79,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         spreads_decades: that of each parameter, by natural name.
         correlation: of this scatter, by "name, name".
         common: the parameters if all shots that belong had one material exactly, by natural name.
-        strays: shots that do not belong, each with the probability of that.
+        outliers: shots that are probably of another material, each with the probability of that.
         left_out: counts of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
             "other_model" or "copy".
         log_evidence: of the law with one material and its scatter; null where a shot has none.
@@ -102,7 +102,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
     spreads_decades: dict[str, Quantity] = {}
     correlation: dict[str, Quantity] = {}
     common: dict[str, Quantity] = {}
-    strays: dict[str, float] = {}
+    outliers: dict[str, float] = {}
     left_out: dict[str, int] = {}
     log_evidence: Finite = None
     log_evidence_error: Finite = None
@@ -144,7 +144,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
             return None
         _, covariance, scatter = self.log_moments(names)
         information = np.sum([shared(np.diag(1.0 / variance(intervals)), scatter) for intervals in logs], axis=0)
-        inliers = 1.0 - len(self.strays) / self.n
+        inliers = 1.0 - len(self.outliers) / self.n
         return shots_wanted(inliers / len(shots) * information, covariance, float(np.log10(1.0 + half_width)))
 
     def contour(self, level: float = 0.9) -> Floats | None:
@@ -220,7 +220,7 @@ def population_record(population: Population | None, column: str = "") -> Popula
     """As documents hold it; column: the title of that which it has a slope along."""
     if population is None:
         return None
-    fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "remarks", "strays", "left_out")}
+    fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "remarks", "outliers", "left_out")}
     fields |= {"model": f"{population.material}, {population.bubble.name}", "n": len(population.shots)}
     if not len(population.centre):
         return PopulationRecord(**fields)

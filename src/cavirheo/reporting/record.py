@@ -1,7 +1,8 @@
 """result.json: the answers as a document that other programs read (schema 1), and back.
 
 Every number is SI and finite, or null: a method without an interval has null q05 and q95, a curve without an answer
-has null everywhere and says why in `messages`. Means of a group are over its trusted curves, those with verdict ok.
+has null everywhere and says why in `messages`. Means of a group are over its trusted curves, those
+whose verdict is in TRUSTED (posterior.py).
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import argument, option
-from cavirheo.verbs.run import Run, doubtful
+from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
 CAMERA, SEARCH = "Camera", "Search"
@@ -54,7 +54,7 @@ class Compare(options.Printing, options.Pictures, options.Trust, options.OneBubb
             run.stop(result.notes[0], table)
         run.show(result, print_comparison)
         counts = f"{digits.counted(len(result.groups), 'set')}, {digits.counted(len(result.curves), 'shot')}"
-        run.end(f"{counts} in {{seconds}}; table: {table}", doubtful(result))
+        run.end(f"{counts} in {{seconds}}; table: {table}", has_problems(result))
 
 
 @dataclass(kw_only=True)

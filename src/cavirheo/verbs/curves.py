@@ -12,7 +12,7 @@ from cavirheo.errors import require
 from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import INPUT, INTERVAL, argument, option
-from cavirheo.verbs.run import Run, doubtful
+from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class _Report(options.Measured):
         unfinished.remove()
         run.show(result, partial(print_table, analysis=analysis, out=out, notes_shown=run.refusals))
         message = f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
-        run.end(message, doubtful(result))
+        run.end(message, has_problems(result))
 
 
 @dataclass(kw_only=True)
@@ -216,4 +216,4 @@ class Watch(options.Inference):
         run.show(result, print_table)
         run.unreadable = 0 if stopped else watched.unreadable
         message = f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
-        run.end(message, not stopped and doubtful(result))
+        run.end(message, not stopped and has_problems(result))

@@ -101,8 +101,8 @@ _DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
 _PICTURES = "draw pictures; --no-pictures is faster"
 _STATED = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 _FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
-_VERIFY = "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; "
-_VERIFY += "none: network alone"
+_VERIFY = "auto: draws of a surrogate that simulations check; full: weighted simulations; "
+_VERIFY += "map: maximum of the posterior; none: network alone"
 
 
 def shared(options: object, kind: Any) -> dict[str, Any]:

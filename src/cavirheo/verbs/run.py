@@ -37,8 +37,8 @@ def command_line() -> str:
     return shlex.join(["cavirheo", *sys.argv[1:]])
 
 
-def doubtful(result: Result) -> bool:
-    """Whether a curve of it failed, or its input is doubtful."""
+def has_problems(result: Result) -> bool:
+    """Whether a curve of it failed, or its input has a warning."""
     return any(record.verdict in ("failed", "check_input") for record in result.curves)
 
 

@@ -50,7 +50,7 @@ class Measured(Document):
         time_of_max_s: time of R_max, s from the first frame; null as `max_radius_m`.
         collapse_times_s: times of the collapses, s from the first frame.
         unusable: why there is no R_max; else empty.
-        doubts: about the recording and its settings.
+        warnings: about the recording and its settings.
         columns: of measured.csv, with what each holds.
     """
 
@@ -72,7 +72,7 @@ class Measured(Document):
     time_of_max_s: Finite = None
     collapse_times_s: list[float] = []
     unusable: str = ""
-    doubts: list[str]
+    warnings: list[str]
     columns: dict[str, str] = COLUMNS
 
 
@@ -99,7 +99,7 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
         optics_sigma_px=track.optics,
         flags=measurement.counts,
         max_radius_px=float(np.nanmax(track.radius)),
-        doubts=warnings,
+        warnings=warnings,
     )
 
 
@@ -116,7 +116,7 @@ def write_csv(path: Path, measurement: Measurement) -> None:
 
 
 def print_table(record: Measured) -> None:
-    """Frames by flag, the maximum, where rate and scale are from, and what is doubtful."""
+    """Frames by flag, the maximum, where rate and scale are from, and the input warnings."""
     console = terminal.console()
     frames = sum(record.flags.values())
     size = f"{record.width} x {record.height} pixels, {record.bits} bits"
@@ -131,6 +131,6 @@ def print_table(record: Measured) -> None:
     console.print(top)
     for what, number in (("frames per second", record.frame_rate_hz), ("um per pixel", record.um_per_px)):
         console.print(f"{what}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
-    terminal.print_warnings(console, ((record.name, doubt) for doubt in record.doubts))
+    terminal.print_warnings(console, ((record.name, warning) for warning in record.warnings))
     notes = [note for note in (record.unusable, *record.notes) if note]
     terminal.print_remarks(console, terminal.by_message((record.name, note) for note in notes))

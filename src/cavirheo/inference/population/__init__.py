@@ -1,4 +1,4 @@
-"""Posteriors of many shots -> the material: its centre, the scatter from shot to shot, and the shots that do not belong
+"""Posteriors of many shots -> the material: its centre, the scatter from shot to shot, and the outliers
 (docs/method/population.md)."""
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def population(
         seed: of the draws.
 
     Returns:
-        The material, log10 of SI. Fewer than 3 shots that count give one without draws, whose `doubts` say why.
+        The material, log10 of SI. Fewer than 3 shots that count give one without draws, whose `warnings` say why.
 
     Raises:
         InputError: no answers, or names or a column of another length.
@@ -78,8 +78,8 @@ def population(
     fields: dict[str, Any] = {"names": names, "material": first.material, "bubble": first.bubble}
     fields |= {"shots": tuple(shots[i] for i in likelihoods), "left_out": excluded}
     if len(likelihoods) < FEWEST:
-        doubt = f"{digits.counting(len(likelihoods), len(answers))}, and a material with its scatter needs {FEWEST}"
-        return Population(**fields, doubts=(doubt,))
+        warning = f"{digits.counting(len(likelihoods), len(answers))}, and a material with its scatter needs {FEWEST}"
+        return Population(**fields, warnings=(warning,))
     rough = [f"{shots[i]} ({shot.effective:.0f})" for i, shot in likelihoods.items() if shot.effective < FEW]
     notes = [f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"] * bool(rough)
     counted = [answers[i] for i in likelihoods]
@@ -102,9 +102,9 @@ def population(
         fields |= {"slope": slope / unit, "along_at": middle}
     return Population(
         **fields,
-        doubts=tuple(notes),
+        warnings=tuple(notes),
         common=common.parts(_resampled(sample_of_one, seed))[0],
-        stray=several.outliers(u[:: max(_DRAWS // 1000, 1)]),
+        outlier_probability=several.outliers(u[:: max(_DRAWS // 1000, 1)]),
         gain=_evidence(sample, like.log_size),
         gain_of_one=_evidence(sample_of_one, like.log_size),
         shot_evidence=tuple(answer.evidence for answer in counted),

@@ -48,7 +48,7 @@ class Difference(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Population:
-    """The material of n shots; a failed one has no draws, and `doubts` say why.
+    """The material of n shots; a failed one has no draws, and `warnings` say why.
 
     Attributes:
         names: the law's parameters, "shear_modulus", ...
@@ -56,13 +56,13 @@ class Population:
         bubble: the model of the bubble.
         shots: names of those that count.
         left_out: how many do not, by reason: their verdict, "no_interval", "no_column_value", "other_model" or "copy".
-        doubts: what is to be known before it is used.
+        warnings: what is to be known before it is used.
         centre: (draws, d) log10 of the material's parameters, SI.
         spread: (draws, d) standard deviation of the shots about it, decades.
         correlation: (draws, d, d) of that scatter.
         slope: (draws, d) decades per unit of the column, or None.
         common: (draws, d) as centre, if all shots that belong had one material exactly.
-        stray: (n,) probability that a shot does not belong.
+        outlier_probability: (n,) probability that a shot is an outlier.
         gain: log evidence of the population above that of shots which have nothing in common.
         gain_of_one: the same without spread.
         shot_evidence: of each shot by itself.
@@ -76,13 +76,13 @@ class Population:
     bubble: Bubble
     shots: tuple[str, ...]
     left_out: Mapping[str, int] = field(default_factory=dict)
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     centre: Floats = field(default_factory=lambda: _NONE)
     spread: Floats = field(default_factory=lambda: _NONE)
     correlation: Floats = field(default_factory=lambda: _NONE)
     slope: Floats | None = None
     common: Floats = field(default_factory=lambda: _NONE)
-    stray: Floats = field(default_factory=lambda: np.empty(0))
+    outlier_probability: Floats = field(default_factory=lambda: np.empty(0))
     gain: Evidence | None = None
     gain_of_one: Evidence | None = None
     shot_evidence: tuple[Evidence | None, ...] = ()
@@ -97,7 +97,7 @@ class Population:
     def _column(self, name: str) -> int:
         message = f"the population has {', '.join(self.names)}, got {name!r}"
         require(name in self.names, message, "population.parameter")
-        require(len(self.centre) > 0, f"the population has no draws: {'; '.join(self.doubts)}", "population.no_draws")
+        require(len(self.centre) > 0, f"the population has no draws: {'; '.join(self.warnings)}", "population.no_draws")
         return self.names.index(name)
 
     def _ends(self, draws: Floats, name: str, level: float) -> tuple[float, float, float]:
@@ -143,9 +143,9 @@ class Population:
         return self._ends(np.asarray(self.slope), name, level)
 
     @property
-    def strays(self) -> dict[str, float]:
-        """Shots that do not belong more probably than not, and their probability."""
-        return {name: float(p) for name, p in zip(self.shots, self.stray, strict=False) if p > 0.5}
+    def outliers(self) -> dict[str, float]:
+        """Shots that are more probably outliers than not, and that probability."""
+        return {name: float(p) for name, p in zip(self.shots, self.outlier_probability, strict=False) if p > 0.5}
 
     @property
     def scattered(self) -> Evidence | None:
@@ -169,21 +169,26 @@ class Population:
         """'G = 5.8 kPa [90 %: 5.1, 6.6]; shots scatter by 12 % in G; 8 of 9 shots count, 1 of them seems to be of
         another material'."""
         if not len(self.centre):
-            return "no material: " + "; ".join(self.doubts)
+            return "no material: " + "; ".join(self.warnings)
         values = ", ".join(map(self._value, self.names))
-        count, away = digits.counting(len(self.shots), len(self.shots) + sum(self.left_out.values())), len(self.strays)
+        count, away = (
+            digits.counting(len(self.shots), len(self.shots) + sum(self.left_out.values())),
+            len(self.outliers),
+        )
         outliers = f", {away} of them seem{'s' * (away == 1)} to be of another material" * bool(away)
         return "; ".join(filter(None, [values, self._scatter_in_words(), count + outliers]))
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences below the line: who does not belong, what was left out, doubts."""
-        away = [f"{name} (probability {'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.strays.items()]
+        """Sentences below the line: outliers, what was left out, warnings."""
+        away = [
+            f"{name} (probability {'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.outliers.items()
+        ]
         unlike = f"probably of another material than the other shots, and hardly counted: {', '.join(away)}"
         texts = [unlike] * bool(away)
         words = digits.VERDICTS | _REASONS
         left = ", ".join(f"{count} {words[why]}" for why, count in self.left_out.items())
-        return texts + [f"shots that do not count: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
+        return texts + [f"shots that do not count: {left}"] * bool(left) + list(self.warnings) * bool(len(self.centre))
 
     def _value(self, name: str) -> str:
         value, parameter = self.quantity(name), parameter_of(name)

@@ -4,8 +4,8 @@ Of shot i, with Gaussians of share w, mean m and covariance V for its likelihood
 
     p(frames_i | c, S) = (1 - OUTLIERS) sum w N(m; c + b x_i, V + S) + OUTLIERS sum w N(m; c + b x_i, V + S + WIDE^2),
 
-c the centre in log10, S the covariance of the spread, b the slope along a column x, if there is one. A shot that does
-not belong has the second, broad density. Of a shot that only bounds a parameter N is a normal distribution function of
+c the centre in log10, S the covariance of the spread, b the slope along a column x, if there is one. An outlier
+has the second, broad density. Of a shot that only bounds a parameter N is a normal distribution function of
 it (likelihood.py). Hierarchical inference from the draws of single events, as for gravitational
 waves: Mandel, Farr and Gair 2019, doi:10.1093/mnras/stz896.
 """
@@ -22,7 +22,7 @@ from cavirheo.inference.population.likelihood import Likelihoods
 from cavirheo.inference.verify.sampler import Mixture, Sample, importance_sample
 from cavirheo.prior import Prior, log_normal
 
-OUTLIERS = 0.05  # of the shots that may not belong, before they are seen
+OUTLIERS = 0.05  # prior probability that a shot is one
 WIDE = 0.7  # decades: how far these scatter
 SPREAD = 0.2  # decades: the half of a normal distribution is the prior of each spread
 SLOPE = 1.0  # decades per standard deviation of the column: standard deviation of the prior of each slope
@@ -71,7 +71,7 @@ class Scatter:
         return centre, spread, root @ root.transpose(0, 2, 1), slope
 
     def densities(self, u: Floats) -> tuple[Floats, Floats]:
-        """(k, n) log density of each shot if it belongs and if it does not, shares included."""
+        """(k, n) log density of each shot if it is an inlier and if it is an outlier, shares included."""
         d, shots = self.d, self.shots
         centre, spread, correlation, slope = self.parts(u)
         scatter = spread[:, :, None] * correlation * spread[:, None, :]
@@ -105,7 +105,7 @@ class Scatter:
         return importance_sample(self, mixture.widened(), adapt, rng, enough=_ENOUGH, each=_EACH, fewest=_ADAPTED)
 
     def outliers(self, u: Floats) -> Floats:
-        """(n,) probability that each shot does not belong, over equally likely u (k, .)."""
+        """(n,) probability that each shot is an outlier, over equally likely u (k, .)."""
         total = np.zeros(len(self.shots.first))
         for inside, outside in map(self.densities, self._chunks(u)):
             total += np.sum(1.0 / (1.0 + np.exp(np.clip(inside - outside, -700.0, 700.0))), axis=0)
