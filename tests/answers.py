@@ -60,9 +60,8 @@ def bubble(name="shot[1]", group="shots", source="data/shots.mat", top=2.6e-4, f
     radius = top * (0.12 + 0.88 * np.exp(-np.maximum(t, 0.0) / 0.9) * wave)
     radius[[50, 51, 52]] = np.nan
     notes = ("3 of 160 frames without a radius (NaN)",)
-    return RadiusCurve(
-        t * t_c + 1e-4, radius, meta={"name": name, "group": group, "source": source, "notes": notes, **meta}
-    )
+    about = {"name": name, "group": group, "source": source, "notes": notes, **meta}
+    return RadiusCurve(t * t_c + 1e-4, radius, meta=about)
 
 
 def empty(name="shot[3]", group="shots", source="data/shots.mat") -> RadiusCurve:

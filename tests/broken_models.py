@@ -23,7 +23,6 @@ FRAMES = 20
 PRIOR = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
 SHIPPED = model.path_of("bdt-viscoelastic").with_suffix(".json")
 FLOAT, TEXT = TensorProto.FLOAT, TensorProto.STRING
-BROKEN: dict[str, tuple[str, Callable[[Path], Path]]] = {}
 
 
 def numbers(name: str, values: Any, kind: Any = np.float32) -> onnx.TensorProto:
@@ -82,46 +81,21 @@ def sound(folder: Path) -> Path:
     return put(folder, graph())
 
 
-def models(code: str, **made: Callable[[], onnx.ModelProto | bytes]) -> None:
-    BROKEN.update({name: (code, lambda folder, make=make: put(folder, make())) for name, make in made.items()})
-
-
-def cards(code: str, **made: Callable[[dict[str, Any]], Any]) -> None:
-    """A right file, and what becomes of its card."""
-    content = graph().SerializeToString()
-    for name, change in made.items():
-        BROKEN[name] = code, lambda folder, change=change: put(folder, content, change(card(content)))
-
-
-def files(code: str, **made: Callable[[Path], object]) -> None:
-    """A right file with its card, and what becomes of the path."""
-    for name, change in made.items():
-        BROKEN[name] = code, lambda folder, change=change: (path := sound(folder), change(path))[0]
-
-
 def with_a_function() -> onnx.ModelProto:
     opsets = [helper.make_opsetid("", 18), helper.make_opsetid("own", 1)]
     own = helper.make_function("own", "Twice", ["x"], ["y"], [node("Add", "x x", "y")], opsets[:1])
     return then("Twice", domain="own", given={"opset_imports": opsets, "functions": [own]})
 
 
-def elsewhere(tensor: onnx.TensorProto, location: str) -> onnx.TensorProto:
+def elsewhere(name: str, location: str) -> onnx.TensorProto:
     """Its numbers lie in another file."""
-    tensor.ClearField("raw_data")
-    tensor.data_location = TensorProto.EXTERNAL
+    tensor = onnx.TensorProto(name=name, data_type=FLOAT, dims=(2,), data_location=TensorProto.EXTERNAL)
     tensor.external_data.add(key="location", value=location)
     return tensor
 
 
-def with_external_data() -> onnx.ModelProto:
-    model = graph()
-    elsewhere(model.graph.initializer[0], "../../../../etc/passwd")
-    return model
-
-
 def with_external_data_in_a_constant() -> onnx.ModelProto:
-    made = node("Constant", "", "zero", value=elsewhere(numbers("value", np.zeros(2)), "/dev/zero"))
-    made.ClearField("input")
+    made = node("Constant", "", "zero", value=elsewhere("value", "/dev/zero"))
     return graph([made, node("Add", "linear zero", "out")], last="out")
 
 
@@ -162,70 +136,55 @@ def with_a_tensor(dims: tuple[int, ...], raw: bytes) -> Callable[[], onnx.ModelP
     return lambda: then("Add", "linear odd", [tensor])
 
 
-models(
-    "graph.damaged",
-    empty=lambda: b"",
-    with_a_length_beyond_the_end=lambda: graph().SerializeToString() + b"\x3a" + b"\xff" * 8,
-)
-models(
-    "graph.operator",
-    with_a_graph_within=lambda: then("Add", "linear linear", body=graph().graph),
-    with_an_operator_of_its_own=lambda: then("Pwn", domain="com.evil"),
-    with_random_numbers=lambda: then("RandomNormalLike"),
-)
-models("graph.functions", with_a_function=with_a_function)
-models(
-    "graph.elsewhere",
-    with_external_data=with_external_data,
-    with_external_data_in_a_constant=with_external_data_in_a_constant,
-)
-models("graph.shape", shaped_by_values=shaped_by_values)
-models("model.memory", expanded_to_a_terabyte=expanded_to_a_terabyte)
-models("model.time", slow=slow)
-models(
-    "graph.order",
-    with_two_inputs=lambda: then(
-        "Add", "linear more", given={"inputs": [shown("radius", FLOAT, FRAMES), shown("more", FLOAT, 2)]}
-    ),
-    with_a_ring=lambda: graph([node("Add", "linear b", "a"), node("Identity", "a", "b")], last="b"),
-)
-models(
-    "model.fails",
-    of_opset_999=lambda: graph(opset=999),
-    with_sizes_that_overflow=with_a_tensor((1 << 32, 1 << 32), b""),
-    with_a_tensor_cut_short=with_a_tensor((2,), bytes(4)),
-    of_other_frames=lambda: graph(inputs=[shown("radius", FLOAT, FRAMES + 1)]),
-    of_four_outputs_that_claims_two=lambda: then("Concat", "linear linear", axis=1),
-    of_text_answers=lambda: then("Cast", to=TEXT, given={"outputs": [shown("theta", TEXT, 2)]}),
-    of_nan_for_some_curves=of_nan_for_some_curves,
-)
-cards("files.json", card_nested_deeply=lambda _: b"[" * 200_000)
-cards("files.size", card_of_20_mb=lambda about: json.dumps(about) + " " * 20_000_000)
-cards("model.changed", card_of_another_file=lambda about: about | {"onnx": {"sha256": 64 * "0"}})
-cards(
-    "model.card",
-    card_of_an_output_twice=lambda about: about | {"outputs": 2 * about["outputs"][1:]},
-    card_of_a_later_schema=lambda about: about | {"schema": 2},
-    card_of_the_problem_a_list=lambda about: about | {"problem": []},
-    card_of_the_material_unknown=lambda about: about | {"problem": about["problem"] | {"material": "honey"}},
-    card_of_many_frames=lambda about: (
-        about | {"problem": about["problem"] | {"camera": {"frame_interval": 1e-6, "frames": 10**9}}}
-    ),
-    card_of_a_name_a_path=lambda about: about | {"name": "../../../etc/passwd"},
-)
-
-
-def instead(make: Callable[[Path], object]) -> Callable[[Path], object]:
-    """Something else in the place of the file."""
-    return lambda path: (path.unlink(), make(path))
-
-
-files(
-    "model.missing",
-    without_a_card=lambda path: path.with_suffix(".json").unlink(),
-    a_folder=instead(Path.mkdir),
-    a_pipe=instead(os.mkfifo),
-    a_link_to_zeros=instead(lambda path: path.symlink_to("/dev/zero")),
-)
-files("files.size", of_6_gb=lambda path: os.truncate(path, 6 << 30))
-BROKEN["with_a_name_of_300_letters"] = "model.missing", lambda folder: folder / ("x" * 300 + ".onnx")
+ANOTHER = [shown("radius", FLOAT, FRAMES), shown("more", FLOAT, 2)]
+MODELS: dict[str, tuple[str, Callable[[], onnx.ModelProto | bytes]]] = {
+    "empty": ("graph.damaged", lambda: b""),
+    "with a length beyond the end": ("graph.damaged", lambda: graph().SerializeToString() + b"\x3a" + b"\xff" * 8),
+    "with a graph within": ("graph.operator", lambda: then("Add", "linear linear", body=graph().graph)),
+    "with an operator of its own": ("graph.operator", lambda: then("Pwn", domain="com.evil")),
+    "with random numbers": ("graph.operator", lambda: then("RandomNormalLike")),
+    "with a function": ("graph.functions", with_a_function),
+    "with external data": ("graph.elsewhere", lambda: then("Add", "linear odd", [elsewhere("odd", "../../x/passwd")])),
+    "with external data in a constant": ("graph.elsewhere", with_external_data_in_a_constant),
+    "shaped by values": ("graph.shape", shaped_by_values),
+    "expanded to a terabyte": ("model.memory", expanded_to_a_terabyte),
+    "slow": ("model.time", slow),
+    "with two inputs": ("graph.order", lambda: then("Add", "linear more", given={"inputs": ANOTHER})),
+    "with a ring": ("graph.order", lambda: graph([node("Add", "linear b", "a"), node("Identity", "a", "b")], last="b")),
+    "of opset 999": ("model.fails", lambda: graph(opset=999)),
+    "with sizes that overflow": ("model.fails", with_a_tensor((1 << 32, 1 << 32), b"")),
+    "with a tensor cut short": ("model.fails", with_a_tensor((2,), bytes(4))),
+    "of other frames": ("model.fails", lambda: graph(inputs=[shown("radius", FLOAT, FRAMES + 1)])),
+    "of four outputs that claims two": ("model.fails", lambda: then("Concat", "linear linear", axis=1)),
+    "of text answers": ("model.fails", lambda: then("Cast", to=TEXT, given={"outputs": [shown("theta", TEXT, 2)]})),
+    "of nan for some curves": ("model.fails", of_nan_for_some_curves),
+}
+MANY_FRAMES = {"camera": {"frame_interval": 1e-6, "frames": 10**9}}
+CARDS: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {  # a right file, and what becomes of its card
+    "nested deeply": ("files.json", lambda _: b"[" * 200_000),
+    "of 20 MB": ("files.size", lambda about: json.dumps(about) + " " * 20_000_000),
+    "of another file": ("model.changed", lambda about: about | {"onnx": {"sha256": 64 * "0"}}),
+    "of an output twice": ("model.card", lambda about: about | {"outputs": 2 * about["outputs"][1:]}),
+    "of a later schema": ("model.card", lambda about: about | {"schema": 2}),
+    "of the problem a list": ("model.card", lambda about: about | {"problem": []}),
+    "of an unknown law": ("model.card", lambda about: about | {"problem": about["problem"] | {"material": "honey"}}),
+    "of many frames": ("model.card", lambda about: about | {"problem": about["problem"] | MANY_FRAMES}),
+    "of a name a path": ("model.card", lambda about: about | {"name": "../../../etc/passwd"}),
+}
+PATHS: dict[str, tuple[str, Callable[[Path], object]]] = {  # a right file with its card, and what becomes of it
+    "without a card": ("model.missing", lambda path: path.with_suffix(".json").unlink()),
+    "a folder": ("model.missing", lambda path: (path.unlink(), path.mkdir())),
+    "a pipe": ("model.missing", lambda path: (path.unlink(), os.mkfifo(path))),
+    "a link to zeros": ("model.missing", lambda path: (path.unlink(), path.symlink_to("/dev/zero"))),
+    "of 6 GB": ("files.size", lambda path: os.truncate(path, 6 << 30)),
+}
+SOUND = graph().SerializeToString()
+BROKEN: dict[str, tuple[str, Callable[[Path], Path]]] = {
+    "with a name of 300 letters": ("model.missing", lambda folder: folder / ("x" * 300 + ".onnx"))
+}
+for name, (code, make) in MODELS.items():
+    BROKEN[name] = code, lambda folder, make=make: put(folder, make())
+for name, (code, change) in CARDS.items():
+    BROKEN[f"card {name}"] = code, lambda folder, change=change: put(folder, SOUND, change(card(SOUND)))
+for name, (code, change) in PATHS.items():
+    BROKEN[name] = code, lambda folder, change=change: (path := sound(folder), change(path))[0]

@@ -1,14 +1,18 @@
-"""Files for tests as other programs write them: workbooks (.xlsx, .ods, .xls) and MATLAB files of version 7.3."""
+"""Files for tests as other programs write them: workbooks (.xlsx, .ods, .xls), MATLAB files and HDF5."""
 
+import os
 import zipfile
 import zlib
 from base64 import b64decode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.sax.saxutils import escape
 
 import h5py
 import numpy as np
+from scipy.io import savemat
+
+Make = Callable[[Path], object]  # writes a file
 
 _MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
 _OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
@@ -110,6 +114,43 @@ def save_v73(path, variables):
             file.create_dataset(name, data=np.array(references, dtype=h5py.ref_dtype)[:, None])
     content = path.read_bytes()
     path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + content[128:])
+
+
+def saved(packed: bool = False, **variables: object) -> Make:
+    return lambda path: savemat(path, variables, do_compression=packed)
+
+
+def saved73(**variables: object) -> Make:
+    return lambda path: save_v73(path, variables)
+
+
+def hdf5(**data: object) -> Make:
+    """Data sets, and attributes of groups (`group@name`); a dict is what h5py's create_dataset takes."""
+
+    def make(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            for name, values in data.items():
+                group, at, attribute = name.partition("@")
+                if at:
+                    file[group].attrs[attribute] = values
+                elif isinstance(values, dict):
+                    file.create_dataset(name, **values)
+                elif isinstance(values, h5py.VirtualLayout):
+                    file.create_virtual_dataset(name, values)
+                else:
+                    file[name] = values
+
+    return make
+
+
+def holding(content: str | bytes) -> Make:
+    data = content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass")
+    return lambda path: path.write_bytes(data)
+
+
+def terabyte(begins: bytes = b"") -> Make:
+    """Of zeros, none of which is on the disk."""
+    return lambda path: (path.write_bytes(begins), os.truncate(path, 10**12))
 
 
 # growth, a collapse at t* = 0.93 and four smaller ones; enough like a bubble for a reader

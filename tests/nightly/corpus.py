@@ -8,29 +8,19 @@ import contextlib
 import json
 import os
 import socket
-import struct
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
-from bombs import FILES as BOMBS
-from bombs import element
-from files import cells, save_v73, write_xlsx
-from scipy.io import savemat
-from valid import BINARIES, METRES, RADIUS, SECONDS, TEXTS, TIME, documents, grid, rows
+from bombs import BOMBS, HEAD, array, element, mat
+from files import Make, cells, hdf5, holding, saved, saved73, terabyte, write_xlsx
+from valid import BINARIES, METRES, RADIUS, TEXTS, TIME, documents, grid, rows
 
-Make = Callable[[Path], None]
 FILES: dict[str, tuple[str | bytes, Make]] = {}
 CURVE = TEXTS["curve.csv"]  # where it is the whole content, a last line makes it a recording of its own
-HEAD = "time_us,radius_um\n"
-
-
-def holding(content: str | bytes) -> Make:
-    data = content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass")
-    return lambda path: path.write_bytes(data) and None
 
 
 def add(**files: tuple[str | bytes, Make | str | bytes]) -> None:
@@ -67,19 +57,6 @@ def link(target: str) -> Make:
     return lambda path: path.symlink_to(target)
 
 
-MAT_HEAD = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
-
-
-def terabyte(begins: bytes = b"") -> Make:
-    """Of zeros, none of which is on the disk."""
-
-    def make(path: Path) -> None:
-        path.write_bytes(begins)
-        os.truncate(path, 10**12)
-
-    return make
-
-
 def loop(path: Path) -> None:
     path.symlink_to("other")
     path.with_name("other").symlink_to(path.name)
@@ -107,32 +84,12 @@ for _end in ("csv", "mat", "json", "toml", "onnx"):
         f"device_zero_{_end}": (f"zero.{_end}", link("/dev/zero")),
         f"folder_{_end}": (f"folder.{_end}", Path.mkdir),
         f"empty_{_end}": (f"empty.{_end}", ""),
-        f"sparse_{_end}": (f"sparse.{_end}", terabyte(MAT_HEAD if _end == "mat" else b"")),
+        f"sparse_{_end}": (f"sparse.{_end}", terabyte(mat() if _end == "mat" else b"")),
     })  # fmt: skip
 
 
-def saved(**variables: object) -> Make:
-    return lambda path: savemat(path, variables)
-
-
-def saved73(**variables: object) -> Make:
-    return lambda path: save_v73(path, {key: np.asarray(value) for key, value in variables.items()})
-
-
-def h5(build: Callable[[h5py.File], object]) -> Make:
-    def make(path: Path) -> None:
-        with h5py.File(path, "w") as file:
-            build(file)
-
-    return make
-
-
-def both(file: h5py.File, **data: object) -> None:
-    file["time_us"], file["radius_um"] = data.get("t", TIME), data.get("r", RADIUS)
-
-
 def book(**sheets: Any) -> Make:
-    return lambda path: write_xlsx(path, sheets) and None
+    return lambda path: write_xlsx(path, sheets)
 
 
 N = np.nan
@@ -150,8 +107,6 @@ ODD_CURVES: dict[str, tuple[np.ndarray, np.ndarray]] = {  # us, um
     "one_row": (TIME[:1], RADIUS[:1]),
     "four_rows": (TIME[:4], RADIUS[:4]),
     "same_times": (np.zeros(100), RADIUS),
-    "times_twice": (np.repeat(TIME[:50], 2), RADIUS),
-    "decreasing_times": (TIME[::-1], RADIUS),
     "shuffled_times": (np.random.default_rng(0).permutation(TIME), RADIUS),
     "growth_only": (TIME, TIME + 10),
 }
@@ -162,7 +117,7 @@ for _name, (_t, _r) in ODD_CURVES.items():
         f"csv_{_name}": ("odd.csv", HEAD + rows(",", _t, _r)),
         f"mat_{_name}": ("odd.mat", saved(Rnew=_r * 1e-6, t=_t * 1e-6)),
         f"mat73_{_name}": ("odd.mat", saved73(Rnew=_r * 1e-6, t=_t * 1e-6)),
-        f"h5_{_name}": ("odd.h5", h5(lambda file, t=_t, r=_r: both(file, t=t, r=r))),
+        f"h5_{_name}": ("odd.h5", hdf5(time_us=_t, radius_um=_r)),
     })  # fmt: skip
 for _name in ("all_nan", "huge", "no_rows", "one_row", "same_times", "negative"):
     _rows = np.stack(ODD_CURVES[_name], axis=1).tolist()
@@ -194,62 +149,42 @@ add(
 )  # fmt: skip
 
 
-def mat(*parts: bytes) -> bytes:
-    return MAT_HEAD + b"".join(parts)
-
-
-def array(name: str, class_: int, *inner: bytes, shape: tuple[int, ...] = (1, 1)) -> bytes:
-    about = element(6, struct.pack("<II", class_, 0)) + element(5, struct.pack(f"<{len(shape)}i", *shape))
-    return element(14, about + element(1, name.encode()) + b"".join(inner))
-
-
 def nested(depth: int) -> bytes:
-    inside = array("", 6, element(9, bytes(8)))
+    inside = array("", element(9, bytes(8)))
     for _ in range(depth):
-        inside = array("", 1, inside)
-    return array("R_nondim_All", 1, inside)
+        inside = array("", inside, kind=1)
+    return array("R_nondim_All", inside, kind=1)
 
 
-def loops(file: h5py.File) -> None:
-    both(file)
-    file["again"] = file["/"]
-    file["soft"] = h5py.SoftLink("/soft")
+def loops(path: Path) -> None:
+    hdf5(**GOOD, soft=h5py.SoftLink("/soft"))(path)
+    with h5py.File(path, "r+") as file:
+        file["again"] = file["/"]
 
 
-def labels(file: h5py.File) -> None:
-    for name in ("<script>alert(1)</script>", "\x1b[31mred", "[/][bold]", "x" * 5000, "a\nb", "..", "$\\frac{", "😀"):
-        both(file.create_group(name))
-
-
-def attributes(file: h5py.File) -> None:
-    for k, value in enumerate(("seven", np.zeros(3), np.nan, -1.0, 1e308, h5py.Empty("f8"), 0, b"\xff")):
-        group = file.create_group(f"g{k}")
-        both(group)
-        group.attrs["stretch"] = value
-
-
+GOOD = {"time_us": TIME, "radius_um": RADIUS}
+ATTRIBUTES = "seven", np.zeros(3), np.nan, -1.0, 1e308, h5py.Empty("f8"), 0, b"\xff"
+LABELS = "<script>alert(1)</script>", "\x1b[31mred", "[/][bold]", "x" * 5000, "a\nb", "..", "$\\frac{", "😀"
 CELLS_WITHIN = cells(METRES, METRES)
 CELLS_WITHIN[0, 1] = cells(METRES)
 add(
     mat_cells_as_a_number=("a.mat", saved(R_nondim_All=1.0, t_nondim_All=2.0, RmaxList=1e-4)),
-    mat_number_as_cells=("a.mat", saved(Rnew=cells(METRES), t=cells(SECONDS))),
     mat_cells_in_cells=("a.mat", saved(R_nondim_All=CELLS_WITHIN, t_nondim_All=CELLS_WITHIN, RmaxList=[1e-4, 2e-4])),
     mat_empty_cells=("a.mat", saved(R_nondim_All=np.empty((0, 0), object), t_nondim_All=np.empty((0, 0), object), RmaxList=[])),
     mat_odd_scalars=("a.mat", saved(R_nondim_All=cells(METRES / 2.5e-4), t_nondim_All=cells(TIME / 25), RmaxList=-1.0, rho=np.inf, P_inf=0.0)),
-    mat_long_name=("a.mat", mat(array("v" * 5000, 6, element(9, bytes(8))))),
+    mat_long_name=("a.mat", mat(array("v" * 5000, element(9, bytes(8))))),
     mat_nested_deep=("a.mat", mat(nested(2000))),
-    mat_negative_shape=("a.mat", mat(array("Rnew", 6, element(9, bytes(80)), shape=(-2, -5)))),
-    h5_loops=("a.h5", h5(loops)),
-    h5_labels=("a.h5", h5(labels)),
-    h5_attributes=("a.h5", h5(attributes)),
-    h5_no_space=("a.h5", h5(lambda file: both(file, t=h5py.Empty("f8"), r=h5py.Empty("f8")))),
-    h5_twenty_thousand_groups=("a.h5", h5(lambda file: [file.create_group(str(k)) for k in range(20_000)])),
+    mat_negative_shape=("a.mat", mat(array("Rnew", element(9, bytes(80)), shape=(-2, -5)))),
+    h5_loops=("a.h5", loops),
+    h5_labels=("a.h5", hdf5(**{f"{label}/{name}": data for label in LABELS for name, data in GOOD.items()})),
+    h5_attributes=("a.h5", hdf5(**{f"g{k}{name}": data for k, value in enumerate(ATTRIBUTES) for name, data in [("/time_us", TIME), ("/radius_um", RADIUS), ("@stretch", value)]})),
+    h5_twenty_thousand_groups=("a.h5", hdf5(**{f"{k}/a": 0 for k in range(20_000)})),
     xlsx_not_xml=("a.xlsx", book(a=b"\xff\xfe\x00garbage")),
     xlsx_sheet_names=("a.xlsx", book(**{"\x0b[/]<x>" + "n" * 300: grid(CURVE)})),
-    xlsx_escape_labels=("a.xlsx", lambda path: write_xlsx(path, {"a": [["shot", "time_us", "radius_um"], *(["<b>[/]\u009b31m", *map(float, line.split(","))] for line in LINES[1:])]}) and None),
+    xlsx_escape_labels=("a.xlsx", book(a=[["shot", "time_us", "radius_um"], *(["<b>[/]\u009b31m", *row] for row in grid(CURVE)[1:])])),
     xlsx_zip_of_nothing=("a.xlsx", lambda path: zipfile.ZipFile(path, "w").close()),
 )  # fmt: skip
-add(**{make.__name__: (f"bomb.{ending}", make) for make, (ending, _) in BOMBS.items()})
+add(**{f"bomb_{name}": (f"bomb.{name.partition('_')[0]}", make) for name, (_, make) in BOMBS.items()})
 
 CUTS = {"empty_header": 0.02, "early": 0.3, "middle": 0.6, "late": 0.9, "end": 0.995}
 CUT = ["bdt.mat", "imr-packed.mat", "bdt-73.mat", "groups.h5", "packed.h5", "curve.xlsx", "curve.ods", "old.xls"]

@@ -191,20 +191,18 @@ def hdf5(content: bytes, chance: random.Random) -> bytes:
 
 def values(content: bytes, chance: random.Random) -> bytes:
     """A value somewhere in a JSON document."""
-    tree = json.loads(content)
-    at: Any = tree
-    while True:
+    at: Any = [json.loads(content)]
+    key, tree = 0, at
+    while isinstance(at[key], dict | list) and at[key] and chance.random() < 0.9:
+        at = at[key]
         key = chance.choice(list(at) if isinstance(at, dict) else range(len(at)))
-        below = at[key]
-        if not (isinstance(below, (dict, list)) and below) or chance.random() < 0.15:
-            break
-        at = below
+    below = at[key]
     if chance.random() < 0.1:
         del at[key]
     else:
         odd = [None, True, 0, -1, 1e308, 10**30, float("nan"), "x" * 300, "<b>x", [], {}, [below] * 300, str(below)]
         at[key] = chance.choice([*odd, word(chance), {"a": below}, "\ud800"])
-    return json.dumps(tree).encode()
+    return json.dumps(tree[0]).encode()
 
 
 WAYS = {"mat": flat, "xls": flat, "onnx": flat, "h5": hdf5, "xlsx": archive, "ods": archive, "json": values}
@@ -256,7 +254,7 @@ def main() -> int:
 
     counts = Counter[str]()
     for number, answer in each_apart(judge, range(given.first, given.first + given.n), SECONDS):
-        found = [(answer.outcome, answer.why)] if isinstance(answer, Ended) else answer
+        found = [answer] if isinstance(answer, Ended) else answer
         kind = Path(names[number % len(names)]).suffix[1:]
         counts.update(f"{kind}: {outcome}" for outcome, _ in found)
         wrong = [f"{outcome}\n{why}\n" for outcome, why in found if outcome not in ("answered", "refused")]

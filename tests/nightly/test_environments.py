@@ -1,8 +1,6 @@
 """Surroundings that take something away: each command works, or says in one line what it lacks, and leaves no broken
 file. Every case is a process of its own, which a shell prepares."""
 
-import csv
-import json
 import os
 import shutil
 import subprocess
@@ -26,7 +24,6 @@ COMMANDS = {
 }
 WELL = {  # where everything must work: what the shell does before
     "no home": "unset HOME XDG_CACHE_HOME",
-    "home that is not there": "export HOME=/nowhere/at/all",
     "home that is a file": "export HOME=/dev/null",
     "no terminal type": "unset TERM COLUMNS",
     "dumb terminal": "export TERM=dumb COLUMNS=20",
@@ -34,13 +31,11 @@ WELL = {  # where everything must work: what the shell does before
     "C locale": "unset PYTHONIOENCODING; export LC_ALL=C PYTHONUTF8=0 PYTHONCOERCECLOCALE=0",
     "ASCII streams": "export PYTHONIOENCODING=ascii:strict",
     "locale that is not there": "export LC_ALL=xx_YY.UTF-8",
-    "odd time zone": "export TZ=Nowhere/Odd",
     "time zone of words": "export TZ=$'<[/]\\e>-99:99'",
     "one core": "taskset -pc $(taskset -pc $$ | grep -o '[0-9]*$') $$ > /dev/null",
     "no input": "exec 0<&-",
 }
 BADLY = {  # where a command may also say that it cannot
-    "64 open files": "ulimit -n 64",
     "16 open files": "ulimit -n 16",
     "2 GB of memory": "ulimit -v 2097152",
     "1 GB of memory": "ulimit -v 1048576",
@@ -56,6 +51,7 @@ BADLY = {  # where a command may also say that it cannot
 }
 CASES = [(case, command) for case in WELL for command in ("infer", "rheometer", "models")]
 CASES += [(case, command) for case in BADLY for command in COMMANDS]
+ENDS = {".json": b"\n}\n", ".csv": b"\n", ".html": (b"</html>", b"</html>\n"), ".png": b"IEND\xaeB`\x82"}
 
 
 @pytest.fixture(scope="module")
@@ -75,22 +71,6 @@ def run(case: str, command: str, folder: Path) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
-def whole(path: Path) -> bool:
-    """Whether a file of ours is complete."""
-    content = path.read_bytes()
-    match path.suffix:
-        case ".json":
-            return bool(json.loads(content))
-        case ".csv":
-            widths = {len(row) for row in csv.reader(content.decode().splitlines()) if not row[0].startswith("#")}
-            return content.endswith(b"\n") and len(widths) == 1
-        case ".html":
-            return content.rstrip().endswith(b"</html>")
-        case ".png":
-            return content.endswith(b"IEND\xaeB`\x82")
-    return path.suffix == ".h5" or (path.suffix not in (".tmp", ".part") and bool(content))
-
-
 @pytest.mark.parametrize(("case", "command"), CASES)
 def test_works_or_says_in_one_line_what_it_lacks(here, tmp_path, case, command):
     folder = tmp_path / "work"
@@ -103,4 +83,10 @@ def test_works_or_says_in_one_line_what_it_lacks(here, tmp_path, case, command):
         assert len(err.splitlines()) <= 3, err
     for path in filter(Path.is_file, sorted(folder.rglob("*"))):
         old = here / path.relative_to(folder)
-        assert path.read_bytes() == old.read_bytes() if old.exists() else whole(path), path
+        content = path.read_bytes()
+        if old.exists():
+            assert content == old.read_bytes(), path
+        elif path.suffix != ".h5":  # what is left is complete
+            assert path.suffix not in (".tmp", ".part"), path
+            assert content, path
+            assert content.endswith(ENDS.get(path.suffix, b"")), path

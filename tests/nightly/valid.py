@@ -3,16 +3,14 @@
 import json
 import re
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 from answers import answer, bubble, laws_of, sweeps_of, times_of
 from broken_recipes import RIGHT
-from files import cells, ods_row, save_v73, write_ods, write_xls, write_xlsx
+from files import Make, cells, hdf5, holding, ods_row, saved, saved73, write_ods, write_xls, write_xlsx
 from files import lines as rows
-from scipy.io import savemat
 
 from cavirheo.reporting import result
 from cavirheo.training.recipe import Recipe
@@ -57,24 +55,9 @@ VARIABLES: dict[str, dict[str, object]] = {
 }
 
 
-def mat(name: str, version: str) -> Callable[[Path], None]:
-    if version == "-73":
-        return lambda path: save_v73(path, {key: np.asarray(value) for key, value in VARIABLES[name].items()})
-    return lambda path: savemat(path, VARIABLES[name], do_compression=version == "-packed")
-
-
-def hdf5(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        for name in ("gel/shot0", "gel/shot1"):
-            group = file.create_group(name)
-            group["time_us"], group["radius_um"], group["radius_std_um"] = TIME, RADIUS, 0.01 * RADIUS
-            group.attrs["stretch"] = 7.0
-
-
-def hdf5_packed(path: Path) -> None:
-    with h5py.File(path, "w") as file:
-        for name, values in (("time", SECONDS), ("radius", METRES)):
-            file.create_dataset(name, data=values, chunks=(20,), compression="gzip", shuffle=True, fletcher32=True)
+PACKED = {"chunks": (20,), "compression": "gzip", "shuffle": True, "fletcher32": True}
+GROUP = {"/time_us": TIME, "/radius_um": RADIUS, "/radius_std_um": 0.01 * RADIUS, "@stretch": 7.0}
+GROUPS = {f"gel/shot{k}{name}": values for k in (0, 1) for name, values in GROUP.items()}
 
 
 def grid(text: str) -> list[list[object]]:
@@ -83,7 +66,7 @@ def grid(text: str) -> list[list[object]]:
     return [[float(cell) if number.fullmatch(cell) else cell for cell in line.split(",")] for line in text.splitlines()]
 
 
-def xlsx(*names: str) -> Callable[[Path], object]:
+def xlsx(*names: str) -> Make:
     return lambda path: write_xlsx(path, {name.split(".")[0]: grid(TEXTS[name]) for name in names})
 
 
@@ -91,12 +74,13 @@ def shard(path: Path) -> None:
     """A training set of 40 curves, complete."""
     problem = Recipe.model_validate(tomllib.loads(RIGHT)).problem
     rng = np.random.default_rng(0)
-    with h5py.File(path, "w") as file:
-        about = {"problem": json.dumps(problem.to_dict()), "seed": 1, "total": 40, "made_by": "0.1.0", "start": 0}
-        file.attrs.update(about)
-        file["theta"] = problem.prior.sample(40, 1)
-        file["radius"] = rng.random((40, 20)).astype(np.float32)
-        file.create_dataset("status", data=np.array(["ok"] * 40, dtype=object), dtype=h5py.string_dtype())
+    about = {"problem": json.dumps(problem.to_dict()), "seed": 1, "total": 40, "made_by": "0.1.0", "start": 0}
+    hdf5(
+        theta=problem.prior.sample(40, 1),
+        radius=rng.random((40, 20)).astype(np.float32),
+        status={"data": ["ok"] * 40, "dtype": h5py.string_dtype()},
+        **{f"/@{name}": value for name, value in about.items()},
+    )(path)
 
 
 def network(path: Path) -> None:
@@ -106,10 +90,12 @@ def network(path: Path) -> None:
     path.write_bytes(graph().SerializeToString())
 
 
-BINARIES: dict[str, Callable[[Path], object]] = {
-    **{f"{name}{version}.mat": mat(name, version) for name in VARIABLES for version in ("", "-packed", "-73")},
-    "groups.h5": hdf5,
-    "packed.h5": hdf5_packed,
+BINARIES: dict[str, Make] = {
+    **{f"{name}.mat": saved(**given) for name, given in VARIABLES.items()},
+    **{f"{name}-packed.mat": saved(packed=True, **given) for name, given in VARIABLES.items()},
+    **{f"{name}-73.mat": saved73(**given) for name, given in VARIABLES.items()},
+    "groups.h5": hdf5(**GROUPS),
+    "packed.h5": hdf5(time={"data": SECONDS, **PACKED}, radius={"data": METRES, **PACKED}),
     "curve.xlsx": xlsx("curve.csv"),
     "sweeps.xlsx": xlsx("frequency.csv", "times.csv", "published.csv"),
     "times.xlsx": xlsx("times.csv"),
@@ -122,9 +108,7 @@ BINARIES: dict[str, Callable[[Path], object]] = {
 
 def content(name: str, folder: Path) -> bytes:
     """The bytes of a file of TEXTS or BINARIES."""
-    if name in TEXTS:
-        return TEXTS[name].encode()
-    BINARIES[name](folder / name)
+    (BINARIES.get(name) or holding(TEXTS[name]))(folder / name)
     return (folder / name).read_bytes()
 
 
