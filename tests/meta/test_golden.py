@@ -5,7 +5,6 @@ An answer may move by a tenth of its interval, one without an interval by 1 %.
     python tests/meta/test_golden.py --write    makes the files in golden/ anew
 """
 
-import dataclasses
 import inspect
 import json
 import re
@@ -26,17 +25,14 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def names() -> dict[str, Any]:
-    """Every public name: its signature; of a class its members and fields, too."""
+    """Every public name: its signature; of a class its members, too."""
     found: dict[str, Any] = {}
     for name in cavirheo.__all__:
         thing = getattr(cavirheo, name)
-        entry: dict[str, Any] = {"signature": _signature(thing)}
+        found[name] = {"signature": _signature(thing)}
         if inspect.isclass(thing):
-            members = {key: value for key, value in sorted(vars(thing).items()) if not key.startswith("_")}
-            entry["members"] = {key: _signature(getattr(thing, key)) for key in members}
-        if dataclasses.is_dataclass(thing):
-            entry["fields"] = {field.name: str(field.type) for field in dataclasses.fields(thing)}
-        found[name] = entry
+            members = [key for key in sorted(vars(thing)) if not key.startswith("_")]
+            found[name]["members"] = {key: _signature(getattr(thing, key)) for key in members}
     return found
 
 
@@ -71,12 +67,9 @@ def _kind(about: dict[str, Any]) -> str:
     return f"{kind} of {_kind(inside)}" if isinstance(inside, dict) and inside else kind
 
 
-def _curves(name: str) -> list[Any]:
-    return read_curves((HERE if name == "liquid.csv" else ROOT / "examples") / name)
-
-
 def _of(verb: Callable[..., Any], name: str, number: int = 0, **how: Any) -> Callable[[], Any]:
-    return lambda: verb(_curves(name)[number], **how)
+    path = (HERE if name == "liquid.csv" else ROOT / "examples") / name
+    return lambda: verb(read_curves(path)[number], **how)
 
 
 ANSWERS: dict[str, Callable[[], Any]] = {

@@ -17,27 +17,21 @@ from cavirheo.physics.media import MEDIA
 from cavirheo.reporting.citation import references
 from cavirheo.verbs import machine
 
-ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
-PROJECT = ABOUT["project"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 in_repository = pytest.mark.repository
 
 
 @in_repository
 def test_the_version_is_written_once_and_the_citation_is_of_it_and_its_authors():
-    folders = ("src", "docs", "packaging", "recipes", "benchmarks", "examples")
-    files = [*ROOT.glob("*"), *(path for folder in folders for path in (ROOT / folder).glob("**/*"))]
+    places = ("*", *(f"{one}/**/*" for one in ("src", "docs", "packaging", "recipes", "benchmarks", "examples")))
     kinds = (".py", ".md", ".toml", ".yaml", ".yml", ".cff", ".txt", ".html", "")
-    texts = [
-        (path.name, path.read_text("utf-8", "replace")) for path in files if path.is_file() and path.suffix in kinds
-    ]
+    paths = [path for place in places for path in ROOT.glob(place) if path.is_file() and path.suffix in kinds]
     written = rf"\bversion\b\W{{1,9}}{re.escape(PROJECT['version'])}\b"
-    found = {name for name, text in texts if re.search(written, text)}
+    found = {path.name for path in paths if re.search(written, path.read_text("utf-8", "replace"))}
     assert found - {"CHANGELOG.md"} == {"pyproject.toml", "CITATION.cff"}
     assert cavirheo.__version__ == PROJECT["version"]
     citation = pytest.importorskip("yaml").safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
-    assert [citation[key] for key in ("version", "license", "authors")] == [
-        PROJECT[key] for key in ("version", "license", "authors")
-    ]
+    assert {key: PROJECT[key] for key in ("version", "license", "authors")}.items() <= citation.items()
     assert {*citation["keywords"]} <= {*PROJECT["keywords"]}
     sources = [references()[key].fields for key in ("Estrada2018", "Bu2025")]
     cited = {(one["title"], str(one["year"])) for one in citation["references"]}
@@ -131,10 +125,3 @@ def test_the_conda_recipe_needs_what_the_package_needs():
     assert recipe["requirements"]["run"] == needs
     assert recipe["package"]["version"] == PROJECT["version"]
     assert f"cavirheo = {PROJECT['scripts']['cavirheo']}" in recipe["build"]["entry_points"]
-
-
-@in_repository
-def test_the_pythons_of_the_package_are_those_that_are_tried():
-    known = [one.rpartition(" ")[2] for one in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", one)]
-    assert f"tests/wheel.py {' '.join(known)}\n" in (ROOT / "Makefile").read_text("utf-8")
-    assert PROJECT["requires-python"] == f">={known[0]}"

@@ -116,15 +116,6 @@ def test_every_field_of_every_document_has_a_meaning(documents):
     assert len(records) > 40
 
 
-def test_a_docstring_says_no_more_than_there_is(documents):
-    """A field that was renamed keeps no line of its own."""
-    kinds = [cavirheo.Posterior, *documents.below(documents.BaseModel)]
-    kinds = [kind for kind in kinds if kind.__module__.startswith("cavirheo.")]
-    told = {kind: documents.attributes(vars(kind).get("__doc__") or "")[1] for kind in kinds}
-    wrong = {(kind.__name__, name) for kind, said in told.items() for name in said if name not in kind.__annotations__}
-    assert wrong - {("Slope", name) for name in ("median", "q05", "q95")} == set()  # it says what those of its base are
-
-
 def test_the_page_of_file_formats_names_what_can_be_read_back(site, documents):
     text = (ROOT / "docs" / "file-formats.md").read_text("utf-8")
     kinds = [kind.rpartition(".")[2] for kind, _ in loading.KINDS.values()]
