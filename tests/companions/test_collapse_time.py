@@ -36,8 +36,7 @@ def test_the_empty_bubble_is_rayleighs():
     """The analytic model exactly, the simulated one to the little gas of lambda = 40."""
     assert pytest.approx(0.914681, rel=1e-6) == RAYLEIGH
     assert analytic_time(R, 1e6, 0, 0, EMPTY) == pytest.approx(rayleigh_time(R, EMPTY), rel=1e-12)
-    found = simulated_time(R, 40.0, 0, 0, EMPTY, bubble=BARE)
-    assert found[0] == pytest.approx(float(rayleigh_time(R, EMPTY)), rel=1e-4)
+    assert simulated_time(R, 40.0, 0, 0, EMPTY, bubble=BARE) == pytest.approx([rayleigh_time(R, EMPTY)], rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +130,6 @@ def test_one_shot_is_one_relation():
 
 SHOT = (R, 7.0, 1.8e-5)
 REFUSED = [
-    ("shot", (0.0, 7.0, 1e-5), {}),
     ("shot", (R, 0.9, 1e-5), {}),
     ("shot", (R, 7.0, np.nan), {}),
     ("shot", (R, 7.0, 1e-2), {}),
@@ -189,8 +187,6 @@ def test_files_that_cannot_be_used(tmp_path, text):
     (tmp_path / "a.csv").write_text(text)
     with refused(BAD[text]):
         read_table(tmp_path / "a.csv")
-    groups, (problem,), _ = read_groups([tmp_path / "a.csv"], WATER)
-    assert (groups, problem.startswith(f"{tmp_path / 'a.csv'}: ")) == ([], True)
 
 
 @pytest.mark.needs("matplotlib")

@@ -139,15 +139,6 @@ def test_what_may_be_given_otherwise_is_taken():
     assert np.median(np.diff(stars.with_max_radius(2e-4).time)) == pytest.approx(1e-6)
 
 
-def test_a_file_in_other_units_than_it_says_leaves_its_other_curves(tmp_path):
-    frames = [(k, *row) for k, clock in ((1, 1e12), (2, 1e6)) for row in np.column_stack([clock * TIME, 1e6 * RADIUS])]
-    rows = [f"{k},{t:.9g},{r:.9g}" for k, t, r in frames]
-    (tmp_path / "two.csv").write_text("\n".join(["shot,time_us,radius_um", *rows]))
-    wrong, right = cavirheo.read_curves(tmp_path / "two.csv")
-    assert "us" in wrong.unusable
-    assert right.max_radius == pytest.approx(2e-4, rel=0.02)
-
-
 def test_dir_shows_the_public_names_alone():
     code = "import cavirheo.inference, cavirheo; print(*dir(cavirheo))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
