@@ -16,6 +16,7 @@ from recordings import write_mraw
 
 from cavirheo.inference.analysis import Analysis
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
+from cavirheo.physics.media import medium
 from cavirheo.verbs import app
 
 COMMANDS = typer.main.get_command(app).commands
@@ -58,7 +59,6 @@ which-law shot.csv --bubble auto,moon
 which-law shot.csv --laws ,
 fit shot.csv --scale-percent 200
 compare .
-rheometer
 rheometer sweep.csv --tolerance 60
 rheometer sweep.csv --beside shot.csv
 simulate -o o
@@ -67,11 +67,12 @@ laws extra
 show
 show recipe.toml
 generate nowhere.toml -o d
+generate recipe.toml -n 2 -o d --scheduler http://a:1
+generate recipe.toml -n 2 -o d --scheduler tcp://a
+generate recipe.toml -n 2 -o d --scheduler slurm:
 generate recipe.toml -o d -n 0
-train recipe.toml
 evaluate nobody d
 app --port 70000
---help-me
 measure shot.csv --fps 1e5
 measure film.mraw
 measure film.mraw --frames 3:1
@@ -134,15 +135,15 @@ def test_an_odd_call_is_refused_in_one_line_and_leaves_nothing(lab, tmp_path, ca
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize(
-    ("extra", "library", "call"),
-    [
-        ("app", "gradio", "app --no-browser"),
-        ("video", "av", f"measure {EXAMPLE.with_name('bubble.mp4')} --fps 5e5"),
-        ("cluster", "distributed", "generate recipe.toml -n 2 -o d --scheduler tcp://127.0.0.1:1"),
-        ("cluster", "dask_jobqueue", "generate recipe.toml -n 2 -o d --scheduler slurm:no.toml"),
-    ],
-)
+NEEDED = [
+    ("app", "gradio", "app --no-browser"),
+    ("video", "av", f"measure {EXAMPLE.with_name('bubble.mp4')} --fps 5e5"),
+    ("cluster", "distributed", "generate recipe.toml -n 2 -o d --scheduler tcp://127.0.0.1:1"),
+    ("cluster", "dask_jobqueue", "generate recipe.toml -n 2 -o d --scheduler slurm:no.toml"),
+]
+
+
+@pytest.mark.parametrize(("extra", "library", "call"), NEEDED)
 def test_without_an_extra_a_command_says_what_to_install(lab, monkeypatch, extra, library, call):
     monkeypatch.setitem(sys.modules, library, None)
     monkeypatch.delitem(sys.modules, "cavirheo.app.server", raising=False)
@@ -172,23 +173,27 @@ def test_json_is_the_document_and_quiet_says_errors_alone(lab):
 def test_what_is_asked_reaches_the_answers_and_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
     monkeypatch.setattr("cavirheo.writing.style.new_figure", lambda _: pytest.fail("it draws"))
     words = ("infer", "shot.csv", *BDT, "--no-pictures", "--replace", "-o", "r")
-    for more in ([], ["--seed", 7, "--trust-input", "--group", "folder"]):
-        assert run(*words, *more)[0] == 0
-    assert [(one.seed, one.trust_input) for one in lab_answers] == [(0, False), (7, True)]
+    more = ("--seed", 7, "--trust-input", "--group", "folder", "--medium", "zhu2025", "--stretch", 9, "--window", 1)
+    for given in ((), (*more, "--density", 1040, "--rmax-um", 200)):
+        assert run(*words, *given)[0] == 0
+    plain, asked = lab_answers
+    assert (plain.seed, plain.trust_input, plain.medium.density, plain.window) == (0, False, 998.0, None)
+    assert (asked.seed, asked.trust_input, asked.medium, asked.window) == (7, True, medium("zhu2025", density=1040), 1)
+    assert asked.stretch == 9
     assert {path.name for path in Path("r").glob("[!.]*")} == {"result.json", "result.csv", "report.html"}
-    (group,) = json.loads(Path("r", "result.json").read_text())["groups"]
-    assert group["name"] == Path.cwd().name
+    document = json.loads(Path("r", "result.json").read_text())
+    assert document["groups"][0]["name"] == Path.cwd().name
+    assert document["curves"][0]["max_radius_m"] == pytest.approx(200e-6)
+    assert "R_max set to 200 um" in str(document["curves"][0]["notes"])
 
 
 BUBBLES = {  # options, and the bubbles that they ask for
     "": (REAL,),
-    "--bubble real": (REAL,),
     "--bubble field": (FIELD,),
     "--bubble auto": (FIELD, REAL),
     "--accommodation 0.1": (replace(REAL, accommodation=0.1),),
     "--confinement-damping 0": (Bubble("kinetic", confinement_damping=0.0),),
     "--contents equilibrium": (Bubble(confinement_damping="free"),),
-    "--bubble field --confinement-damping 0.2": (Bubble(confinement_damping=0.2),),
     "--bubble field --confinement-inertia free": (Bubble(confinement_inertia="free"),),
     "--wall-distance-um 900": (replace(REAL, wall_distance=9e-4),),
     "--vapour-excess 2000 --damage strain": (replace(REAL, vapour_excess=2e3, damage="strain"),),
@@ -199,8 +204,8 @@ SEVERAL = {  # of which-law
     "--bubble field --damage none,strain": (FIELD, Bubble(damage="strain")),
     "--bubble real,field --confinement-damping 0": (Bubble("kinetic"), FIELD),
 }
-TABLES = {"infer": BUBBLES, "fit": BUBBLES, "which-law": SEVERAL}
-ASKED = [(verb, words, bubbles) for verb, table in TABLES.items() for words, bubbles in table.items()]
+TABLES = (("infer", BUBBLES), ("fit", BUBBLES), ("which-law", SEVERAL))
+ASKED = [(verb, words, bubbles) for verb, table in TABLES for words, bubbles in table.items()]
 
 
 @pytest.mark.parametrize(("verb", "words", "asked"), ASKED)

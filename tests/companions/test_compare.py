@@ -67,7 +67,6 @@ def fake(monkeypatch):
 
 
 def test_the_command_answers_as_infer_does(run, folder, tmp_path):
-    """The errors are in the group of its result.json."""
     sets(folder, "gel,gel_a/shot1.csv,1003,IMR,G_kPa,6.44,1.64")
     done(run("compare", "data", *BDT, "--references", "data/sets.csv", "-o", "c"))
     run("infer", "data/gel_a/shot1.csv", *BDT, "--density", "1003", "-o", "i")
@@ -104,7 +103,6 @@ def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
 
 
 def sets(folder: Path, *rows: str, head: str = HEAD) -> Path:
-    """A file of published values."""
     (folder / "sets.csv").write_text("\n".join([head, *rows, ""]))
     return folder / "sets.csv"
 
@@ -114,8 +112,7 @@ EXPECTED = {  # of gel a, in the table of each comparison
         "cavirheo_trusted_mean": 6e3, "cavirheo_trusted_std": np.sqrt(2e6), "cavirheo_all_mean": 7e3,
         "IMR_mean": 8e3, "IMR_std": 1.5e3, "BDT_mean": 6e3, "rheometer_mean": 2e3,
         "BDT_error_to_IMR": 0.25, "rheometer_error_to_IMR": 0.75, "cavirheo_trusted_error_to_IMR": 0.25,
-        "cavirheo_all_error_to_IMR": 0.125, "IMR_error_to_rheometer": 3.0, "BDT_error_to_rheometer": 2.0,
-        "cavirheo_trusted_error_to_rheometer": 2.0,
+        "cavirheo_all_error_to_IMR": 0.125, "IMR_error_to_rheometer": 3.0, "cavirheo_trusted_error_to_rheometer": 2.0,
     },
     "viscosity_Pa_s": {"BDT_mean": 0.035, "BDT_std": 0.010, "BDT_error_to_IMR": 0.75},  # given in mPa s
 }  # fmt: skip
@@ -256,12 +253,6 @@ def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, t
     assert len([note for note in made.notes if note.startswith("closed: ")]) == 1
     odd, *_ = compare(folder, sets(folder, *(f"{name},,,IMR,G_kPa,8,1" for name in ("..", "/"))), tmp_path / "d")
     assert ([group.n for group in odd.groups], odd.curves) == ([0, 0], [])
-
-
-def test_published_sets_are_found(fake, real_data, tmp_path):
-    made, unread, _ = compare(real_data, PUBLISHED, tmp_path / "c")
-    assert [group.n + group.n_failed for group in made.groups if group.verdicts] == [5, 20, 20, 11, 11, 20]
-    assert unread == 0
 
 
 def test_the_law_is_taken_from_what_is_published():
