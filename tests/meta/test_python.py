@@ -124,9 +124,3 @@ def test_what_may_be_given_otherwise_is_taken():
     assert RadiusCurve(TIME, 1e6 * RADIUS, unscaled="pixels").with_max_radius(2e-4).max_radius == 2e-4
     stars = RadiusCurve(TIME / 2e-5 * 0.1, RADIUS / 2e-4, unscaled="no R_max", time_unscaled=True)
     assert np.median(np.diff(stars.with_max_radius(2e-4).time)) == pytest.approx(1e-6)
-
-
-@pytest.mark.parametrize(("function", "given"), [(cavirheo.fit, [CURVE]), (many, [[GEL]]), (verify, [CURVE, ANSWER])])
-def test_a_misspelt_option_is_refused(function, given):
-    with pytest.raises(TypeError, match="unexpected keyword argument"):
-        function(*given, stretsh=6.0)

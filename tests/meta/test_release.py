@@ -50,7 +50,6 @@ def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch
 
 COMPLETED = {
     "in": {"infer"},
-    "infer --um": {"--um-per-px"},
     "infer --material n": {"neo-hookean", "newtonian", "nhkv"},
     "fit --material fung+ne": {"fung+neo-hookean", "fung+newtonian"},
     "fit --material ogd": set(),  # cannot be fitted
