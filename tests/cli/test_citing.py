@@ -23,7 +23,6 @@ from cavirheo.writing.document import Quantity, write_json
 
 @pytest.fixture(scope="module")
 def document():
-    """Of two shots, by the paper's network."""
     curves = read_curves(EXAMPLE)[:2]
     return result(list(zip(curves, infer_many(curves, model=BDT[1]), strict=True)), "a script", date="2025-01-02")
 
@@ -44,6 +43,10 @@ def test_the_command_cites_only_what_was_used(run, document, tmp_path):
     keys, named = set(re.findall(r"@\w+\{(\w+),", out)), set(re.findall(r"[\[ ](\w+\d{4})[\],]", out.partition("@")[0]))
     assert keys == named
     assert {"Estrada2018", "Keller1980", "Bu2025"} <= keys
+    failed = [curve.model_copy(update={"verdict": "failed"}) for curve in document.curves]
+    assert methods(document.model_copy(update={"curves": failed})) == ("", [])
+    (tmp_path / "other.json").write_text('{"x": 1}')
+    refusal(run("cite", "other.json"))
 
 
 OPTIONAL = "Keller1980 Gilmore1952 Plesset1949 Estrada2018 Fung1967 Fuller1966 TerBraak2008 Kass1995"
@@ -112,13 +115,6 @@ def test_the_medium_is_that_of_each_answer_whatever_the_command_says(document, f
     assert named in paragraph
     assert ("Constants of the medium" in paragraph) == bool(named)
     assert "900" not in paragraph.partition("Command:")[0]
-
-
-def test_what_cannot_be_cited_is_refused(run, document, tmp_path):
-    failed = [curve.model_copy(update={"verdict": "failed"}) for curve in document.curves]
-    assert methods(document.model_copy(update={"curves": failed})) == ("", [])
-    (tmp_path / "other.json").write_text('{"x": 1}')
-    refusal(run("cite", "other.json"))
 
 
 def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path):

@@ -111,18 +111,6 @@ def test_a_run_knows_its_own_answers_again_and_leaves_those_of_others(run, tmp_p
     assert read_json(tmp_path / "cavirheo-result" / "result.json").curves[0].name == "b"
 
 
-def test_a_call_from_python_keeps_the_answers_of_another(tmp_path, solved):
-    one, two = [solved[0]], [solved[1]]
-    written = write_report(tmp_path, one, "one")
-    assert write_report(tmp_path, one, "one").curves == written.curves
-    for given in ((one, "two"), (two, "one")):
-        with refused("document.other_run"):
-            write_report(tmp_path, *given)
-    assert read_json(tmp_path / "result.json").curves == written.curves
-    write_report(tmp_path, two, "one", replace=True)
-    assert LOCK not in [path.name for path in tmp_path.iterdir()]
-
-
 def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
     Outputs(tmp_path, "a.csv").write("a.csv", Path.write_text, "ours")
     with refused("document.input"):
@@ -148,9 +136,14 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
 
 
 @pytest.mark.needs("matplotlib")
-def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch, solved):
+def test_another_report_or_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch, solved):
     write_report(tmp_path, solved[:1], "first", ("png",))
     before = contents(tmp_path)
+    assert LOCK not in before
+    for given in ((solved[:1], "second"), (solved[1:], "first")):
+        with refused("document.other_run"):
+            write_report(tmp_path, *given, ("png",))
+    assert contents(tmp_path) == before
     monkeypatch.setattr(figures, "curve_figure", stopped)
     with pytest.raises(KeyboardInterrupt):
         write_report(tmp_path, solved[:1], "second", ("png",), replace=True)
@@ -162,13 +155,11 @@ def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, mo
 
 @pytest.fixture(scope="module")
 def solved() -> list[tuple[RadiusCurve, Posterior]]:
-    """Two curves and their fits."""
     return [(curve, fit(curve, window=1)) for curve in read_curves(EXAMPLE)[:2]]
 
 
 @pytest.fixture
 def answer(solved) -> Posterior:
-    """With all that an answer may hold."""
     _, found = solved[1]
     more = {"nothing": None, "infinite": float("inf"), "pair": (1, 2.5), "list": [True, "µ"], 3: {"x": {}}}
     weights = np.linspace(-3, 0, len(found.theta))

@@ -2,17 +2,18 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import laws_of, sweeps_of, times_of
-from conftest import EXAMPLE, ROOT, done, messages, refusal, rows_of
+from answers import NAMES, answer, bubble, laws_of, sweeps_of, times_of
+from conftest import EXAMPLE, ROOT, done, refusal, rows_of
 
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times, rheometer
 from cavirheo.inference.model import card, path_of
 from cavirheo.io import write_csv
-from cavirheo.posterior import Checks, Posterior, WindowAnswer
+from cavirheo.posterior import WindowAnswer
 from cavirheo.reporting import comparison, laws, result, table, write_report
 from cavirheo.reporting.group import PublishedValue
 from cavirheo.training import dataset
@@ -22,21 +23,16 @@ from cavirheo.writing.document import as_json, write_json
 
 LONG = "gelatine_of_the_third_batch_at_37_degrees_{:02}"  # 45 letters
 EVIL = "gel\x1b[31m\x1b]0;title\x07\u202e\x9b2J\udcff"
-NAMES = ("log10_shear_modulus", "log10_viscosity", "stretch")
 
 
 def answers(names, method="least_squares", verdict="ok", message=""):
     """(curve, its answer) with an interval and other windows, of each name."""
-    curve, rng = read_curves(EXAMPLE)[0], np.random.default_rng(0)
     window = WindowAnswer({"shear_modulus": 6.4e3, "viscosity": 0.0295}, 2.1, 0.006)
-    checks = Checks(verdict, messages(message), rmse_over_rmax=0.0064, collapses=4, t_star_end=4.0)
-    pairs = []
-    for name in names:
-        theta = np.array([3.8, -1.55, 8.7]) + [0.03, 0.02, 0.4] * rng.standard_normal((200, 3))
-        windows = dict.fromkeys(("1", "2", "3", "all"), window)
-        posterior = Posterior(NAMES, ("Pa", "Pa s", "1"), theta, checks, "nhkv", method, windows=windows)
-        pairs.append((curve.labelled(name=name, group=f"{name}_group", source="a.csv"), posterior))
-    return pairs
+    theta = np.array([3.8, -1.55, 8.7]) + [0.03, 0.02, 0.4] * np.random.default_rng(0).standard_normal((200, 3))
+    more = {"theta": theta, "method": method, "windows": dict.fromkeys(("1", "2", "3", "all"), window)}
+    more |= {"names": (*NAMES, "stretch"), "units": ("Pa", "Pa s", "1")}
+    curves = [bubble(name, f"{name}_group", "a.csv") for name in names]
+    return [(one, replace(answer(one, verdict=verdict, message=message), **more)) for one in curves]
 
 
 def of_comparison(names):
@@ -128,7 +124,7 @@ def test_show_prints_a_document_as_its_verb_did(verb, run, tmp_path, capsys):
     assert [part for part in (document.command, document.date, document.version) if part not in head] == []
 
 
-def test_show_a_measurement_a_training_set_and_shipped_networks(run, tmp_path):
+def test_show_a_measurement_a_training_set_and_networks(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
     write_csv(tmp_path / "shot.csv", curve)
     write_csv(tmp_path / "pixels.csv", curve.with_max_radius(2.7 * curve.max_radius))
@@ -143,9 +139,7 @@ def test_show_a_measurement_a_training_set_and_shipped_networks(run, tmp_path):
         out = done(run("show", name))
         assert [part for part in parts if part not in out] == []
         assert "NOT the file" not in out
-
-
-def test_show_a_card_without_what_is_for_people(run, tmp_path):
+    # a card without what is for people
     optional = ("network", "loss_by_kind", "coverage", "made_with", "history", "versions", "license", "date")
     for name in ("posterior", "bdt-viscous"):
         about = {key: value for key, value in card(path_of(name)).items() if key not in optional}

@@ -36,14 +36,13 @@ def test_the_empty_bubble_is_rayleighs():
     """The analytic model exactly, the simulated one to the little gas of lambda = 40."""
     assert pytest.approx(0.914681, rel=1e-6) == RAYLEIGH
     assert analytic_time(R, 1e6, 0, 0, EMPTY) == pytest.approx(rayleigh_time(R, EMPTY), rel=1e-12)
-    found = simulated_time(R, 40.0, 0, 0, EMPTY, bubble=BARE)
-    assert found[0] == pytest.approx(float(rayleigh_time(R, EMPTY)), rel=1e-4)
+    assert simulated_time(R, 40.0, 0, 0, EMPTY, bubble=BARE) == pytest.approx(rayleigh_time([R], EMPTY), rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "longer"),
-    [("surface_tension", 0.5, False), ("sound_speed", 200.0, True), ("vapour_reference_pressure", 1e12, True)],
-)
+LONGER = [("surface_tension", 0.5, False), ("sound_speed", 200.0, True), ("vapour_reference_pressure", 1e12, True)]
+
+
+@pytest.mark.parametrize(("name", "value", "longer"), LONGER)
 def test_signs_are_those_of_the_simulation(name, value, longer):
     base = replace(EMPTY, sound_speed=1e5, unusual=True)
     for time in (analytic_time, simulated_time):
@@ -131,7 +130,6 @@ def test_one_shot_is_one_relation():
 
 SHOT = (R, 7.0, 1.8e-5)
 REFUSED = [
-    ("shot", (0.0, 7.0, 1e-5), {}),
     ("shot", (R, 0.9, 1e-5), {}),
     ("shot", (R, 7.0, np.nan), {}),
     ("shot", (R, 7.0, 1e-2), {}),
@@ -189,24 +187,20 @@ def test_files_that_cannot_be_used(tmp_path, text):
     (tmp_path / "a.csv").write_text(text)
     with refused(BAD[text]):
         read_table(tmp_path / "a.csv")
-    groups, (problem,), _ = read_groups([tmp_path / "a.csv"], WATER)
-    assert (groups, problem.startswith(f"{tmp_path / 'a.csv'}: ")) == ([], True)
 
 
 @pytest.mark.needs("matplotlib")
 def test_the_command(run, tmp_path):
-    """Its table and picture; with simulations, in another medium."""
-    done(run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result"))
+    done(run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "--density", 1000, "-o", "result"))
     document = json.loads((tmp_path / "result" / "collapse-time.json").read_text())
     (group,) = document["groups"]
-    assert (document["schema"], group["n"], group["model"]) == (1, 30, "analytic")
+    assert (document["schema"], document["medium"]["density"]) == (1, 1000)
+    assert (group["n"], group["model"]) == (30, "analytic")
     assert group["estimate"]["shear_modulus_Pa"]["value"] == pytest.approx(1e4, rel=0.05)
     assert len((tmp_path / "result" / "shots.csv").read_text().splitlines()) == 31
     assert (tmp_path / "result" / "gel.png").stat().st_size > 1000
-    path = write(tmp_path / "gel.csv", table(5, noise=0.001))
-    words = ("--exact", "--medium", "zhu2025", "--density", 1000, "--json", "--no-pictures", "-o", "exact")
-    document = json.loads(done(run("collapse-time", path, *words)))
-    assert (document["medium"]["density"], document["groups"][0]["model"]) == (1000, "exact")
+    document = json.loads(done(run("collapse-time", "gel.csv", "--exact", "--json", "--no-pictures", "-o", "exact")))
+    assert document["groups"][0]["model"] == "exact"
 
 
 def test_a_failed_simulation_leaves_the_analytic_answer(run, tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from answers import answer as answer_of
 from answers import unanswered
 from conftest import BDT, EXAMPLE, ROOT, done, refused, rows_of
 
-from cavirheo import InputError, load, read_curves
+from cavirheo import load, read_curves
 from cavirheo.companions.comparison import Answering, compare
 from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.inference.analysis import Analysis
@@ -67,7 +67,6 @@ def fake(monkeypatch):
 
 
 def test_the_command_answers_as_infer_does(run, folder, tmp_path):
-    """The errors are in the group of its result.json."""
     sets(folder, "gel,gel_a/shot1.csv,1003,IMR,G_kPa,6.44,1.64")
     done(run("compare", "data", *BDT, "--references", "data/sets.csv", "-o", "c"))
     run("infer", "data/gel_a/shot1.csv", *BDT, "--density", "1003", "-o", "i")
@@ -99,12 +98,11 @@ def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
     assert run(*words, "--material", "nhkv", "-o", "g")[0] == 2
     shown, *_ = compare(answers, sets(folder, "other name,,,IMR,G_kPa,8,"), tmp_path / "e")
     assert ["IMR" in group.published for group in shown.groups] == [True, True]  # the only set is that of all groups
-    with pytest.raises(InputError, match="groups gel a"):
+    with refused("references.groups", "groups gel a"):
         compare(answers, sets(folder, "this,,,IMR,G_kPa,8,", "that,,,IMR,G_kPa,8,"), tmp_path / "f")
 
 
 def sets(folder: Path, *rows: str, head: str = HEAD) -> Path:
-    """A file of published values."""
     (folder / "sets.csv").write_text("\n".join([head, *rows, ""]))
     return folder / "sets.csv"
 
@@ -114,15 +112,14 @@ EXPECTED = {  # of gel a, in the table of each comparison
         "cavirheo_trusted_mean": 6e3, "cavirheo_trusted_std": np.sqrt(2e6), "cavirheo_all_mean": 7e3,
         "IMR_mean": 8e3, "IMR_std": 1.5e3, "BDT_mean": 6e3, "rheometer_mean": 2e3,
         "BDT_error_to_IMR": 0.25, "rheometer_error_to_IMR": 0.75, "cavirheo_trusted_error_to_IMR": 0.25,
-        "cavirheo_all_error_to_IMR": 0.125, "IMR_error_to_rheometer": 3.0, "BDT_error_to_rheometer": 2.0,
-        "cavirheo_trusted_error_to_rheometer": 2.0,
+        "cavirheo_all_error_to_IMR": 0.125, "IMR_error_to_rheometer": 3.0, "cavirheo_trusted_error_to_rheometer": 2.0,
     },
     "viscosity_Pa_s": {"BDT_mean": 0.035, "BDT_std": 0.010, "BDT_error_to_IMR": 0.75},  # given in mPa s
 }  # fmt: skip
 
 
-def test_relative_errors_are_exact_and_the_table_says_what_the_record_says(fake, folder, tmp_path):
-    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
+def test_relative_errors_are_exact(fake, folder, tmp_path):
+    compare(folder, folder / "published.csv", tmp_path / "c")
     rows = {(row["set"], row["quantity"]): row for row in rows_of(tmp_path / "c" / "comparison.csv")}
     for quantity, expected in EXPECTED.items():
         found = rows["gel a", quantity]
@@ -130,8 +127,6 @@ def test_relative_errors_are_exact_and_the_table_says_what_the_record_says(fake,
     nothing = ("rheometer_mean", "cavirheo_trusted_error_to_rheometer")
     assert [rows["gel a", "viscosity_Pa_s"][name] for name in nothing] == ["", ""]
     assert rows["gel a", "shear_modulus_Pa"]["BDT_std"] == rows["gone", "shear_modulus_Pa"]["cavirheo_all_mean"] == ""
-    errors = {method: of["shear_modulus"] for method, of in made.groups[0].errors["IMR"].items()}
-    assert errors == pytest.approx({"BDT": 0.25, "rheometer": 0.75, "cavirheo": 0.25})
     only, *_ = compare(folder, folder / "published.csv", tmp_path / "c", reference_methods=["BDT"])
     (errors,) = only.groups[0].errors.values()
     expected = {"IMR": 1 / 3, "rheometer": 2 / 3, "cavirheo": 0.0}
@@ -164,12 +159,10 @@ def test_published_values_can_be_read(tmp_path):
     assert by_name["PAAm-alginate 0.3 %"].values["IMR"]["shear_modulus"].mean == 6440.0
     assert not by_name["PEG 8000 40 w/v %"].solid
     assert by_name["agarose 2.5 %"].medium.density == 1025
-    german = sets(tmp_path, '"gel, 1";IMR;G_kPa;6,44', head="set;method;quantity;mean")
-    (about,) = read_references(german)
+    (about,) = read_references(sets(tmp_path, '"gel, 1";IMR;G_kPa;6,44', head="set;method;quantity;mean"))
     assert (about.name, about.values["IMR"]["shear_modulus"].mean) == ("gel, 1", 6440.0)
-    assert [about.name for about in read_references(sets(tmp_path, "gel 1 %", "gel 2 %", head="set"))] == [
-        "gel 1 %", "gel 2 %"
-    ]  # fmt: skip
+    names = [about.name for about in read_references(sets(tmp_path, "gel 1 %", "gel 2 %", head="set"))]
+    assert names == ["gel 1 %", "gel 2 %"]
 
 
 def test_a_liquid_has_no_shear_modulus(fake, folder, tmp_path):
@@ -203,7 +196,6 @@ def test_settings_reach_the_inference(fake, folder, tmp_path):
 
 
 BAD = {  # text: (where, code, what is named)
-    "name,mean\na,1": ("", "no_set_column", "'name', 'mean'"),
     "": ("", "no_set_column", "no rows"),
     HEAD: ("", "no_set", ""),
     "set,densty\na,1": ("line 1, column densty", "head", "density"),
@@ -213,7 +205,6 @@ BAD = {  # text: (where, code, what is named)
     f"{HEAD}\na,,,,G_Pa,1,": ("line 2, column method", "method", "''"),
     f"{HEAD}\na,,,cavirheo,G_Pa,1,": ("line 2, column method", "method", "'cavirheo'"),
     f"{HEAD}\na,,,IMR,G_Pa,6.4 kPa,": ("line 2, column mean", "mean", "'6.4 kPa'"),
-    f"{HEAD}\na,,,IMR,G_Pa,,1": ("line 2, column mean", "mean", "''"),
     f"{HEAD}\na,,,IMR,G_Pa,nan,1": ("line 2, column mean", "mean", "'nan'"),
     f"{HEAD}\na,,,IMR,G_Pa,1,-1": ("line 2, column std", "std", "'-1'"),
     f"{HEAD}\na,,,IMR,G_Pa,1,2,Bu, 2025": ("", "cells", "row 2 has 9 cells"),
@@ -222,22 +213,18 @@ BAD = {  # text: (where, code, what is named)
     f"{HEAD}\na,,998,IMR,G_Pa,1,\na,,999,,,,": ("line 3, column density", "density", "r.csv, line 2"),
     f"{HEAD}\na,,heavy,,,,": ("line 2, column density", "density", "'heavy'"),
     "set,window\na,1.5": ("line 2, column window", "window", "'1.5'"),
-    "set,medium\na,honey": ("line 2, set 'a'", None, "'honey'"),
-    "set,temperature\na,400": ("line 2, set 'a'", None, "400"),
-    "set,model\na,\na,nobody": ("line 2, set 'a'", None, "'nobody'"),
-    "set,stretch\na,0.5": ("line 2, set 'a'", None, "0.5"),
+    "set,medium\na,honey": ("line 2, set 'a'", "physics.unknown_medium", "'honey'"),
+    "set,model\na,\na,nobody": ("line 2, set 'a'", "model.unknown", "'nobody'"),
+    "set,stretch\na,0.5": ("line 2, set 'a'", "option.stretch", "0.5"),
 }
 
 
 @pytest.mark.parametrize("text", BAD)
 def test_mistakes_in_the_file_are_named(tmp_path, text):
     (tmp_path / "r.csv").write_text(text)
-    with pytest.raises(InputError) as caught:
-        compare(tmp_path, tmp_path / "r.csv", tmp_path / "c")
     where, code, what = BAD[text]
-    assert f"r.csv, {where}" in str(caught.value) or not where
-    assert code is None or caught.value.code == f"references.{code}"
-    assert what in str(caught.value)
+    with refused(code if "." in code else f"references.{code}", "r.csv", where, what):
+        compare(tmp_path, tmp_path / "r.csv", tmp_path / "c")
     assert not (tmp_path / "c").exists()
 
 
@@ -266,13 +253,6 @@ def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, t
     assert len([note for note in made.notes if note.startswith("closed: ")]) == 1
     odd, *_ = compare(folder, sets(folder, *(f"{name},,,IMR,G_kPa,8,1" for name in ("..", "/"))), tmp_path / "d")
     assert ([group.n for group in odd.groups], odd.curves) == ([0, 0], [])
-
-
-def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
-    monkeypatch.setattr(style, "available", lambda: False)
-    made, unread, _ = compare(real_data, PUBLISHED, tmp_path / "c")
-    assert [group.n + group.n_failed for group in made.groups if group.verdicts] == [5, 20, 20, 11, 11, 20]
-    assert unread == 0
 
 
 def test_the_law_is_taken_from_what_is_published():

@@ -182,11 +182,9 @@ def test_unusable_rows_are_dropped_and_settings_measured_twice_averaged_and_both
 TWO_SWEEPS = "".join(f"10,{x},1000,50\n{x},1,1000,50\n" for x in (0.1, 1, 10, 100))
 BAD = {  # content, code, what is named; what is no table at all, test_reading.py refuses by the same reader
     "empty": ("", "empty", ""),
-    "words": ("hello\nworld\n", "no_moduli", "G' and G''"),
     "no loss": ("omega,G'\n1,2\n2,3\n3,4\n", "no_moduli", "G'' among 'omega', \"G'\""),
     "no setting": ("time (s),G',G''\n1,2,3\n2,3,4\n3,4,5\n", "no_sweep", "'time (s)'"),
     "strain without unit": (table("strain,G',G''"), "no_unit", "'strain'"),
-    "frequency without unit": (table("Frequency,G',G''"), "no_unit", "'Frequency'"),
     "frequency per second": (table("Frequency (1/s),G',G''"), "no_unit", "'Frequency (1/s)"),
     "unknown unit": (table("strain (%),G' (psi),G''"), "unknown_unit", "'psi'"),
     "brackets in a unit": (table("omega,G',G''\nrad/s,[x] (Pa),Pa"), "unknown_unit", "'x Pa' (Pa, kPa"),

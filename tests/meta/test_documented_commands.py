@@ -219,9 +219,3 @@ def test_the_commands_of_a_page_run(page, kit, tmp_path):
     text = (ROOT / page).read_text("utf-8")
     assert [shown for shown in blocks(text, "") if "───" in shown and not printed(shown, said)] == []
     assert ("curl" in text) == ("event: complete" in said)
-
-
-def test_what_is_not_run_is_still_there():
-    lines = [line for scripts in SCRIPTS.values() for script in scripts for line in script.splitlines()]
-    for table in (NOT_RUN, READY):
-        assert [begin for begin in table if not any(line.startswith(begin) for line in lines)] == []

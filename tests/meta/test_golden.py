@@ -1,11 +1,11 @@
 """What programs and papers rest on, frozen: public names, the schema of every document, and a dozen answers.
 
-An answer may move by a tenth of its interval, one without an interval by 1 %.
+The median of an answer may move by a tenth of its interval, the ends by three tenths: a few hundred draws tell them no
+better, and processors that round in another way draw others. A value without an interval may move by 1 %.
 
     python tests/meta/test_golden.py --write    makes the files in golden/ anew
 """
 
-import dataclasses
 import inspect
 import json
 import re
@@ -15,6 +15,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
 
+import numpy as np
 import pytest
 
 import cavirheo
@@ -26,17 +27,14 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def names() -> dict[str, Any]:
-    """Every public name: its signature; of a class its members and fields, too."""
+    """Every public name: its signature; of a class its members, too."""
     found: dict[str, Any] = {}
     for name in cavirheo.__all__:
         thing = getattr(cavirheo, name)
-        entry: dict[str, Any] = {"signature": _signature(thing)}
+        found[name] = {"signature": _signature(thing)}
         if inspect.isclass(thing):
-            members = {key: value for key, value in sorted(vars(thing).items()) if not key.startswith("_")}
-            entry["members"] = {key: _signature(getattr(thing, key)) for key in members}
-        if dataclasses.is_dataclass(thing):
-            entry["fields"] = {field.name: str(field.type) for field in dataclasses.fields(thing)}
-        found[name] = entry
+            members = [key for key in sorted(vars(thing)) if not key.startswith("_")]
+            found[name]["members"] = {key: _signature(getattr(thing, key)) for key in members}
     return found
 
 
@@ -71,12 +69,9 @@ def _kind(about: dict[str, Any]) -> str:
     return f"{kind} of {_kind(inside)}" if isinstance(inside, dict) and inside else kind
 
 
-def _curves(name: str) -> list[Any]:
-    return read_curves((HERE if name == "liquid.csv" else ROOT / "examples") / name)
-
-
 def _of(verb: Callable[..., Any], name: str, number: int = 0, **how: Any) -> Callable[[], Any]:
-    return lambda: verb(_curves(name)[number], **how)
+    path = (HERE if name == "liquid.csv" else ROOT / "examples") / name
+    return lambda: verb(read_curves(path)[number], **how)
 
 
 ANSWERS: dict[str, Callable[[], Any]] = {
@@ -86,7 +81,9 @@ ANSWERS: dict[str, Callable[[], Any]] = {
     "infer soft gel, other constants": _of(
         infer, "soft_gel.csv", 0, medium=Medium(1050.0, 1550.0), stretch=8.5, window=2
     ),
-    "infer soft gel, at the maximum": _of(infer, "soft_gel.csv", 3, verify="map", bubble=Bubble("kinetic")),
+    "infer soft gel, at the maximum": _of(
+        infer, "soft_gel.csv", 2, material="nhkv", verify="map", bubble=Bubble("kinetic")
+    ),
     "infer soft gel, network alone": _of(infer, "soft_gel.csv", 4, verify="none"),
     "infer stiff gel": _of(infer, "stiff_gel.mat", 0),
     "infer stiff gel, paper's network": _of(infer, "stiff_gel.mat", 1, model="bdt-viscoelastic"),
@@ -125,8 +122,9 @@ def test_an_answer_is_as_it_was(name):
         if isinstance(values, str):
             assert new[parameter] == values
         else:
-            room = 0.1 * (values[-1] - values[0]) if len(values) == 3 else 0.01 * abs(values[0])
-            assert new[parameter] == pytest.approx(values, abs=room), parameter
+            width = values[-1] - values[0]
+            rooms = [0.3 * width, 0.1 * width, 0.3 * width] if width else [0.01 * abs(values[0])]
+            assert np.all(np.abs(np.subtract(new[parameter], values)) <= rooms), (parameter, new[parameter], values)
 
 
 def main() -> None:

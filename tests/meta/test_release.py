@@ -1,4 +1,4 @@
-"""What is released: one version, a report for bugs, the manual page, shell completion, the conda recipe."""
+"""What is released: one version, a report for bugs, the manual page, shell completion."""
 
 import re
 import shutil
@@ -6,38 +6,29 @@ import subprocess
 import sys
 import tomllib
 
-import jinja2
 import pytest
 from conftest import ROOT
 
 import cavirheo
 from cavirheo import verbs
 from cavirheo.inference.model import card, shipped
-from cavirheo.physics.media import MEDIA
 from cavirheo.reporting.citation import references
 from cavirheo.verbs import machine
 
-ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
-PROJECT = ABOUT["project"]
-in_repository = pytest.mark.repository
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
 
-@in_repository
+@pytest.mark.repository
 def test_the_version_is_written_once_and_the_citation_is_of_it_and_its_authors():
-    folders = ("src", "docs", "packaging", "recipes", "benchmarks", "examples")
-    files = [*ROOT.glob("*"), *(path for folder in folders for path in (ROOT / folder).glob("**/*"))]
+    places = ("*", *(f"{one}/**/*" for one in ("src", "docs", "packaging", "recipes", "benchmarks", "examples")))
     kinds = (".py", ".md", ".toml", ".yaml", ".yml", ".cff", ".txt", ".html", "")
-    texts = [
-        (path.name, path.read_text("utf-8", "replace")) for path in files if path.is_file() and path.suffix in kinds
-    ]
+    paths = [path for place in places for path in ROOT.glob(place) if path.is_file() and path.suffix in kinds]
     written = rf"\bversion\b\W{{1,9}}{re.escape(PROJECT['version'])}\b"
-    found = {name for name, text in texts if re.search(written, text)}
+    found = {path.name for path in paths if re.search(written, path.read_text("utf-8", "replace"))}
     assert found - {"CHANGELOG.md"} == {"pyproject.toml", "CITATION.cff"}
     assert cavirheo.__version__ == PROJECT["version"]
     citation = pytest.importorskip("yaml").safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
-    assert [citation[key] for key in ("version", "license", "authors")] == [
-        PROJECT[key] for key in ("version", "license", "authors")
-    ]
+    assert {key: PROJECT[key] for key in ("version", "license", "authors")}.items() <= citation.items()
     assert {*citation["keywords"]} <= {*PROJECT["keywords"]}
     sources = [references()[key].fields for key in ("Estrada2018", "Bu2025")]
     cited = {(one["title"], str(one["year"])) for one in citation["references"]}
@@ -53,30 +44,18 @@ def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch
     wanted += [f"\n[{extra}]" for extra in {*machine.required()} - {""}]
     wanted += [f"{name}, sha256 {card(path)['onnx']['sha256']}\n" for name, path in shipped().items()]
     assert [text for text in wanted if text not in out] == []
-
-
-def test_a_bug_report_tells_what_is_not_as_it_was(monkeypatch, tmp_path):
     monkeypatch.setattr(machine, "requires", lambda _: ["numpy>=2", 'nonesuch>=1; extra == "plot"'])
-    path = tmp_path / "posterior.onnx"
-    for suffix in (".onnx", ".json"):
-        shutil.copy(shipped()["posterior"].with_suffix(suffix), tmp_path)
-    path.write_bytes(path.read_bytes() + b"x")
-    monkeypatch.setattr("cavirheo.inference.model.shipped", lambda: {"posterior": path})
-    said = machine.report()
-    assert "[plot]    no nonesuch" in said
-    assert "NOT the file that its card describes" in said
+    assert "[plot]    no nonesuch" in machine.report()
 
 
 COMPLETED = {
     "in": {"infer"},
-    "infer --um": {"--um-per-px"},
     "infer --material n": {"neo-hookean", "newtonian", "nhkv"},
     "fit --material fung+ne": {"fung+neo-hookean", "fung+newtonian"},
     "fit --material ogd": set(),  # cannot be fitted
     "which-law --laws nhkv,n": {"nhkv,neo-hookean", "nhkv,newtonian"},
     "which-law --bubble real,": {"real,field"},
     "infer --model ": {*shipped()},
-    "fit --medium ": {*MEDIA},
 }
 
 
@@ -95,7 +74,7 @@ def test_shells_complete(monkeypatch, capsys):
     assert found == COMPLETED
 
 
-@in_repository
+@pytest.mark.repository
 @pytest.mark.skipif(shutil.which("groff") is None, reason="no groff on this machine")
 def test_the_manual_page_is_set_without_a_warning(tmp_path):
     page = tmp_path / "cavirheo.1"
@@ -106,35 +85,9 @@ def test_the_manual_page_is_set_without_a_warning(tmp_path):
     assert "--um-per-px" in done.stdout
 
 
-@in_repository
+@pytest.mark.repository
 def test_the_examples_of_the_app_are_files_and_those_of_the_repository():
-    shipped_examples = [*(ROOT / "src/cavirheo/app/examples").glob("*.*")]
-    ours = [path for path in shipped_examples if (ROOT / "examples" / path.name).exists()]
-    assert {path.name for path in ours} == {"bubble.mp4", "soft_gel.csv", "stiff_gel.mat"}
-    assert not any(path.is_symlink() for path in shipped_examples)
-    assert all(path.read_bytes() == (ROOT / "examples" / path.name).read_bytes() for path in ours)
-
-
-@in_repository
-def test_the_conda_recipe_needs_what_the_package_needs():
-    yaml = pytest.importorskip("yaml")
-    folder = ROOT / "packaging" / "conda"
-    page = (folder / "meta.yaml").read_text("utf-8")
-    template = jinja2.Environment(undefined=jinja2.StrictUndefined).from_string(page)
-
-    def load_file_data(path: str, from_recipe_dir: bool) -> dict:
-        assert from_recipe_dir
-        return tomllib.loads((folder / path).read_text("utf-8"))
-
-    recipe = yaml.safe_load(template.render(load_file_data=load_file_data, PYTHON="python"))
-    needs = [f"python {PROJECT['requires-python']}", *PROJECT["dependencies"]]
-    assert recipe["requirements"]["run"] == needs
-    assert recipe["package"]["version"] == PROJECT["version"]
-    assert f"cavirheo = {PROJECT['scripts']['cavirheo']}" in recipe["build"]["entry_points"]
-
-
-@in_repository
-def test_the_pythons_of_the_package_are_those_that_are_tried():
-    known = [one.rpartition(" ")[2] for one in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", one)]
-    assert f"tests/wheel.py {' '.join(known)}\n" in (ROOT / "Makefile").read_text("utf-8")
-    assert PROJECT["requires-python"] == f">={known[0]}"
+    for name in ("bubble.mp4", "soft_gel.csv", "stiff_gel.mat"):
+        path = ROOT / "src/cavirheo/app/examples" / name
+        assert not path.is_symlink()
+        assert path.read_bytes() == (ROOT / "examples" / name).read_bytes()

@@ -14,7 +14,6 @@ from validation.challenge import answers, camera, make, score, truth
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A folder of two recordings."""
     folder = tmp_path_factory.mktemp("challenge")
     make.make(folder, seed=7, n=2, workers=2)
     return folder
