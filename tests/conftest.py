@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,6 +47,11 @@ def load_benchmark(name: str) -> ModuleType:
 def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:
     """Messages with a sentence of their own each."""
     return tuple(Message(code, {"text": text}) for text in texts if text)
+
+
+def slow(*case: object, **about: Any) -> Any:
+    """A case of a table that is run by `make test-slow` alone."""
+    return pytest.param(*case, marks=pytest.mark.slow, **about)
 
 
 def rows_of(path: Path | str) -> list[dict[str, str]]:

@@ -1,7 +1,6 @@
 """The paper's network on shots of known truth, the true scale, and every way to fail; a warning on the recording or its
 settings decides the verdict and stands in the messages."""
 
-import json
 import shutil
 from dataclasses import replace
 from functools import partial
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import fit, simulated
-from conftest import BDT, EXAMPLE, ROOT, messages, refused, rows_of
+from conftest import BDT, EXAMPLE, ROOT, refused, rows_of
 
 import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves
@@ -134,20 +133,6 @@ def test_a_network_that_was_read_is_checked_again_when_its_file_changes(tmp_path
         path.with_suffix(".json").write_text("{}")
 
 
-def test_the_shipped_model_is_what_its_card_says():
-    """At least 3,000 training curves, metrics of a test part that training did not see, R2 of a usable model."""
-    card = json.loads(path_of("bdt-viscoelastic").with_suffix(".json").read_text())
-    assert card["data"]["train"] >= 3000
-    assert card["data"]["test"] >= 0.09 * card["data"]["n"]
-    problem = network_of("bdt-viscoelastic").problem
-    assert problem.id == card["problem_id"]
-    theta = problem.prior.sample(range(10**7, 10**7 + 60), seed=99)  # draws that no training set holds
-    curves = np.array([run.radius for run in problem.simulate_many(theta)]) / problem.reference_max_radius
-    error = np.median(np.abs(network_of("bdt-viscoelastic")(curves) - theta[:, :2]), axis=0)
-    for name, off in zip(("log10_shear_modulus", "log10_viscosity"), error, strict=True):
-        assert off < 3 * card["metrics"][name]["median_absolute_error"]
-
-
 def test_a_recording_that_begins_a_little_before_its_maximum_is_not_taken_to_begin_at_it():
     """Six frames of growth, within 2 % of R_max, are hidden in the noise: which frame is the maximum is not known."""
     clean = simulated(NeoHookeanKelvinVoigt(1e4, 0.02), frames=150, frame=5e-7, max_radius=155e-6, stretch=5.2)
@@ -164,16 +149,6 @@ def test_a_recording_that_begins_a_little_before_its_maximum_is_not_taken_to_beg
         assert low < truth < high < 3 * low
 
 
-def test_published_alginate_shots(real_data):
-    """PAAm 12 % - alginate 0.3 %, five shots: published IMR 6.44 +- 1.64 kPa and 0.020 +- 0.009 Pa s."""
-    (file,) = (real_data / "paam_alginate_0p3").glob("*.mat")
-    answers = infer_many(read_curves(file))
-    G, mu = ([one.median(name) for one in answers] for name in ("shear_modulus", "viscosity"))
-    assert len(answers) == 5
-    assert np.mean(G) == pytest.approx(6440, abs=1640)
-    assert np.mean(mu) == pytest.approx(0.020, abs=0.018)
-
-
 # --- doubts
 
 
@@ -188,14 +163,6 @@ def test_a_wrong_scale_or_rate_is_no_ok(run, tmp_path, radius, time):
     assert document.curves[0].verdict in (("failed",) if time < 1 else ("failed", "check_input"))
     assert "Rayleigh" in document.curves[0].message
     assert (status, document.groups[0].n_trusted) == (1, 0)
-
-
-def test_who_vouches_for_the_input_gets_the_verdict_and_the_doubt():
-    curve = replace(read_curves(EXAMPLE)[0], warnings=messages("check the unit: it is odd", code="check_input.test"))
-    doubtful, trusted = infer(curve), infer(curve, trust_input=True)
-    assert (doubtful.checks.verdict, trusted.checks.verdict) == ("check_input", "ok")
-    assert doubtful.checks.message == trusted.checks.message == "check the unit: it is odd"
-    assert doubtful.median("shear_modulus") == trusted.median("shear_modulus")
 
 
 def recorded(law, stretch, max_radius=250e-6, *, start=0.0, periods=5.0, frames=80, noise=0.006, seed=0, **bubble):
@@ -233,10 +200,6 @@ def doubts(curve) -> list[str]:
     return [one.code.removeprefix("check_input.") for one in input_checks.curve_warnings(curve, WATER)]
 
 
-def repeated(curve) -> bool:
-    return "frames_repeated" in doubts(curve)
-
-
 def test_frames_that_stand_several_times_or_backwards_are_a_doubt():
     """As a camera or an export repeats them: on a longer clock, or in place of every second frame."""
     curve = recorded(GEL, 7.0, frames=100)
@@ -244,7 +207,7 @@ def test_frames_that_stand_several_times_or_backwards_are_a_doubt():
     thrice = RadiusCurve(1e-6 * np.arange(300), np.repeat(curve.radius, 3))
     some = replace(curve, radius=curve.radius[np.floor(0.85 * np.arange(100)).astype(int)])
     rounded = replace(half, radius=np.round(half.radius, 6))
-    assert [repeated(one) for one in (curve, half, thrice, some, rounded)] == [False, True, True, True, True]
+    assert all("frames_repeated" in doubts(one) for one in (half, thrice, some, rounded))
     assert infer(half).checks.verdict == "check_input"
     for forwards in (curve, read_curves(EXAMPLE)[0]):
         backwards = replace(forwards, radius=forwards.radius[::-1])
@@ -258,15 +221,17 @@ def test_a_rounded_recording_is_no_doubt(frames):
     for step, noise in product((1e-6, 2.76e-6, 1e-5), (0.0, 0.006, 0.03)):
         curve = recorded(GEL, 7.0, frames=frames, noise=noise)
         rounded = replace(curve, radius=np.maximum(np.round(curve.radius / step), 1.0) * step)
-        assert not repeated(rounded)
+        assert "frames_repeated" not in doubts(rounded)
 
 
 def test_a_maximum_that_was_missed_is_a_doubt():
     """Nearly half of the fall to the first collapse is not recorded: no clock within a frame holds that."""
     late = recorded(GEL, 7.0, start=0.4, frames=150, noise=0.003)
     assert late.frames_missed == pytest.approx(0.4 / (4.6 / 149), rel=0.4)
-    assert infer(late).checks.verdict == "check_input"
-    assert infer(late, trust_input=True).checks.verdict != "check_input"
+    doubtful, trusted = infer(late), infer(late, trust_input=True)
+    assert doubtful.checks.verdict == "check_input" != trusted.checks.verdict
+    assert doubtful.checks.warnings == trusted.checks.warnings
+    assert np.array_equal(doubtful.theta, trusted.theta)
     assert recorded(GEL, 7.0, frames=150, noise=0.003).frames_missed == 0.0
 
 
@@ -275,7 +240,6 @@ def test_stiff_gels_are_told_from_soft_ones_misread():
     stiff, soft = ([gel(seed, kind) for seed in range(30)] for kind in (True, False))
     wrong = zip(soft, [(2.0, 1.0), (1.0, 2.0), (1.0, 0.5)] * 10, strict=True)
     misread = [RadiusCurve(curve.time * time, curve.radius * radius) for curve, (radius, time) in wrong]
-
     of_stiff, of_misread, of_soft = (sum(bool(doubts(one)) for one in curves) for curves in (stiff, misread, soft))
     assert (of_stiff <= 1, of_misread >= 27, of_soft) == (True, True, 0)
 
@@ -316,11 +280,9 @@ def test_a_single_wrong_frame_is_a_doubt_where_it_decides():
     spiking, names = replace(curve, radius=radius), ("log10_viscosity",)
     warnings = infer(spiking).checks.warnings
     assert "check_input.spikes" in [one.code for one in warnings]
-    doubted = {
-        factor: bool(input_checks.spike_warnings(spiking, names, lambda _, f=factor: np.log10([f]), np.zeros(1)))
-        for factor in (0.5, 0.9, 1.2, 2.0)
-    }
-    assert doubted == {0.5: True, 0.9: False, 1.2: False, 2.0: True}
+    for factor, doubted in ((0.5, True), (0.9, False), (1.2, False), (2.0, True)):
+        said = input_checks.spike_warnings(spiking, names, lambda _, f=factor: np.log10([f]), np.zeros(1))
+        assert bool(said) is doubted, factor
 
 
 def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():

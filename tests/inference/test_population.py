@@ -153,16 +153,11 @@ def one_sided(n, viscosity, error, *, seed=0, spread=0.05, tilt=0.0) -> tuple[li
     return answers, np.array(measured)
 
 
-def bounds(answers) -> list[str | None]:
-    return [one.bound("viscosity") for one in answers]
-
-
 def test_shots_that_only_bound_a_parameter_tell_the_others_as_well():
     """Gels whose mu is too small for their recordings: G as of gels whose mu is known, and of mu a bound."""
     bounded, _ = one_sided(12, 1e-5, 0.01, tilt=3.0)
     known, _ = one_sided(12, 0.03, 0.002, tilt=3.0)
-    assert bounds(bounded).count("upper") >= 10
-    assert bounds(known) == [None] * 12
+    assert [one.bound("viscosity") for one in bounded].count("upper") >= 10
     found, clear = population(bounded), population(known)
     assert len(found.shots) == 12
     low, _, high = np.log10(found.interval("shear_modulus"))
@@ -193,37 +188,31 @@ def test_bounds_multiply_as_on_a_grid(viscosity, error):
 def test_a_value_that_a_single_shot_gives_is_not_that_of_the_material():
     """Of ten shots nine only bound mu: so does the material, and it is no value with an interval."""
     answers, _ = one_sided(10, 0.01, [0.0005] + [0.02] * 9, seed=2)
-    assert bounds(answers)[0] is None
-    assert bounds(answers).count("upper") >= 8
+    first, *others = (one.bound("viscosity") for one in answers)
+    assert (first, others.count("upper") >= 8) == (None, True)
     found = population(answers)
     assert found.bound("viscosity") == "upper"
     assert population(one_sided(5, 0.01, [0.001] * 2 + [0.02] * 3, seed=1)[0]).bound("shear_modulus") is None
 
 
 def test_a_shot_that_says_nothing_of_a_parameter_changes_nothing():
-    known = shots(5)
-    rng = np.random.default_rng(3)
-    silent = []
-    for k in range(4):
-        theta = np.column_stack([CENTRE[0] + 0.05 * rng.standard_normal(800), rng.uniform(-4.0, 1.0, 800)])
-        silent.append(replace(seen(CENTRE, 0.05, seed=k), theta=theta, checks=Checks("undetermined")))
-    assert {one.bound("viscosity") for one in silent} == {"undetermined"}
-    found, alone = population(known + silent), population(known)
-    assert len(found.shots) == 9
+    known, rng = shots(5), np.random.default_rng(3)
+    theta = np.column_stack([CENTRE[0] + 0.05 * rng.standard_normal(800), rng.uniform(-4.0, 1.0, 800)])
+    silent = replace(known[0], theta=theta, checks=Checks("undetermined"))
+    assert silent.bound("viscosity") == "undetermined"
+    found, alone = population([*known, silent]), population(known)
+    assert len(found.shots) == 6
     assert np.allclose(np.log10(found.interval("viscosity")), np.log10(alone.interval("viscosity")), atol=0.02)
 
 
 def test_a_bound_from_below_mirrors_one_from_above():
-    rng = np.random.default_rng(5)
-    log_p = np.zeros(1000)
+    rng, log_p = np.random.default_rng(5), np.zeros(1000)
     theta = np.column_stack([0.05 * rng.standard_normal(1000), rng.uniform(-4.0, -2.5, 1000)])
     ends = np.array([[-5.0, -4.0], [5.0, 1.0]])
     above = likelihood(theta, log_p, log_p, (None, "upper"), ends)
     below = likelihood(-theta, log_p, log_p, (None, "lower"), -ends[::-1])
     assert np.allclose(above.mean, -below.mean, atol=1e-3)
     assert np.allclose(above.share, below.share, rtol=1e-3)
-    assert above.mean[0, 1] == pytest.approx(-2.5, abs=0.03)
-    assert above.share[0] == pytest.approx(1.0 / 1.5, rel=0.03)  # of the draws, on each decade below the bound
 
 
 @pytest.mark.parametrize(
@@ -242,11 +231,10 @@ def test_what_cannot_be_is_refused(answers, how, code):
 
 
 def test_a_group_says_its_material():
-    """Two gels of six shots with intervals."""
     pairs = []
     for name, centre, seed in (("soft", CENTRE, 1), ("stiff", CENTRE + np.array([0.4, 0.0]), 2)):
         for k, one in enumerate(shots(6, seed=seed, centre=centre)):
-            curve = bubble(f"{name}[{k + 1}]", name, f"{name}.mat", top=2.2e-4 + 2e-5 * k)
+            curve = bubble(f"{name}[{k + 1}]", name)
             pairs.append((curve, replace(one, checks=answer(curve).checks, stretch=8.0, evidence=Evidence(10.0, 0.1))))
     assert result(pairs[:1], "x").groups[0].population is None  # a single shot
     document = result(pairs, "cavirheo infer")
@@ -269,10 +257,8 @@ TABLE = "shot,concentration\n" + "".join(f"shot {i},{0.5 * (i // 3)}\n" for i in
 
 def declared(path, text=TABLE, names=12, group="gel"):
     """Curves of one group, with what a table says of them."""
-    curves = [bubble(f"shot {i}") for i in range(names)]
-    curves = [one.with_group(group.format(i), "in") for i, one in enumerate(curves)]
     path.write_text(text)
-    return with_column(curves, path)
+    return with_column([bubble(f"shot {i}", group.format(i)) for i in range(names)], path)
 
 
 def with_slopes(curves, slopes, *, seed=3) -> list[Posterior]:
@@ -285,15 +271,13 @@ def with_slopes(curves, slopes, *, seed=3) -> list[Posterior]:
 
 def test_a_declared_column_gives_the_group_its_slope(tmp_path):
     curves = declared(tmp_path / "c.csv")
-    values = [one.column["concentration"] for one in curves]
-    assert values == [0.5 * (i // 3) for i in range(12)]
     answers = with_slopes(curves, [0.3, 0.0])
     made = result(list(zip(curves, answers, strict=True)), "x")
     found = made.groups[0].population
     slope = found.slopes_decades
     assert slope["shear_modulus"].q05 < 0.3 < slope["shear_modulus"].q95 < slope["shear_modulus"].q05 + 0.15
     assert slope["viscosity"].q05 < 0.0 < slope["viscosity"].q95
-    assert (found.column, found.column_at) == ("concentration", pytest.approx(np.mean(values)))
+    assert (found.column, found.column_at) == ("concentration", pytest.approx(0.75))
     assert np.log10(found.shear_modulus_Pa.median) == pytest.approx(CENTRE[0], abs=0.04)
     assert found.spreads_decades["shear_modulus"].median < 0.06  # what the slope explains is no scatter
     without = population(answers)
@@ -305,17 +289,13 @@ def test_a_declared_column_gives_the_group_its_slope(tmp_path):
     assert load(tmp_path / "result.json").curves[4].column == {"concentration": 0.5}
     weighed = [replace(one, evidence=Evidence(0.0, 0.1)) for one in answers]
     _, (group,) = ranked(curves, {"nhkv": weighed})  # which-law gives each law its slope
-    assert (group.column, group.populations["nhkv"].trend("shear_modulus")[1]) == (
-        found.column,
-        pytest.approx(0.3, abs=0.1),
-    )
+    assert group.populations["nhkv"].trend("shear_modulus")[1] == pytest.approx(0.3, abs=0.1)
 
 
 def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
     """Truth: the viscosity rises as the square root of R_max."""
     monkeypatch.chdir(tmp_path)
-    sizes = enumerate(np.geomspace(1e-4, 4e-4, 12))
-    curves = [bubble(f"shot {i}", top=size).with_group("gel", "in") for i, size in sizes]
+    curves = [bubble(f"shot {i}", "gel", top=size) for i, size in enumerate(np.geomspace(1e-4, 4e-4, 12))]
     found = with_column([*curves, empty()], "R_max")
     assert [one.column.get(LOG_SIZE) for one in found] == [*(np.log10(1e6 * one.max_radius) for one in curves), None]
     pairs = list(zip(found[:12], with_slopes(found[:12], [0.0, 0.5]), strict=True))
@@ -323,10 +303,11 @@ def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
     assert about.slopes_decades["viscosity"].q05 < 0.5 < about.slopes_decades["viscosity"].q95
     assert about.column == LOG_SIZE
     apart = [one.with_group(one.name, "in") for one in curves]
-    for given, word, code in ((apart, "R_max", "column.constant"), (curves, Path("R_max"), "column.size")):
-        with refused(code):
-            with_column(given, word)
-        (tmp_path / "R_max").write_text(TABLE)
+    with refused("column.constant"):
+        with_column(apart, "R_max")
+    (tmp_path / "R_max").write_text(TABLE)
+    with refused("column.size"):
+        with_column(curves, Path("R_max"))
 
 
 @pytest.mark.parametrize(

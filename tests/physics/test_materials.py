@@ -1,8 +1,7 @@
 """Laws: one battery for every instantaneous law, what each reduces to (docs/method/physics.md, section 4), the notation
 for sums of them, and a clear word for every mistake of whoever simulates."""
 
-import re
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from inspect import signature
 from math import inf, nan
 
@@ -11,14 +10,14 @@ import pytest
 from conftest import refused
 from scipy.integrate import quad
 
-from cavirheo import Bubble, Medium, Newtonian, SolverError, simulate, simulate_many
+from cavirheo import Bubble, Medium, Newtonian, simulate, simulate_many
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, viscous
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.bubble import Damage
 from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.elastic import Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
-from cavirheo.physics.law import SHEAR, Arm, Elastic, Viscous
+from cavirheo.physics.law import SHEAR, Elastic, Viscous
 from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse, summary, usage
 from cavirheo.physics.media import WATER, medium
 from cavirheo.physics.table import read
@@ -91,13 +90,6 @@ def test_closed_forms(law):
     assert law.closed(L)[2] == pytest.approx(slope_rise, rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize(("stiffening", "ratio"), [(0.0, 5.0), (1e-3, 8.0), (0.05, 7.0), (0.4, 3.0)])
-def test_the_closed_form_of_fungs_stress(stiffening, ratio):
-    values = (np.array([value]) for value in (3e3, stiffening, ratio))
-    exact = -elastic.Fung(3e3, stiffening).stress(np.array([ratio]))
-    assert elastic.fung_stress(*values) == pytest.approx(exact, rel=0.1)
-
-
 @pytest.mark.parametrize(
     ("law", "parent"),
     [
@@ -162,6 +154,7 @@ WAY = dict(max_radius=150e-6, stretch=5.0, time=np.linspace(0, 100e-6, 101))
 PARTS = [Viscoelastic(law, Newtonian(0.05)) for law, _ in ELASTIC if not isinstance(law, Gent | StrainEnergy)]
 PARTS += [Viscoelastic(Gent(2e4, 100.0), Newtonian(0.3)), StrainEnergy(lambda a, b, c: 5e2 * (a**2 + b**2 + c**2 - 3))]
 PARTS += [*VISCOUS, *(Viscoelastic(NeoHookean(2e3), law) for law in VISCOUS)]
+PARTS += [Viscoelastic(NeoHookean(2e3), None, [materials.UpperConvectedMaxwell(0.0, 2e-6)])]
 
 
 @pytest.mark.parametrize("material", PARTS, ids=str)
@@ -175,9 +168,8 @@ def test_every_law_simulates(material):
 
 def test_lock_up_is_a_status():
     law = Gent(3e3, 20.0)
-    with pytest.raises(SolverError, match=re.escape(str(law))):
-        simulate(Viscoelastic(law, Newtonian(0.01)), **WAY | {"stretch": 3.0})
     run = simulate(Viscoelastic(law, Newtonian(0.01)), **WAY | {"stretch": 3.0}, throw=False)
+    assert str(law) in run.status
     assert np.isfinite(run.radius[:5]).all()  # it starts, and locks when the collapse has squeezed the gel
     assert np.isnan(run.radius[-1])
     taut = law.table()[[0, -1], 0]
@@ -231,19 +223,6 @@ def test_every_law_by_position_and_by_name_and_described(name):
     assert not summary(name).startswith(f"{law.__name__}(")  # which Python writes where there is no docstring
 
 
-def test_no_law_is_forgotten():
-    """All but the two that hold a Python function, the one that holds others, the arm that takes the elastic part of
-    its material along, and a base."""
-    unnamed = {elastic.StrainEnergy, Viscosity, Viscoelastic, TotalRelaxation, Arm}
-    here = {
-        law
-        for module in (elastic, viscous, materials)
-        for law in vars(module).values()
-        if is_dataclass(law) and law.__module__ == module.__name__
-    }
-    assert {law for law in here if law.__name__[0] != "_"} - unnamed == set(LAWS.values())
-
-
 @pytest.mark.parametrize(
     ("text", "code", "named"),
     [
@@ -260,14 +239,13 @@ def test_no_law_is_forgotten():
         ("gent(2e3, __import__('os').getpid())", "laws.number", "__import__('os').getpid()"),
         ("gent(1" + 400 * "0" + ", 40)", "laws.number", "shear_modulus"),
         ("ogden((2e3, 'a'), (2, 2))", "laws.number", "ogden: moduli"),
-        ("ogden((2e3, 1), 2)", "physics.terms", "ogden"),
         ("gent(-1, 40)", "physics.shear_modulus", "-1.0"),
         ("mooney-rivlin(1e3, -2e3)", "physics.C1", ""),
         ("yeoh(1e3, 1e999)", "physics.C2", ""),
         ("fung(1e3, -1)", "physics.stiffening", ""),
         ("gent(1e3, 0)", "physics.limit", ""),
         ("arruda-boyce(1e3, 0)", "physics.segments", ""),
-        ("ogden((1e3,), (2, 3))", "physics.terms", ""),
+        ("ogden((1e3,), (2, 3))", "physics.terms", "ogden"),
         ("ogden(1e3, 1e999)", "physics.exponent", ""),
         ("ogden(1e3, -2)", "physics.unstable", ""),
         ("newtonian(-0.1)", "physics.viscosity", ""),

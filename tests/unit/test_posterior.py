@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answers import GEL, fit, simulated
+from answers import GEL, bubble, fit, simulated
 from conftest import ROOT, done, messages, refused
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
@@ -22,16 +22,12 @@ from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_network import network_of
 from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, predictive, verification, verify_many
-from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
-from cavirheo.inference.verify.evidence import rank_laws, ranked
 from cavirheo.inference.verify.mode import Simulated, Target, climb
 from cavirheo.inference.verify.model_average import Part
-from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Mixture, Sample, markov_sample
 from cavirheo.inference.verify.surrogate import climb_emulated
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.inference.verify.verification import Estimation
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.materials import Zener
@@ -52,18 +48,15 @@ def experiment(curve, law="nhkv", bubble=FIELD, exposure=0.0, **given) -> Experi
     return Experiment(curve, Family(law), options=Options(free=tuple(FREE), bubble=bubble, **given), exposure=exposure)
 
 
+def target_of(here: Experiment, discrepancy=False, kind=Target) -> Target:
+    return kind(here, here.prior(), here.noise(discrepancy))
+
+
 @pytest.fixture(scope="module")
 def fitted():
     """A shot with its least-squares answer."""
     curve = shot()
     return curve, fit(curve)
-
-
-@pytest.fixture(scope="module")
-def full(fitted):
-    """Its verified posterior, the law taken as exact."""
-    curve, answer = fitted
-    return verify_many([curve], [answer], discrepancy=False, seed=1)[0]
 
 
 @pytest.mark.parametrize("discrepancy", [False, True])
@@ -154,7 +147,7 @@ def test_frames_of_a_shape_follow_the_size_of_the_bubble():
     """A bubble that is larger than the measured one by scale and factor, against its own simulation."""
     curve = shot(within=Bubble("kinetic", 0.1, confinement_damping=0.2))
     real = experiment(curve, bubble=REAL)
-    target = Target(real, real.prior(), real.noise(discrepancy=False))
+    target = target_of(real)
     x = real.from_best(TRUTH | {"accommodation": 0.1, "confinement_damping": 0.2})
     u, z = target.start(x)[None], np.array([[0.0, 2.0, 2.0]])
     exact = real.difference(target.with_camera(u, z)[0], DEFAULT)[real.counted]
@@ -168,15 +161,6 @@ def test_frames_of_a_shape_follow_the_size_of_the_bubble():
     by_shape = target.camera.missed_by_shape(real.sampled(x, target.camera), z[0])
     assert errors[1] < 0.3 * errors[0] + np.sqrt(np.mean(by_shape**2))
     assert np.sqrt(np.mean(by_shape**2)) < 0.3 * errors[0]
-
-
-def test_shapes_have_the_collapses_of_the_bubble_however_many_were_counted():
-    field, z = experiment(shot()), np.zeros(3)
-    run, noise = field.sampled(field.from_best(TRUTH), field.camera), field.noise(discrepancy=True)
-    few, many = (replace(field.camera, collapses=counted) for counted in (0, 3))
-    assert np.std(few.missed_by_shape(run, z)) > noise.typical
-    for before in (few, many):
-        assert np.std(before.with_collapses(run, z, noise).missed_by_shape(run, z)) < 0.2 * noise.typical
 
 
 @pytest.mark.parametrize("width", [3.0, 1.0, 0.3])
@@ -200,9 +184,8 @@ def test_markov_chains_draw_a_density_wherever_they_begin(width):
 
 def test_a_mode_that_no_start_led_to_is_climbed_into():
     """A worse mode and some simulations about the right one, far from its top."""
-    here = experiment(shot())
-    target = Target(here, here.prior(), here.noise(discrepancy=False))
-    right = climb(target, target.start(here.from_best(TRUTH)), ROUGH)
+    target = target_of(experiment(shot()))
+    right = climb(target, target.start(target.experiment.from_best(TRUTH)), ROUGH)
     wrong = replace(right, u=right.u + 1.0, log_posterior=right.log_posterior - 300.0)
     explorer = AdaptiveProposal(target, [wrong])
     explorer(right.u + np.random.default_rng(0).uniform(-0.2, 0.2, (12, len(right.u))))
@@ -213,8 +196,7 @@ def test_a_mode_that_no_start_led_to_is_climbed_into():
 
 def test_a_mode_is_climbed_to_beside_a_higher_one():
     here, rng = experiment(shot(noise=0.02)), np.random.default_rng(1)
-    target = TwoModes(here, here.prior(), here.noise(discrepancy=True))
-    known = climb(Target(here, here.prior(), here.noise(discrepancy=True)), np.zeros(3), ROUGH)
+    target, known = target_of(here, True, TwoModes), climb(target_of(here, True), np.zeros(3), ROUGH)
     target.middle = known.u[2] - 0.8
     spread = rng.standard_normal((42, 3)) * np.sqrt(np.diag(known.covariance))
     u = known.u + np.concatenate([1.5 * spread[:30], 3.0 * spread[30:] - [0.0, 0.0, 1.6]])
@@ -242,7 +224,7 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
     curve, answer = fitted
     settings = {"free": (), "discrepancy": False, "seed": 2}
     found = verify.verify(curve, answer, **settings)
-    target = Estimation(Verification(**settings), curve, answer).target
+    target = verification.Estimation(Verification(**settings), curve, answer).target
     expectations = found.log_q + found.log_weight
     for i in np.argsort(-expectations)[:5]:
         row, expected = found.theta[i], expectations[i]
@@ -252,8 +234,9 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
         assert density - np.log(row[2] * np.log(10.0)) == pytest.approx(expected, abs=0.1)
 
 
-def test_map_is_the_maximum_with_laplaces_interval(fitted, full):
+def test_map_is_the_maximum_with_laplaces_interval(fitted):
     curve, answer = fitted
+    (full,) = verify_many([curve], [answer], discrepancy=False, seed=1)
     rival = OtherAnswer("nhkv", Bubble("kinetic"), answer.best, {}, Evidence(999.0), 0.01)
     (peak,) = verify_many([curve], [replace(answer, others=(rival,))], level="map", discrepancy=False)
     assert (peak.method, peak.log_weight) == ("laplace", None)
@@ -287,12 +270,12 @@ def test_predictive_check_rejects_at_its_nominal_rate(monkeypatch):
     p = []
     for i in range(200):
         residual = project @ rng.standard_normal(90)
-        p.append(predictive_check(residual, J, np.full(90, 0.5), seed=i)["p"])
+        p.append(predictive.predictive_check(residual, J, np.full(90, 0.5), seed=i)["p"])
     for name in ("level", "correlation"):
         assert np.mean([one[name] < 0.1 for one in p]) == pytest.approx(0.1, abs=0.05)
     wave = project @ (rng.standard_normal(90) + 1.5 * np.sin(np.arange(90) / 3.0))
-    assert predictive_check(wave, J, np.ones(90), seed=0)["p_value"] < TUNING.rejected
-    assert predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
+    assert predictive.predictive_check(wave, J, np.ones(90), seed=0)["p_value"] < TUNING.rejected
+    assert predictive.predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
 
 
 def test_a_wrong_law_is_rejected():
@@ -331,32 +314,26 @@ def weighed(law="", log=None, error=0.1, **more) -> Posterior:
     return Posterior((), (), np.zeros((1, 0)), material=law, method="verified", **about)
 
 
-def named(*groups_and_names: str) -> list[RadiusCurve]:
-    """A curve for each "group name"."""
-    about = [dict(zip(("group", "name"), one.split(), strict=True)) for one in groups_and_names]
-    return [RadiusCurve(np.arange(3) * 1e-6, np.full(3, 1e-4), meta=meta) for meta in about]
-
-
 def test_the_law_of_the_group_explains_each_of_its_shots():
     """A shot that prefers another law by itself says so, once; one without a group has its own."""
     logs = {"newtonian": [-90.0, -10.0, -10.0, None], "nhkv": [-40.0, -20.0, -20.0, None]}
     answers = {law: [weighed(law, log) for log in found] for law, found in logs.items()}
-    curves = named("gel a", "gel b", "c c", "d d")
-    found = a, b, c, d = evidence.choose_answers(*ranked(curves, answers))
+    curves = [bubble("a", "gel"), bubble("b", "gel"), bubble("c", "c"), bubble("d", "d")]
+    found = a, b, c, d = evidence.choose_answers(*evidence.ranked(curves, answers))
     assert [one.material for one in found] == ["nhkv", "nhkv", "newtonian", "newtonian"]
     assert [one.checks.verdict for one in found] == ["ok", "other_model_preferred", "ok", "ok"]
     assert d.checks.messages == ()
     assert [[other.material for other in one.others] for one in (a, c)] == [["newtonian"], ["nhkv"]]
     again = {law: [replace(one, checks=b.checks) for one in found] for law, found in answers.items()}
-    told = evidence.choose_answers(*ranked(curves, again))[1].checks.messages
+    told = evidence.choose_answers(*evidence.ranked(curves, again))[1].checks.messages
     assert [one.code for one in told].count("model.rejected") == 1
 
 
 def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():
     liquid = [weighed("newtonian", log, error) for log, error in ((-90.0, 0.3), (-80.0, 0.1), (-10.0, 0.1))]
     gel = [weighed("nhkv", -40.0, 0.4), weighed("nhkv", -42.0), weighed("nhkv")]
-    curves = named("gel a", "gel b", "gel c")
-    singles, (group,) = ranked(curves, {"newtonian": liquid, "nhkv": gel})
+    curves = [bubble(name) for name in "abc"]
+    singles, (group,) = evidence.ranked(curves, {"newtonian": liquid, "nhkv": gel})
     assert [one.chosen for one in singles] == ["nhkv", "nhkv", "newtonian"]
     assert singles[2].probability == {"newtonian": 1.0}
     assert (group.shots, group.evidence["newtonian"].log, group.evidence["nhkv"].log) == (2, -170.0, -82.0)
@@ -365,13 +342,13 @@ def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():
     assert (pair.first, pair.second, pair.difference, pair.shots) == ("nhkv", "newtonian", 88.0, (2, 0))
     assert pair.error == pytest.approx(2**0.5 * np.std([50.0, 38.0], ddof=1))
     by_chance = [weighed("nhkv", -90.5, 3.0), weighed("nhkv", -83.0), weighed("nhkv", -9.0)]
-    assert ranked(curves, {"newtonian": liquid, "nhkv": by_chance})[1][0].contenders == ["newtonian", "nhkv"]
+    assert evidence.ranked(curves, {"newtonian": liquid, "nhkv": by_chance})[1][0].contenders == ["newtonian", "nhkv"]
 
 
 @pytest.mark.slow
 def test_a_law_that_the_network_knows_is_weighed_as_by_infer():
     curve = shot()
-    ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], bubble="field", seed=3)
+    ((found,), _) = evidence.rank_laws([curve], ["nhkv", "newtonian"], bubble="field", seed=3)
     assert found.answers["nhkv"].evidence == infer(curve, material="nhkv", bubble="field", seed=3).evidence
     assert found.chosen == "nhkv"
 
@@ -388,7 +365,7 @@ def test_against_emcee(seed, monkeypatch):
     answer = fit(curve, window="all")
     monkeypatch.setattr(adaptive_sampling, "TUNING", replace(TUNING, effective_enough=2500.0, draws=6000))
     found = verify.verify(curve, answer, **settings)
-    job = Estimation(Verification(**settings), curve, answer)
+    job = verification.Estimation(Verification(**settings), curve, answer)
     target, rng = job.target, np.random.default_rng(seed)
     best = climb(target, job.starts()[0], ROUGH)
     d = len(best.u)
@@ -444,18 +421,6 @@ def test_the_density_of_a_proposal_is_normalised(law, bubble, given, integrated)
     assert np.std(ratio) / np.mean(ratio) / np.sqrt(len(v)) < 0.15
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("noise", "seed"), [(0.01, 1), (0.003, 2)])
-def test_the_default_answer_agrees_with_more_draws(noise, seed):
-    curve = recorded(noise=noise, seed=seed)
-    few, full = (infer(curve, bubble="field", verify=level, **NHKV) for level in ("auto", "full"))
-    assert few.diagnostics.simulations < full.diagnostics.simulations
-    assert few.evidence.log == pytest.approx(full.evidence.log, abs=0.4)
-    for name in ("shear_modulus", "viscosity"):
-        widths = [np.ptp(np.log(answer.interval(name))) for answer in (few, full)]
-        assert 0.7 < widths[0] / widths[1] < 1.4
-
-
 def test_the_default_answer_holds_the_truth_and_depends_on_its_curve_alone():
     one, other = cavirheo.infer_many(
         [recorded(noise=0.01, seed=1), recorded(noise=0.003, seed=2)], bubble="field", **NHKV
@@ -485,12 +450,10 @@ OUTSIDE = {"density": 1300.0, "pressure": 2e5, "surface_tension": 0.03, "sound_s
 
 def test_what_is_outside_the_training_is_not_sent_through_the_network_whose_own_answer_is_not_verified():
     large, rare = {"max_radius": 900e-6, "frame": 4e-6}, {"max_radius": 600e-6, "frame": 12e-6, "frames": 40}
-    cases = [(recorded(**given), WATER) for given in (large, rare)]
-    cases += [
-        (recorded(), replace(WATER, **{name: value})) for name, value in [*OUTSIDE.items(), ("sound_speed", 900.0)]
-    ]
-    for curve, medium in cases:
-        answer = infer(curve, medium=medium, verify="none", **NHKV)
+    cases = [(given, {}) for given in (large, rare)]
+    cases += [({}, {name: value}) for name, value in [*OUTSIDE.items(), ("sound_speed", 900.0)]]
+    for given, constants in cases:
+        answer = infer(recorded(**given), medium=replace(WATER, **constants), verify="none", **NHKV)
         assert [one.code for one in answer.checks.messages] == ["network.outside"]
     within = replace(WATER, temperature=293.15, sound_speed=1450.0, surface_tension=0.07)
     answer = infer(recorded(), medium=within, bubble="field", verify="none", **NHKV)
@@ -501,9 +464,8 @@ def test_what_is_outside_the_training_is_not_sent_through_the_network_whose_own_
 
 def planted(network):
     """The posterior of a shot weighed with a network that answers wrongly."""
-    here = experiment(recorded())
-    target = Target(here, here.prior(), here.noise(True), 2)
-    sampling = AdaptiveSampling(target, network(target), lambda: [target.start(TRUE)], list, seed=1)
+    target = target_of(experiment(recorded()), discrepancy=True)
+    sampling = adaptive_sampling.AdaptiveSampling(target, network(target), lambda: [target.start(TRUE)], list, seed=1)
     while sampling.short(1.0):
         sampling.weigh(1.0)
     return sampling.weighted
@@ -559,7 +521,7 @@ def test_a_law_is_looked_at_where_a_better_one_is_best():
     for law in ("newtonian", "nhkv"):
         start = Networked(network, law, FIELD, checked=False, trust_input=True).infer(curve)
         settings = Verification(network=network, level="auto")
-        parts.append(Part(Estimation(settings, curve, start), 0.0))
+        parts.append(Part(verification.Estimation(settings, curve, start), 0.0))
     lost, best = parts
     explorer = lost.sampling.explorer
     explorer.modes = [replace(mode, u=mode.u + 1.5, log_posterior=mode.log_posterior - 50.0) for mode in explorer.modes]
@@ -601,11 +563,7 @@ def test_generate_and_train_a_small_network(tmp_path, run):
         small, changes = re.subn(rf"(?m)^{name} = \S+", f"{name} = {size}", small)
         assert changes == 1, name
     (tmp_path / "small.toml").write_text(small, encoding="utf-8")
-    assert run("generate", "small.toml", "-o", "data", "--workers", 1)[0] == 0
-    first = (tmp_path / "data" / "curves-00000.h5").read_bytes()
-    (tmp_path / "data" / "curves-00000.h5").unlink()
-    assert run("generate", "small.toml", "-o", "data", "--workers", 2)[0] == 0
-    assert (tmp_path / "data" / "curves-00000.h5").read_bytes() == first
+    done(run("generate", "small.toml", "-o", "data"))
     done(run("train", "small.toml", "data", "-o", "run", "--threads", 1))
     card = json.loads((tmp_path / "run" / "small.json").read_text("utf-8"))
     assert card["kind"] == "posterior"
