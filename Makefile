@@ -13,7 +13,7 @@ test: $(VENV)/test.done lint
 	$(BIN)/python -m pytest -m "not slow and not hostile" -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: $(VENV)/test.done
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile --no-loadscope-reorder
 
 # Hundreds of hostile and odd files through every room: a table, and no traceback, hang or second line; a quarter hour
 test-hostile: $(VENV)/test.done
