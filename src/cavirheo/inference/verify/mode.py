@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from cavirheo.arrays import Floats
 from cavirheo.inference.camera import NAMES, CameraNuisances, rescaled
 from cavirheo.inference.experiment import FORWARD, Experiment
 from cavirheo.inference.noise import MarginalNoise, Noise
-from cavirheo.inference.verify.sampler import integral_about
+from cavirheo.inference.verify.sampler import Coordinates, integral_about
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
@@ -25,7 +26,7 @@ _RESISTING = 0.3  # accommodation below which condensation resists more than wha
 _STIFF, _STIFFENED = 0.03, 0.3  # pressures of the medium: modulus and stress at R_max that count as large
 
 
-class Target:
+class Target(Coordinates):
     """log p(frames | x(u)) + log p(u) of one experiment, clock, scale and R_max factor being integrated (camera.py);
     -inf where the simulation failed.
 
@@ -155,11 +156,8 @@ class Target:
         """(k, d) coordinates that frames are nearly linear in, of u (k, d): parameters, not their logarithms. Of the
         accommodation its inverse, a resistance, where that is small beside the others, and else the logarithm. Of a law
         that stiffens the stress at R_max, and of this and its modulus the logarithm where they are large."""
-        x, law = self.prior.to_x(u), self.experiment.law
-        v = np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
-        if "accommodation" in self.prior.names:
-            column = self.prior.names.index("accommodation")
-            v[:, column] = np.log1p(_RESISTING * 10.0 ** -x[:, column])
+        x = self.prior.to_x(u)
+        v = self._values(x)
         if "fung" in self.experiment.family.name:
             modulus, stiffening = (self.prior.names.index(name) for name in ("shear_modulus", "stiffening"))
             natural, pressure = self.experiment.natural(self.with_camera(u).T), self.experiment.medium.pressure
@@ -168,6 +166,40 @@ class Target:
             v[:, stiffening] = np.log1p(stress / (_STIFFENED * pressure))
             v[:, modulus] = np.log1p(v[:, modulus] / (_STIFF * pressure))
         return v
+
+    def _values(self, x: Floats) -> Floats:
+        """(k, d) of x (k, d): of each parameter by itself, what frames are nearly linear in."""
+        law = self.experiment.law
+        v = np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
+        v[:, self._resistance] = np.log1p(_RESISTING * 10.0 ** -x[:, self._resistance])
+        return v
+
+    @cached_property
+    def _resistance(self) -> list[int]:
+        """Column of the accommodation, if there is one."""
+        return [i for i, name in enumerate(self.prior.names) if name == "accommodation"]
+
+    def straightened(self, w: Floats) -> tuple[Floats, Floats]:
+        """v (k, d + m) of u and camera w (k, d + m), as `linear` but for the stress of a law that stiffens, so that
+        ridges of the posterior are nearly straight; and log |dv/dw| (k,)."""
+        d, law, columns = len(self.prior.names), self.experiment.law, self._resistance
+        x = self.prior.to_x(w[:, :d])
+        v, slope = self._values(x), self.prior.slope(w[:, :d])
+        slope[:, :law] *= np.log(10.0) * v[:, :law]
+        slope[:, columns] *= -np.log(10.0) * np.expm1(-v[:, columns])
+        return np.hstack([v, w[:, d:]]), np.sum(np.log(slope), axis=1)
+
+    def bent(self, v: Floats) -> Floats:
+        """w (k, d + m) of v (k, d + m); NaN where it is outside the ranges."""
+        d, law, columns = len(self.prior.names), self.experiment.law, self._resistance
+        x = v[:, :d].copy()
+        with np.errstate(invalid="ignore", divide="ignore"):
+            x[:, :law] = np.log10(v[:, :law])
+            x[:, columns] = -np.log10(np.expm1(v[:, columns]) / _RESISTING)
+        inside = np.all((x > self.prior.low) & (x < self.prior.high), axis=1)
+        w = np.full(v.shape, np.nan)
+        w[inside] = np.hstack([self.prior.to_u(x[inside]), v[inside, d:]])
+        return w
 
     def jacobian(self, u: Floats, residual: Floats, accuracy: Accuracy) -> Floats:
         """(size, d) of the simulated frames by u, the camera following: differences towards u = 0, steps as those of a

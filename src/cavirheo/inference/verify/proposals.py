@@ -169,7 +169,7 @@ class AdaptiveProposal:
             return surrogate(w) + lift(w)
 
         sample, self.walkers = markov_sample(
-            lifted, walkers, lambda w: shelves(self.target, w, self.u.shape[1]), rng, draws
+            lifted, walkers, lambda w: shelves(self.target, w, self.u.shape[1]), rng, draws, self.target
         )
         u, camera = np.split(sample.u, [self.u.shape[1]], axis=1)
         sample = replace(sample, u=u, camera=camera, log_target=sample.log_target - lift(sample.u))

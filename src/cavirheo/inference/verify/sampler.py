@@ -223,13 +223,28 @@ def importance_sample(
 _NEVER = -1e9  # log density that stands for nothing, so that two have a difference
 
 
+class Coordinates:
+    """Others of the same draws, in which steps are taken, too. Here they are the same ones."""
+
+    def straightened(self, u: Floats) -> tuple[Floats, Floats]:
+        """v (k, d) of u (k, d), and log |dv/du| (k,)."""
+        return u, np.zeros(len(u))
+
+    def bent(self, v: Floats) -> Floats:
+        """u (k, d) of v (k, d); NaN where there is none."""
+        return v
+
+
 class Walkers:
     """Markov chains of a density: u (k, d) and its log there (k,), finite. before: (k, d) where they were when the
     mixtures were fitted, to which they jump: each half to that of the other, for one that knows a walker's own place
-    would lead away from it. further: of such places, what a mixture through them has beside it."""
+    would lead away from it. further: of such places, what a mixture through them has beside it. coordinates: in which
+    a ridge of the density is straighter than in u."""
 
-    def __init__(self, target: Density, u: Floats, further: Callable[[Floats], Mixture | None]) -> None:
-        self.target, self.further = target, further
+    def __init__(
+        self, target: Density, u: Floats, further: Callable[[Floats], Mixture | None], coordinates: Coordinates
+    ) -> None:
+        self.target, self.further, self.coordinates = target, further, coordinates
         self.u, self.value = u.copy(), np.maximum(target(u), _NEVER)
         self.fitted: list[Mixture | None] = [None, None]
 
@@ -261,15 +276,24 @@ class Walkers:
 
     def step(self, rng: np.random.Generator) -> None:
         """Along differences of places where two others were (ter Braak and Vrugt 2008,
-        doi:10.1007/s11222-008-9104-9)."""
+        doi:10.1007/s11222-008-9104-9), some of u and some of its straight coordinates."""
         count, d = self.u.shape
         start = rng.integers(count, size=count)
         end = (start + rng.integers(1, count, size=count)) % count
         size = TUNING.walked / np.sqrt(d) * rng.uniform(0.25, 0.75, count)
         size[rng.random(count) < TUNING.walked_whole] = 1.0
-        u = self.u + size[:, None] * (self.before[end] - self.before[start]) + 1e-4 * rng.standard_normal((count, d))
-        value = self.target(u)
-        self._go(u, value, value - self.value, rng)
+        noise = 1e-4 * rng.standard_normal((count, d))
+        u = self.u + size[:, None] * (self.before[end] - self.before[start]) + noise
+        straight = rng.random(count) < TUNING.walked_straight
+        v, log_slope = self.coordinates.straightened(self.u[straight])
+        first, last = (self.coordinates.straightened(self.before[which[straight]])[0] for which in (start, end))
+        u[straight] = self.coordinates.bent(v + (size[:, None] + noise)[straight] * (last - first))
+        inside = np.isfinite(u).all(axis=1)
+        u[~inside] = self.u[~inside]
+        value, log_odds = np.full(count, -np.inf), np.zeros(count)
+        value[inside] = self.target(u[inside])
+        log_odds[straight] = log_slope - self.coordinates.straightened(u[straight])[1]
+        self._go(u, value, value - self.value + log_odds, rng)
 
     def jump(self, rng: np.random.Generator) -> tuple[Floats, Floats, float]:
         """To draws of the mixtures (Hastings 1970): log of the density over the mixture's where they are and where it
@@ -282,16 +306,17 @@ class Walkers:
 
 
 def markov_sample(
-    target: Density, walkers: Floats, further: Callable[[Floats], Mixture | None], rng: np.random.Generator, draws: int
-) -> tuple[Sample, Floats]:
+    target: Density, walkers: Floats, further: Callable[[Floats], Mixture | None], rng: np.random.Generator, draws: int,
+    coordinates: Coordinates | None = None,
+) -> tuple[Sample, Floats]:  # fmt: skip
     """So many draws of a density that is quick to know, nearly independent, with its integral; and where the walkers
-    (k, d) end. further: as of `Walkers`.
+    (k, d) end. further, coordinates: as of `Walkers`.
 
     Steps along their differences alternate with jumps to a mixture, fitted to the walkers until they have settled.
     Then they walk until as many jumps are taken as there are draws. The integral is that of bridge sampling between
     them and what the mixture has drawn.
     """
-    chains, heights = Walkers(target, walkers, further), [np.inf, np.inf]
+    chains, heights = Walkers(target, walkers, further, coordinates or Coordinates()), [np.inf, np.inf]
     for _ in range(TUNING.settling_most):
         chains.settle(rng)
         height = []

@@ -52,8 +52,9 @@ class Tuning:
     begun_camera: float = 0.3  # standard deviation of their cameras, beyond what a line misses,
     walked_on: float = 0.7  # of them that begin where the last ones ended
     walked: float = 3.4  # largest step along a difference, times the root of the number of coordinates,
-    walked_whole: float = 0.1  # of the steps that go the whole difference
-    walked_between: int = 4  # steps and jumps between two fits of the mixture
+    walked_whole: float = 0.1  # of the steps that go the whole difference,
+    walked_straight: float = 0.8  # and that are taken in coordinates in which ridges are straighter
+    walked_between: int = 8  # steps and jumps between two fits of the mixture
     settling_most: int = 12  # fits, at most, until the mean height of the walkers
     settled: float = 0.2  # changes by less in three of them
     lowest_walker: float = 15.0  # height below the best, from which it does not matter how low one is
