@@ -25,7 +25,7 @@ from cavirheo.inference.verify import Verification, adaptive_sampling, evidence,
 from cavirheo.inference.verify.mode import Simulated, Target, climb
 from cavirheo.inference.verify.model_average import Part
 from cavirheo.inference.verify.proposals import AdaptiveProposal
-from cavirheo.inference.verify.sampler import Mixture, Sample, markov_sample
+from cavirheo.inference.verify.sampler import Coordinates, Mixture, Sample, markov_sample
 from cavirheo.inference.verify.surrogate import climb_emulated
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
@@ -163,8 +163,19 @@ def test_frames_of_a_shape_follow_the_size_of_the_bubble():
     assert np.sqrt(np.mean(by_shape**2)) < 0.3 * errors[0]
 
 
-@pytest.mark.parametrize("width", [3.0, 1.0, 0.3])
-def test_markov_chains_draw_a_density_wherever_they_begin(width):
+class Straight(Coordinates):
+    """A parabola straightened, and the exponential of a coordinate."""
+
+    def straightened(self, u):
+        return np.column_stack([u[:, 0], u[:, 1] + 0.3 * u[:, 0] ** 2, np.exp(u[:, 2]), u[:, 3]]), u[:, 2]
+
+    def bent(self, v):
+        logs = np.log(np.where(v[:, 2] > 0, v[:, 2], np.nan))
+        return np.column_stack([v[:, 0], v[:, 1] - 0.3 * v[:, 0] ** 2, logs, v[:, 3]])
+
+
+@pytest.mark.parametrize(("width", "how"), [(3.0, Straight()), (0.3, Straight()), (1.0, None), (0.3, None)])
+def test_markov_chains_draw_a_density_wherever_they_begin(width, how):
     """A curved density in four dimensions of known evidence; from far away and from its middle alone."""
 
     def density(u):
@@ -174,12 +185,25 @@ def test_markov_chains_draw_a_density_wherever_they_begin(width):
     found = []
     for rng in map(np.random.default_rng, range(12)):
         start = width * rng.standard_normal((200, 4))
-        found.append(markov_sample(density, start, lambda u: None, rng, 1000)[0])
+        found.append(markov_sample(density, start, lambda u: None, rng, 1000, how)[0])
     assert min(one.ess for one in found) >= 300.0
     assert np.mean([one.log_evidence[0] for one in found]) == pytest.approx(5.0, abs=0.05)
     assert np.std([one.log_evidence[0] for one in found]) < 0.2
-    ends = np.mean([weighted_quantile(one.u[:, 0], np.array([0.05, 0.95]), one.log_weight) for one in found], axis=0)
-    assert ends == pytest.approx(2.0 * norm.ppf([0.05, 0.95]), rel=0.1)
+    for i, scale in ((0, 2.0), (2, 0.3)):
+        ends = [weighted_quantile(one.u[:, i], np.array([0.05, 0.95]), one.log_weight) for one in found]
+        assert np.mean(ends, axis=0) == pytest.approx(scale * norm.ppf([0.05, 0.95]), rel=0.1)
+
+
+def test_coordinates_of_steps_have_their_slope():
+    target = target_of(experiment(shot(), bubble=REAL))
+    w = np.random.default_rng(0).standard_normal((4, len(target.prior.names) + len(target.camera.free)))
+    v, log_slope = target.straightened(w)
+    assert target.bent(v) == pytest.approx(w)
+    sides = [
+        np.array([target.straightened(w + step)[0] for step in side * np.eye(w.shape[1])]) for side in (-1e-5, 1e-5)
+    ]
+    slopes = np.moveaxis(sides[1] - sides[0], 0, -1) / 2e-5
+    assert np.linalg.slogdet(slopes)[1] == pytest.approx(log_slope, abs=1e-6)
 
 
 def test_a_mode_that_no_start_led_to_is_climbed_into():
