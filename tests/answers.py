@@ -103,6 +103,12 @@ def unanswered(message="cell 3 of 5 is empty") -> Posterior:
     return Posterior(NAMES, ("Pa", "Pa s"), np.empty((0, 2)), Checks("failed", messages(message)), "nhkv", "bdt")
 
 
+def holds(posterior: Posterior, share=0.9, **truth: float) -> bool:
+    """Whether the intervals hold these values."""
+    ends = {name: posterior.interval(name, share) for name in truth}
+    return all(ends[name][0] < value < ends[name][1] for name, value in truth.items())
+
+
 def with_verdict(posterior: Posterior, verdict: str, *said: Message) -> Posterior:
     return replace(posterior, checks=replace(posterior.checks, verdict=verdict, messages=said))
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from files import Make, cells, hdf5, holding, save_v73, saved, terabyte, write_ods, write_xlsx
+from files import Make, cells, hdf5, save_v73, saved, terabyte, write_ods, write_xlsx
 
 HEAD = "time_us,radius_um\n"
 MANY = [f"{k},{k},1\n" for k in range(6000)]
@@ -124,8 +124,3 @@ BOMBS: dict[str, tuple[str, Make | str | bytes]] = {  # a name begins with the f
     "xlsx_of_many_columns": ("limits.columns", sheet(f"<row>{'<c><v>1</v></c>' * 1200}</row>")),
     "ods_of_repeated_cells": ("limits.memory", lambda path: write_ods(path, REPEATED)),
 }
-FILES: dict[Make, tuple[str, str]] = {}
-for name, (code, make) in BOMBS.items():
-    write = make if callable(make) else holding(make)
-    write.__name__ = name
-    FILES[write] = name.partition("_")[0], code

@@ -18,9 +18,12 @@ import pytest
 
 from cavirheo import InputError, verbs
 from cavirheo.messages import Message
+from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.training import dataset
 
+LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}
+PROBLEM = TrainingProblem("newtonian", Prior.uniform(LIQUID))
 BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -124,13 +124,13 @@ def saved73(**variables: object) -> Make:
     return lambda path: save_v73(path, variables)
 
 
-def hdf5(**data: object) -> Make:
+def hdf5(named: Mapping[str | bytes, object] | None = None, **data: object) -> Make:
     """Data sets, and attributes of groups (`group@name`); a dict is what h5py's create_dataset takes."""
 
     def make(path: Path) -> None:
         with h5py.File(path, "w") as file:
-            for name, values in data.items():
-                group, at, attribute = name.partition("@")
+            for name, values in {**(named or {}), **data}.items():
+                group, at, attribute = str(name).partition("@")
                 if at:
                     file[group].attrs[attribute] = values
                 elif isinstance(values, dict):
@@ -143,9 +143,13 @@ def hdf5(**data: object) -> Make:
     return make
 
 
-def holding(content: str | bytes) -> Make:
-    data = content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass")
-    return lambda path: path.write_bytes(data)
+def put(path: Path, content: str | bytes | Make) -> Path:
+    """A text, bytes, or what writes the file."""
+    if callable(content):
+        content(path)
+    else:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass"))
+    return path
 
 
 def terabyte(begins: bytes = b"") -> Make:

@@ -2,13 +2,12 @@
 
 import json
 import runpy
-from pathlib import Path
 
-import files
 import numpy as np
 import pytest
 from answers import answer, bubble
 from conftest import ROOT, done, refused, rows_of
+from files import lines, put, write_xlsx
 
 from cavirheo.companions.rheometer import Sweep, frequency_sweep, read_sweeps, strain_sweep
 from cavirheo.reporting import write_report
@@ -121,12 +120,7 @@ RSPACE = (
 
 def table(head, separator=",", units=(1.0, 1.0, 1.0), rows=FREQUENCY_ROWS):
     """The text of a table of rows in these units; NaN where there is none."""
-    return f"{head}\n" + files.lines(separator, *np.divide(rows, units).T)
-
-
-def write(path: Path, content: str | bytes) -> Path:
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return path
+    return f"{head}\n" + lines(separator, *np.divide(rows, units).T)
 
 
 LAYOUTS = {
@@ -150,7 +144,7 @@ LAYOUTS = {
 
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_layouts(tmp_path, name):
-    (found,) = read_sweeps(write(tmp_path / name, LAYOUTS[name]))
+    (found,) = read_sweeps(put(tmp_path / name, LAYOUTS[name]))
     assert found.kind == "frequency"
     for values, expected in zip((found.x, found.storage, found.loss), zip(*FREQUENCY_ROWS, strict=True), strict=True):
         assert values == pytest.approx(expected, rel=1e-5)
@@ -164,14 +158,14 @@ def test_every_sheet_of_a_workbook(tmp_path):
     frequency = [["Angular frequency", "Storage modulus", "Loss modulus"], ["rad/s", "Pa", "Pa"], *FREQUENCY_ROWS]
     strain = [["Strain (%)", "G' (Pa)", "G'' (Pa)"], *([100 * g, softening(g), 50] for g in STRAIN)]
     sheets = {"about": [["Sample", "gel"]], "frequency": frequency, "strain": strain}
-    found = read_sweeps(files.write_xlsx(tmp_path / "gel.xlsx", sheets))
+    found = read_sweeps(write_xlsx(tmp_path / "gel.xlsx", sheets))
     assert [(one.name, one.kind) for one in found] == [("gel[1]", "frequency"), ("gel[2]", "strain")]
     assert found[1].x == pytest.approx(STRAIN)
 
 
 def test_unusable_rows_are_dropped_and_settings_measured_twice_averaged_and_both_counted(tmp_path):
     rows = f"0.2,,1\n0.3,nan,2\n\n0.4,-5,2\n0.5,5,0\n0.6,---,3\n{OMEGA[3]:.6g},3000,7\n"
-    (found,) = read_sweeps(write(tmp_path / "a.csv", LAYOUTS["comma.csv"] + rows))
+    (found,) = read_sweeps(put(tmp_path / "a.csv", LAYOUTS["comma.csv"] + rows))
     assert len(found.x) == 16
     assert found.storage[3] == pytest.approx((1e3 + OMEGA[3] + 3000) / 2)
     assert "3 rows without a number left out" in found.notes
@@ -198,14 +192,13 @@ BAD = {  # content, code, what is named; what is no table at all, test_reading.p
 @pytest.mark.parametrize("name", BAD)
 def test_files_that_cannot_be_used(tmp_path, name):
     content, code, named = BAD[name]
-    path = write(tmp_path / "file.csv", content)
+    path = put(tmp_path / "file.csv", content)
     with refused(f"rheometer.{code}", f"{path}: ", named):
         read_sweeps(path)
 
 
 @pytest.mark.needs("matplotlib")
 def test_examples_give_back_the_truth(run, tmp_path):
-    """The main job: both sweeps of one gel, documents, pictures."""
     made = runpy.run_path(str(EXAMPLES / "make_examples.py"))
     done(run("rheometer", *SWEEPS, "-o", "r"))
     found = json.loads((tmp_path / "r" / "rheometer.json").read_text())
@@ -231,8 +224,8 @@ def test_examples_give_back_the_truth(run, tmp_path):
 def test_repeats_give_mean_and_deviation_and_outside_is_status_1(run, tmp_path, words, status, viscosity):
     for k, factor in enumerate((0.9, 1.0, 1.1), 1):
         rows = [(w, factor * 1e3, factor * 5 * w) for w in OMEGA]
-        write(tmp_path / f"gel_{k}.csv", table("omega,Gp,Gpp", rows=rows))
-    write(tmp_path / "bad.csv", "")
+        put(tmp_path / f"gel_{k}.csv", table("omega,Gp,Gpp", rows=rows))
+    put(tmp_path / "bad.csv", "")
     found, out, _ = run("rheometer", "gel_1.csv", "gel_2.csv", "gel_3.csv", *words, "--json", "--no-pictures")
     assert found == status
     document = json.loads(out)
@@ -244,7 +237,7 @@ def test_repeats_give_mean_and_deviation_and_outside_is_status_1(run, tmp_path, 
 @pytest.mark.parametrize(("loss", "modulus"), [(50.0, 2e3), (5000.0, None)])
 def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path, loss, modulus):
     rows = [(g, softening(g), loss, 10.0) for g in STRAIN]
-    write(tmp_path / "gel.csv", table("strain [1],G',G'',omega", units=(1.0,) * 4, rows=rows))
+    put(tmp_path / "gel.csv", table("strain [1],G',G'',omega", units=(1.0,) * 4, rows=rows))
     document = json.loads(run("rheometer", "gel.csv", "--json", "--no-pictures")[1])
     assert document["shear_modulus_Pa"]["mean"] == (modulus and pytest.approx(modulus, rel=0.01))
 

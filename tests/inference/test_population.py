@@ -7,7 +7,7 @@ from shutil import copy
 import numpy as np
 import pytest
 from answers import CENTRE, FLAT, NAMES, answer, bubble, empty, seen, shots
-from conftest import EXAMPLE, done, refusal, refused
+from conftest import EXAMPLE, code_of, done, refusal
 from scipy.stats import norm
 
 from cavirheo import load, population
@@ -55,13 +55,6 @@ def test_one_parameter_is_as_on_a_grid(scatter):
     assert found.gain.log == pytest.approx(several + size, abs=0.1)
     assert found.gain_of_one.log == pytest.approx(one + size, abs=0.1)
     assert found.scattered.log == pytest.approx(several - one, abs=0.1)
-
-
-def test_the_seed_decides_all_of_the_draws():
-    answers = shots(5)
-    one, again, other = (population(answers, seed=seed) for seed in (3, 3, 4))
-    assert np.array_equal(one.centre, again.centre)
-    assert np.allclose(one.interval("viscosity"), other.interval("viscosity"), rtol=0.06)
 
 
 def test_an_outlier_is_named_and_moves_little():
@@ -226,8 +219,7 @@ def test_a_bound_from_below_mirrors_one_from_above():
     ],
 )
 def test_what_cannot_be_is_refused(answers, how, code):
-    with refused(f"population.{code}"):
-        population(answers, **how).interval("shear_modulus")
+    assert code_of(lambda: population(answers, **how).interval("shear_modulus")) == f"population.{code}"
 
 
 def test_a_group_says_its_material():
@@ -282,8 +274,7 @@ def test_a_declared_column_gives_the_group_its_slope(tmp_path):
     assert found.spreads_decades["shear_modulus"].median < 0.06  # what the slope explains is no scatter
     without = population(answers)
     assert without.scatter("shear_modulus")[1] > 0.13
-    with refused("population.along"):
-        without.trend("viscosity")
+    assert code_of(without.trend, "viscosity") == "population.along"
     assert [one.column["c"] for one in declared(tmp_path / "d.csv", "shot,c\ngel,1\nshot 2,5\n", 4)] == [1, 1, 5, 1]
     write_json(tmp_path / "result.json", made)
     assert load(tmp_path / "result.json").curves[4].column == {"concentration": 0.5}
@@ -303,11 +294,9 @@ def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
     assert about.slopes_decades["viscosity"].q05 < 0.5 < about.slopes_decades["viscosity"].q95
     assert about.column == LOG_SIZE
     apart = [one.with_group(one.name, "in") for one in curves]
-    with refused("column.constant"):
-        with_column(apart, "R_max")
+    assert code_of(with_column, apart, "R_max") == "column.constant"
     (tmp_path / "R_max").write_text(TABLE)
-    with refused("column.size"):
-        with_column(curves, Path("R_max"))
+    assert code_of(with_column, curves, Path("R_max")) == "column.size"
 
 
 @pytest.mark.parametrize(
@@ -325,8 +314,7 @@ def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
     ],
 )
 def test_a_column_that_is_not_theirs_is_refused(tmp_path, code, text, group):
-    with refused(f"column.{code}"):
-        declared(tmp_path / "c.csv", text, group=group)
+    assert code_of(declared, tmp_path / "c.csv", text, group=group) == f"column.{code}"
 
 
 def test_a_column_reaches_the_answer_and_is_refused_before_it_is_computed(run, tmp_path):

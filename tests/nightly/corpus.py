@@ -16,10 +16,10 @@ from typing import Any
 import h5py
 import numpy as np
 from bombs import BOMBS, HEAD, array, element, mat
-from files import Make, cells, hdf5, holding, saved, saved73, terabyte, write_xlsx
+from files import Make, cells, hdf5, put, saved, saved73, terabyte, write_xlsx
 from valid import BINARIES, METRES, RADIUS, TEXTS, TIME, documents, grid, rows
 
-FILES: dict[str, tuple[str | bytes, Make]] = {}
+FILES: dict[str, tuple[str | bytes, Make | str | bytes]] = {}
 CURVE = TEXTS["curve.csv"]  # where it is the whole content, a last line makes it a recording of its own
 
 
@@ -29,7 +29,7 @@ def add(**files: tuple[str | bytes, Make | str | bytes]) -> None:
         assert key not in FILES, key
         if make == CURVE:
             make = f"{CURVE}92,{30 + len(FILES) / 100}\n"
-        FILES[key] = name, make if callable(make) else holding(make)
+        FILES[key] = name, make
 
 
 add(
@@ -230,6 +230,5 @@ def make_all(folder: Path, keys: Iterable[str] = FILES) -> dict[str, Path]:
         name, make = FILES[key]
         place = folder / key
         place.mkdir(parents=True)
-        made[key] = Path(os.fsdecode(os.fsencode(place) + b"/" + os.fsencode(name)))
-        make(made[key])
+        made[key] = put(Path(os.fsdecode(os.fsencode(place) + b"/" + os.fsencode(name))), make)
     return made

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 from answers import answer, bubble, laws_of, sweeps_of, times_of
 from broken_recipes import RIGHT
-from files import Make, cells, hdf5, holding, ods_row, saved, saved73, write_ods, write_xls, write_xlsx
+from files import Make, cells, hdf5, ods_row, put, saved, saved73, write_ods, write_xls, write_xlsx
 from files import lines as rows
 
 from cavirheo.reporting import result
@@ -108,8 +108,7 @@ BINARIES: dict[str, Make] = {
 
 def content(name: str, folder: Path) -> bytes:
     """The bytes of a file of TEXTS or BINARIES."""
-    (BINARIES.get(name) or holding(TEXTS[name]))(folder / name)
-    return (folder / name).read_bytes()
+    return put(folder / name, BINARIES.get(name) or TEXTS[name]).read_bytes()
 
 
 def documents() -> dict[str, str]:

@@ -14,7 +14,8 @@ import h5py
 import numpy as np
 import pytest
 from answers import KnownAnalysis
-from conftest import EXAMPLE, ROOT, code_of, refused
+from conftest import EXAMPLE, LIQUID, PROBLEM, ROOT, code_of, refused
+from scipy.stats import kstest
 
 from cavirheo import Posterior, read_curves
 from cavirheo.inference.bins import END, SCALARS
@@ -32,9 +33,7 @@ from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.store import keep, read_kept
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
-LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}
 GEL = TrainingProblem("nhkv", Prior.uniform(RANGES))
-PROBLEM = TrainingProblem("newtonian", Prior.uniform(LIQUID))
 
 
 def test_draws_are_fixed_for_all_time():
@@ -46,9 +45,7 @@ def test_prior_is_uniform_and_independent():
     theta = GEL.prior.sample(4000, seed=3)
     unit = (theta - GEL.prior.low) / (GEL.prior.high - GEL.prior.low)
     assert 0 <= unit.min() < unit.max() <= 1
-    for column in unit.T:
-        counts, _ = np.histogram(column, bins=10, range=(0, 1))
-        assert np.sum((counts - 400) ** 2 / 400) < 27.9  # chi-square, 9 degrees of freedom: 0.1 %
+    assert min(kstest(column, "uniform").pvalue for column in unit.T) > 1e-3
     assert np.abs(np.corrcoef(unit.T) - np.eye(3)).max() < 0.06
 
 
@@ -69,8 +66,7 @@ WRONG = {  # what is not of a problem; recipes have more of it (broken_recipes.p
 @pytest.mark.parametrize("code", WRONG)
 def test_what_is_not_of_a_problem_is_refused(code):
     for call in WRONG[code]:
-        with refused(code):
-            call()
+        assert code_of(call) == code
 
 
 def test_identity_changes_with_every_part():
@@ -89,13 +85,9 @@ def test_identity_changes_with_every_part():
 def test_scale_keeps_cauchy_and_reynolds():
     medium, shot = replace(WATER, density=1060.0, pressure=90e3), 80e-6
     found = GEL.to_shot({"shear_modulus": 5e3, "viscosity": 0.05, "stretch": 7.0}, shot, medium)
-
-    def numbers(g, mu, radius, m):  # Ca = p/G, Re = p t_c/mu
-        return m.pressure / g, m.pressure * radius * np.sqrt(m.density / m.pressure) / mu
-
-    of_shot = numbers(found["shear_modulus"], found["viscosity"], shot, medium)
-    np.testing.assert_allclose(of_shot, numbers(5e3, 0.05, 245e-6, WATER), rtol=1e-12)
-    assert found["stretch"] == 7.0
+    modulus, time = 90e3 / 101325, 80 / 245 * np.sqrt(1060 / 998 * 101325 / 90e3)
+    expected = {"shear_modulus": 5e3 * modulus, "viscosity": 0.05 * modulus * time, "stretch": 7.0}
+    assert found == pytest.approx(expected, rel=1e-12)
 
 
 def test_simulations_are_of_the_material_at_the_reference():
@@ -154,8 +146,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(instant, monkeypatch, tmp_path):
         with pytest.raises(KeyboardInterrupt):
             generate(PROBLEM, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
     (tmp_path / "cut" / ".shard-00002.h5.part.h5").write_bytes(b"half a file")
-    with refused("dataset.incomplete"):
-        load(tmp_path / "cut")
+    assert code_of(load, tmp_path / "cut") == "dataset.incomplete"
     instant.clear()
     made = generate(PROBLEM, 90, tmp_path / "cut", seed=3, progress=False)
     assert (made.written, made.skipped, made.simulated, sum(instant)) == (3, 2, 50, 50)
@@ -168,8 +159,7 @@ def test_other_settings_do_not_mix(instant, tmp_path):
     other = TrainingProblem("newtonian", Prior.uniform(LIQUID | {"stretch": [3.0, 10.0]}))
     before = files(tmp_path)
     for what, n, seed, wanted in (("seed", 30, 4, PROBLEM), ("total", 31, 3, PROBLEM), ("problem", 30, 3, other)):
-        with refused(f"dataset.another_{what}"):
-            generate(wanted, n, tmp_path, seed=seed, progress=False)
+        assert code_of(generate, wanted, n, tmp_path, seed=seed, progress=False) == f"dataset.another_{what}"
         assert files(tmp_path) == before
 
 
@@ -258,8 +248,7 @@ def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypat
     for mine, theirs in zip(many, few, strict=True):
         np.testing.assert_array_equal(mine.theta, theirs.theta)
     kept.remove()
-    with refused("unfinished.gone"):
-        many[0]
+    assert code_of(lambda: many[0]) == "unfinished.gone"
 
 
 def test_answers_begin_with_those_that_are_kept(tmp_path):
@@ -271,25 +260,23 @@ def test_answers_begin_with_those_that_are_kept(tmp_path):
 
 
 class Trap:
-    """Whose pickle makes a file."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    """Whose pickle makes a folder."""
 
     def __reduce__(self):
-        return os.mkdir, (str(self.path),)
+        return os.mkdir, ("sprung",)
 
 
-def test_nothing_is_unpickled_from_a_kept_answer(tmp_path):
+def test_nothing_is_unpickled_from_a_kept_answer(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     sprung = tmp_path / "sprung"
-    pickle.loads(pickle.dumps(Trap(sprung)))
+    pickle.loads(pickle.dumps(Trap()))
     assert sprung.is_dir()  # as it would be
     sprung.rmdir()
     answer = Posterior(("stretch",), ("1",), np.ones((3, 1)), Checks("ok"), "nhkv", "verified")
     keep(tmp_path / "a.npz", answer)
     with np.load(tmp_path / "a.npz") as file:
         first = file[file.files[0]]
-    np.savez(tmp_path / "a.npz", first, np.array([Trap(sprung)] * 3, dtype=object), allow_pickle=True)
+    np.savez(tmp_path / "a.npz", first, np.array([Trap()] * 3, dtype=object), allow_pickle=True)
     assert read_kept(tmp_path / "a.npz", Posterior) is None
     assert not sprung.exists()
 

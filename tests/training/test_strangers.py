@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from broken_recipes import RECIPES, RIGHT
-from conftest import code_of, error_of, refusal
+from conftest import PROBLEM, code_of, error_of, refusal
 
 from cavirheo import load
 from cavirheo.inference import session
@@ -24,7 +24,7 @@ from cavirheo.inference.model import Network, card, shipped
 from cavirheo.inference.posterior_network import INPUTS, PosteriorModel
 from cavirheo.physics.media import BU2026
 from cavirheo.prior import Prior
-from cavirheo.problem import FrameGrid, TrainingProblem
+from cavirheo.problem import FrameGrid
 from cavirheo.training import dataset
 from cavirheo.training.evaluate import evaluate
 from cavirheo.training.recipe import read_recipe
@@ -51,9 +51,8 @@ def test_broken_model(tmp_path, name, monkeypatch):
 
 @needs_onnx
 def test_a_model_of_a_part_of_its_law_does_not_answer_shots(tmp_path):
-    nodes = [made.node("Slice", "linear zero one one", "out")]
     tensors = [made.numbers("zero", [0], np.int64), made.numbers("one", [1], np.int64)]
-    graph = made.graph(nodes, tensors, outputs=[made.shown("theta", made.FLOAT, 1)], last="out")
+    graph = made.then("Slice", "linear zero one one", tensors, {"outputs": [made.shown("theta", made.FLOAT, 1)]})
     about = made.card(graph.SerializeToString())
     network = Network(made.put(tmp_path, graph, about | {"outputs": about["outputs"][:1]}))
     assert code_of(Amortised, network) == "model.outputs"
@@ -82,9 +81,6 @@ def test_a_recipe_that_is_no_file(tmp_path):
     assert {name: code_of(read_recipe, tmp_path / name) for name in codes} == codes
     assert code_of(read_recipe, "/dev/zero") == "files.kind"
     assert code_of(read_recipe, "nul\0l") == "files.unreadable"
-
-
-PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
 
 
 @pytest.fixture
