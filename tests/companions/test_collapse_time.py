@@ -142,7 +142,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("code", "shots", "options"), REFUSED)
 def test_refusals(code, shots, options):
-    assert code_of(estimate, Shots(*([x] for x in shots)), **options) == f"collapse_time.{code}"
+    assert code_of(lambda: estimate(Shots(*([x] for x in shots)), **options)) == f"collapse_time.{code}"
 
 
 def test_a_curve_has_its_collapse_time_and_lambda_is_guessed_only_aloud():
