@@ -130,7 +130,6 @@ def upload(address, content):
 
 
 def test_only_the_endpoint_is_public_and_nothing_is_fetched(served, client):
-    """Neither by a page, from elsewhere, nor by the server: no address and no file of the machine."""
     api = client.view_api(return_format="dict")
     assert (list(api["named_endpoints"]), api["unnamed_endpoints"]) == (["/infer"], {})
     policy = httpx.get(served[0]).headers["content-security-policy"]
@@ -143,7 +142,6 @@ def test_only_the_endpoint_is_public_and_nothing_is_fetched(served, client):
 
 
 def test_only_what_was_uploaded_is_read_and_removed(tmp_path, monkeypatch):
-    """Whatever gradio lets through: another visitor's folder lies outside that of uploads."""
     monkeypatch.setenv("GRADIO_TEMP_DIR", str(tmp_path / "uploads"))
     (tmp_path / "uploads").mkdir()
     sent, other = single(tmp_path / "uploads" / "a.csv"), single(tmp_path / "b.csv")
@@ -466,7 +464,6 @@ def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link(served, m
 
 
 def test_nothing_is_left_when_the_server_ends(tmp_path):
-    """Neither what a visitor loaded nor an upload that nobody read."""
     call = [sys.executable, "-m", "cavirheo", "app", "--no-browser", "--port", "0"]
     about = os.environ | {"TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(call, stderr=subprocess.PIPE, text=True, env=about) as server:

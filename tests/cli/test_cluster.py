@@ -77,7 +77,6 @@ def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
 
 
 def test_code_is_compared_wherever_the_package_lies(tmp_path):
-    """Also below a folder named app, as in containers."""
     (tmp_path / "app").mkdir()
     (tmp_path / "app" / "solver.py").write_text("1")
     before = code_of(tmp_path / "app")

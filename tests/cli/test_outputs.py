@@ -233,7 +233,6 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
 
 
 def test_blas_has_one_thread_until_the_last_leaves():
-    """Else the last bits of an answer depend on what else goes on in the process."""
 
     def blas() -> set[int]:
         return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}

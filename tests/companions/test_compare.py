@@ -80,7 +80,6 @@ def test_the_command_answers_as_infer_does(run, folder, tmp_path):
 
 
 def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
-    """The same values and errors as those of the command that answers; a set without a group has its values alone."""
     compare(folder, folder / "published.csv", tmp_path / "c")
     before = json.loads((tmp_path / "c" / "result.json").read_text())
     groups = [group for group in before["groups"] if group["name"] != "gone"]
@@ -177,7 +176,6 @@ def test_a_liquid_has_no_shear_modulus(fake, folder, tmp_path):
 
 
 def test_settings_reach_the_inference(fake, folder, tmp_path):
-    """One recording may be answered with several settings; the file of values is no measurement."""
     head = "set,files,model,material,window,stretch,rmax_um,medium,density,sound_speed,surface_tension,"
     head += "pressure,temperature"
     values = ("bare.csv,,posterior,power-law,2,7.5,210,zhu2025,1040,1500,0,90000,300", "all,*.csv,,,,,,,,,,,")
@@ -242,7 +240,6 @@ def test_other_mistakes(fake, folder, source, values, out, methods, code):
 
 
 def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, tmp_path):
-    """No shot of it is missing, nor is there one where the name of a set leads out of the folder."""
     sets(folder, "open,gel_a/shot?.csv,,IMR,G_kPa,8,1.5", "closed,-,,IMR,G_kPa,30,4", "closed,,,BDT,G_kPa,39,12")
     done(run("compare", "data", "--references", "data/sets.csv", "-o", "c"))
     made = load(tmp_path / "c")

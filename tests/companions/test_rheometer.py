@@ -243,7 +243,6 @@ def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path, loss, modu
 
 
 def test_beside_bubbles(run, tmp_path):
-    """The answers of `infer` stand beside the sweep, and their file stays as it is."""
     curves = [bubble(f"shot[{k}]", "gel", "gel.mat") for k in (1, 2)]
     write_report(tmp_path, [(one, answer(one, 6e3 + 1e3 * k)) for k, one in enumerate(curves)], "x", ())
     before = (tmp_path / "result.json").read_bytes()

@@ -124,7 +124,6 @@ def test_different_bubbles_have_different_names_and_titles():
 
 
 def test_the_field_stands_beside_the_real_bubble_and_the_other_way_round(kinetic):
-    """Its values are those of an answer with it alone, so that tables of papers can be compared."""
     curve, answers = kinetic
     record = curve_record(curve, answers[REAL])
     assert (record.bubble, "accommodation" in record.other_parameters) == (REAL, True)

@@ -43,7 +43,6 @@ def shot(law=GEL, stretch=7.0, **given) -> RadiusCurve:
     ],
 )
 def test_a_law_of_each_family_is_recovered(law, expected):
-    """Every curve is followed; the parameters that one curve determines come back."""
     answer = fit(shot(parse(law)), re.sub(r"\(.*?\)", "", law), stretch=7.0, window=2)
     assert answer.checks.rmse_over_rmax < 2e-3
     for parameter, value in expected.items():

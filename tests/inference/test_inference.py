@@ -208,7 +208,6 @@ def test_frames_that_stand_several_times_or_backwards_are_a_doubt():
 
 @pytest.mark.parametrize("frames", [40, 100, 300])
 def test_a_rounded_recording_is_no_doubt(frames):
-    """Its frames are alike where the bubble is slow, round the maximum and at rest."""
     for step, noise in product((1e-6, 2.76e-6, 1e-5), (0.0, 0.006, 0.03)):
         curve = recorded(GEL, 7.0, frames=frames, noise=noise)
         rounded = replace(curve, radius=np.maximum(np.round(curve.radius / step), 1.0) * step)

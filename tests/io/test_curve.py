@@ -57,7 +57,6 @@ def test_the_time_of_the_maximum_lies_between_those_that_the_frames_leave_possib
 @pytest.mark.parametrize("start", [-0.7, 0.0])
 @pytest.mark.parametrize("material", [{"reynolds": 1000.0, "cauchy": 1000.0}, {}, {"reynolds": 20.0, "stretch": 5.0}])
 def test_maximum_and_first_collapse_at_half_a_percent_noise(step, start, material):
-    """The figures of the docstring of landmarks.py."""
     curves = [measured(start, step=step, noise=0.005, seed=seed, **material) for seed in range(40)]
     radius_error = np.array([c.max_radius for c in curves]) / R_MAX - 1.0
     time_error = np.array([c.time_of_max for c in curves]) / T_C

@@ -39,7 +39,6 @@ ROOMS = [read_curves, read_sweeps, read_table, read_references, read_trace]
 
 @pytest.mark.parametrize("read", ROOMS, ids=lambda read: read.__name__)
 def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, monkeypatch, read):
-    """None of these may be waited for."""
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe.csv")
     with socket.socket(socket.AF_UNIX) as one:

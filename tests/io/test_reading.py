@@ -31,7 +31,6 @@ PLAIN, GERMAN = lines(",", US, UM), lines(";", US, UM, comma=True)
 
 @pytest.mark.parametrize("save", [savemat, save_v73], ids=["v5", "v7.3"])
 def test_bdt_cells_become_seconds_and_metres_with_each_shots_own_maximum(tmp_path, save):
-    """Unusable ones do not stop the others."""
     radii = (R_STAR, R_STAR, R_STAR, [], R_STAR[:3], np.full(180, np.nan), R_STAR)
     times = (T_STAR, T_STAR, T_STAR, [], T_STAR[:3], T_STAR, T_STAR)
     maxima = (1e-4, 2e-4, 3e-4, 0.0, 1e-4, 1e-4, 0.0)
@@ -135,7 +134,6 @@ ONE_SHOT = {  # one curve, and what its notes must say (nothing: it is ordinary)
 
 @pytest.mark.parametrize("name", ONE_SHOT)
 def test_one_shot_as_laboratories_write_it(tmp_path, name):
-    """Whatever the ending of the file."""
     content, said = ONE_SHOT[name]
     (curve,) = read_curves(put(tmp_path / "a.csv", content))
     assert np.allclose(np.diff(curve.time), np.diff(TIME), atol=1e-12)
@@ -239,7 +237,6 @@ def test_a_pressure_trace(tmp_path, content):
 
 
 def test_csv_round_trip(tmp_path):
-    """No remark above it is a formula."""
     curve = RadiusCurve(TIME, np.where(np.arange(len(TIME)) == 3, np.nan, RADIUS), np.linspace(1e-6, 2e-6, len(TIME)))
     write_csv(tmp_path / "a.csv", curve, "simulation of a,=1+1;@b\n, +c")
     (back,) = read_curves(tmp_path / "a.csv")

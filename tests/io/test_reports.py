@@ -61,7 +61,6 @@ def page_of(folder: Path) -> Page:
 
 
 def test_a_document_comes_back_equal_and_makes_up_no_interval(pairs, tmp_path):
-    """What no JSON can hold becomes null or plain."""
     none = float("nan")
     odd = {"array": np.arange(3), "nan": none, "x": [np.float64("inf"), np.int64(2)], "p": Path("a"), 1: ()}
     about = Diagnostics(correlations={"shear_modulus, viscosity": none}, predictive={"p_value": none})
@@ -155,7 +154,6 @@ def test_other_models_stand_beside_an_answer(tmp_path):
 
 
 def test_group_takes_mean_and_sample_deviation(pairs):
-    """Files of one name are two groups."""
     (one,) = result(pairs, COMMAND).groups
     assert (one.n, one.n_trusted, one.n_failed, one.verdicts) == (2, 2, 1, {"ok": 2, "failed": 1})
     assert one.shear_modulus_Pa.mean == pytest.approx(7100.0)
@@ -435,7 +433,6 @@ def test_very_many_curves_have_row_message_and_picture(tmp_path, monkeypatch):
 
 
 def test_answers_are_read_once_each_and_one_group_after_the_other(tmp_path):
-    """No more than those of a group are in memory at once."""
     curves = [bubble(f"shot[{k}]", group=f"g{k // 2}", source=f"g{k // 2}.csv") for k in range(6)]
     held, read = [answer(curve, draws=40) for curve in curves], []
 

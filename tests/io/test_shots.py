@@ -75,7 +75,6 @@ def test_files_of_one_name_are_one_group_and_a_unit_told_by_its_size_is_said_onc
 
 
 def test_one_r_max_is_not_that_of_shots_of_several_sizes(run, tmp_path):
-    """A wrong scale is one factor."""
     several = sized(tmp_path / "several.csv", {"a": 1.0, "b": 1.5})
     alone = [sized(tmp_path / f"{name}.csv", {name: factor}) for name, factor in (("a", 1.0), ("b", 1.5))]
     same = sized(tmp_path / "same.csv", {"a": 1.0, "b": 1.005})

@@ -288,7 +288,6 @@ def test_damaged_files_are_answered_or_refused_in_words(tmp_path, folder, count)
 
 
 def test_folders_of_images_and_films_of_two_files_are_one_recording_each(folder, tmp_path):
-    """A folder of recordings is none."""
     assert [is_video(folder / name) for name in ("images", "pages", ".")] == [True, True, False]
     assert expand([folder / "pages"]) == [folder / "pages"]
     assert len(expand([folder])) == 7  # the header of the .mraw is no recording of its own

@@ -26,7 +26,6 @@ def imported(path: Path) -> set[str]:
 
 @pytest.mark.repository
 def test_imports_run_one_way():
-    """A room imports only those that stand before it in the table."""
     table = re.findall(r"^\| ((?:`\w+/?` ?)+)\| ", (ROOT / "docs" / "architecture.md").read_text("utf-8"), re.MULTILINE)
     order = re.findall(r"\w+", " ".join(table))
     rooms = {path: path.relative_to(SOURCE).parts[0].removesuffix(".py") for path in SOURCE.rglob("*.py")}
@@ -46,7 +45,6 @@ from cavirheo import infer, read_curves"""
 
 
 def test_the_command_line_waits_for_no_library():
-    """Its help and completion import neither numbers nor documents."""
     code = "import sys, cavirheo.verbs; print(*{'numpy', 'pydantic', 'jinja2', 'rich'} & {*sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []

@@ -152,7 +152,6 @@ def snippets() -> Iterator[Any]:
 
 @pytest.mark.parametrize(("code", "shown"), snippets())
 def test_snippets_run(code, shown, monkeypatch):
-    """As they stand; where a page shows no output, with the first shot of a file."""
     monkeypatch.setattr(Analysis, "answer", answer_once)
     if not shown:
         monkeypatch.setattr(cavirheo, "read_curves", first_shot)

@@ -60,7 +60,6 @@ COMPLETED = {
 
 
 def test_shells_complete(monkeypatch, capsys):
-    """What bash offers after these words."""
     monkeypatch.setattr("sys.argv", ["cavirheo"])
     monkeypatch.setenv("_CAVIRHEO_COMPLETE", "complete_bash")
     found = {}

@@ -61,7 +61,6 @@ def test_two_solvers_agree_on_a_truth(law):
 
 
 def test_camera_shows_scale_and_clock(monkeypatch):
-    """With hardly any noise a recording is its curve, up to its scale and from its origin."""
     quiet = camera.Level(**{**vars(camera.LEVELS["easy"]), "noise": (1e-9, 2e-9), "exposure": (0.0, 1e-9)})
     monkeypatch.setattr(camera, "LEVELS", {**camera.LEVELS, "easy": quiet})
     seen = camera.film(np.random.default_rng(1), "easy", lambda t: 1 - 0.1 * t, 2e-4, 2e-5)

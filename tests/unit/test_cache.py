@@ -49,7 +49,6 @@ def files(folder: Path) -> set[Path]:
 
 @pytest.mark.parametrize(("kept", "turned"), [(0, 0), (20, 0), (-1, 0), (None, 1)])
 def test_a_damaged_file_is_made_anew(start, tmp_path, kept, turned):
-    """Empty, cut off in its checksum or at its end, or with a bit turned."""
     start()
     for file in files(tmp_path):
         content = bytearray(file.read_bytes())

@@ -203,7 +203,6 @@ def test_coordinates_of_steps_have_their_slope():
 
 
 def test_a_mode_that_no_start_led_to_is_climbed_into():
-    """A worse mode and some simulations about the right one, far from its top."""
     target = target_of(experiment(shot()))
     right = climb(target, target.start(target.experiment.from_best(TRUTH)), ROUGH)
     wrong = replace(right, u=right.u + 1.0, log_posterior=right.log_posterior - 300.0)
@@ -240,7 +239,6 @@ def test_a_proposal_that_is_too_narrow_shows_in_size_and_tail():
 
 
 def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
-    """log_q + log_weight is the likelihood times the prior of log10 G, log10 mu, stretch."""
     curve, answer = fitted
     settings = {"free": (), "discrepancy": False, "seed": 2}
     found = verify.verify(curve, answer, **settings)
@@ -522,7 +520,6 @@ def test_an_over_confident_network_does_not_narrow_the_answer():
 
 
 def test_evidences_that_disagree_are_not_signed():
-    """A density that is too small by e^3 everywhere, as of a network with another prior, gives another evidence."""
 
     def of_another_prior(target):
         (mode,) = adaptive_sampling.modes(target, [target.start(TRUE)])
