@@ -252,6 +252,7 @@ class Walkers:
         """Fit the mixtures to where they are, on from the last ones."""
         first, second = np.array_split(self.u, 2)
         self.before, self.mixtures = self.u.copy(), list[Mixture]()
+        self.before_straight = self.coordinates.straightened(self.before)[0]
         for i, half in enumerate((second, first)):
             fit = self._fitted(self.fitted[i], half, rng)
             mixture, further = fit.widened(TUNING.joint_wide, TUNING.joint_factor), self.further(half)
@@ -286,8 +287,8 @@ class Walkers:
         u = self.u + size[:, None] * (self.before[end] - self.before[start]) + noise
         straight = rng.random(count) < TUNING.walked_straight
         v, log_slope = self.coordinates.straightened(self.u[straight])
-        first, last = (self.coordinates.straightened(self.before[which[straight]])[0] for which in (start, end))
-        u[straight] = self.coordinates.bent(v + (size[:, None] + noise)[straight] * (last - first))
+        difference = self.before_straight[end[straight]] - self.before_straight[start[straight]]
+        u[straight] = self.coordinates.bent(v + (size[:, None] + noise)[straight] * difference)
         inside = np.isfinite(u).all(axis=1)
         u[~inside] = self.u[~inside]
         value, log_odds = np.full(count, -np.inf), np.zeros(count)
