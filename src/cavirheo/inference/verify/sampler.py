@@ -287,7 +287,7 @@ class Walkers:
         u = self.u + size[:, None] * (self.before[end] - self.before[start]) + noise
         straight = rng.random(count) < TUNING.walked_straight
         v, log_slope = self.coordinates.straightened(self.u[straight])
-        difference = self.before_straight[end[straight]] - self.before_straight[start[straight]]
+        difference = (self.before_straight[end] - self.before_straight[start])[straight]
         u[straight] = self.coordinates.bent(v + (size[:, None] + noise)[straight] * difference)
         inside = np.isfinite(u).all(axis=1)
         u[~inside] = self.u[~inside]
