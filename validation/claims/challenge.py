@@ -3,11 +3,12 @@
 `field`, `real` and `all` are of `infer` and seed 1; `several.field` and so on of UNSEEN, which --full takes, too.
 `fit.field` and so on, which --full alone takes, are of other programs and seed 1; `pyimr.G.ratio` is the width of an
 interval of `infer` over that of PyIMR, in recordings where both hold the truth. PyIMR takes minutes a recording and an
-environment of its own, so its answers are kept in a file (challenge/run_pyimr.py), some recordings may lack one.
+environment of its own: its answers are kept in challenge/pyimr.csv, where some recordings may lack one.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -29,22 +30,24 @@ def one(job: tuple[str, int, str, int], folder: Path) -> dict:
     program, seed, name, _ = job
     answer, options = PROGRAMS[program]
     (recording,) = [one for one in answers.read(folder / str(seed) / "recordings") if one.name == name]
+    began = time.perf_counter()
     found = answer(recording, options)
     found.pop("predict", None)
-    return {"name": f"{seed}.{name}", **found}
+    return {"name": f"{seed}.{name}", "seconds": time.perf_counter() - began, **found}
 
 
 def measure(run: Run) -> Iterator[Number]:
     n, wanted = run.count(20, 60), [part for part in PARTS if run.part in ("", part)]
     unseen = UNSEEN if run.full and "infer" in wanted else ()
+    programs = [one for one in PROGRAMS if one in wanted or (one, run.part) == ("infer", "pyimr")]
     truths, found = dict[int, list[Row]](), dict[tuple[str, int], list[Row]]()
     with TemporaryDirectory() as folder:
         for seed in (SEED, *unseen):
             make.make(Path(folder) / str(seed), seed, n, run.workers)
             made = score.read(Path(folder) / str(seed) / "truth.csv")
             truths[seed] = [{**row, "name": f"{seed}.{row['name']}"} for row in made]
-            for program in PROGRAMS if run.full and seed == SEED else ("infer",):
-                if program in wanted or (program == "infer" and "pyimr" in wanted and run.full):
+            for program in programs:
+                if program == "infer" or (run.full and seed == SEED):
                     jobs = [(program, seed, row["name"], n) for row in made]
                     rows = run.rows("challenge", partial(one, folder=Path(folder)), jobs)
                     found[program, seed] = [{key: str(value) for key, value in row.items()} for row in rows]

@@ -171,10 +171,8 @@ class Population:
         if not len(self.centre):
             return "no material: " + "; ".join(self.warnings)
         values = ", ".join(map(self._value, self.names))
-        count, away = (
-            digits.counting(len(self.shots), len(self.shots) + sum(self.left_out.values())),
-            len(self.outliers),
-        )
+        count = digits.counting(len(self.shots), len(self.shots) + sum(self.left_out.values()))
+        away = len(self.outliers)
         outliers = f", {away} of them seem{'s' * (away == 1)} to be of another material" * bool(away)
         return "; ".join(filter(None, [values, self._scatter_in_words(), count + outliers]))
 

@@ -184,10 +184,10 @@ class Target(Coordinates):
         ridges of the posterior are nearly straight; and log |dv/dw| (k,)."""
         d, law, columns = len(self.prior.names), self.experiment.law, self._resistance
         x = self.prior.to_x(w[:, :d])
-        v, slope = self._values(x), self.prior.slope(w[:, :d])
-        slope[:, :law] *= np.log(10.0) * v[:, :law]
-        slope[:, columns] *= -np.log(10.0) * np.expm1(-v[:, columns])
-        return np.hstack([v, w[:, d:]]), np.sum(np.log(slope), axis=1)
+        v = self._values(x)
+        by_x = np.log(10.0) * np.hstack([v[:, :law], -np.expm1(-v[:, columns])])
+        log_slope = log_normal(w[:, :d]) - self.prior.log_density(x) + np.sum(np.log(by_x), axis=1)
+        return np.hstack([v, w[:, d:]]), log_slope
 
     def bent(self, v: Floats) -> Floats:
         """w (k, d + m) of v (k, d + m); NaN where it is outside the ranges."""
