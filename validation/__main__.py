@@ -4,11 +4,11 @@
     python -m validation --page --fill      # docs/claims.md and the numbers between markers, of validation/results.json
 
 Without names every claim runs, in ten minutes of two quiet cores; --full takes as many cases as a published number
-needs. A claim that is not run keeps its numbers in the file; calibration:infer runs one setting of calibration, and
-challenge:fit one program of the challenge, whose numbers have a commit of their own then. Cases of a commit without
-changes are kept beside the file, so that an interrupted run goes on. --data: folder of the open sets; without it the
-claim open_sets is left out. Pictures of claims go to `pictures` beside the file; those of validation/results.json to
-where the pages and the paper have them.
+needs. A claim, or a part of one, that is not run keeps its numbers in the file; calibration:infer runs one setting of
+calibration, and challenge:fit one program of the challenge, whose numbers have a commit of their own then. Cases of a
+commit without changes are kept beside the file, so that an interrupted run goes on. --data: folder of the open sets;
+without it the claim open_sets is left out. Pictures of claims go to `pictures` beside the file; those of
+validation/results.json to where the pages and the paper have them.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from pathlib import Path
 
 from cavirheo.parallel import cores
 from validation import pages
-from validation.claims.calibration import SETTINGS
-from validation.claims.challenge import PARTS
+from validation.claims import calibration, challenge, times
 from validation.numbers import Number, Run
 
 ROOT = Path(__file__).resolve().parents[1]
+PARTS = {"calibration": calibration.SETTINGS, "challenge": challenge.PARTS, "times": times.PARTS}
 CLAIMS = (
     "solver", "calibration", "network", "video", "population", "design", "evidence", "challenge", "open_sets", "times"
 )  # fmt: skip
@@ -78,8 +78,7 @@ def main() -> None:
     given = parser.parse_args()
     if given.page or given.fill:
         return pages.write(given.page, given.fill)
-    parts = {*(f"calibration:{setting}" for setting in SETTINGS), *(f"challenge:{part}" for part in PARTS)}
-    unknown = set(given.claims) - {*CLAIMS, *parts}
+    unknown = set(given.claims) - {*CLAIMS, *(f"{claim}:{part}" for claim in PARTS for part in PARTS[claim])}
     if unknown:
         parser.error(f"unknown claims {', '.join(sorted(unknown))}; known: {', '.join(CLAIMS)}")
     found = json.loads(given.out.read_text("utf-8")) if given.out.exists() else {}
@@ -95,17 +94,19 @@ def main() -> None:
         if not numbers:
             print(f"{claim}: left out")
             continue
+        made, origin = record(numbers), {"commit": at, "date": datetime.now(UTC).date().isoformat()}
+        before = found.get(name, {"numbers": {}})
         if part and name in found:
-            of_part = {"commit": at, "date": datetime.now(UTC).date().isoformat()}
-            found[name]["numbers"] |= {key: row | of_part for key, row in record(numbers).items()}
+            before["numbers"] |= {key: row | origin for key, row in made.items()}
         else:
+            of_before, parts = {key: before.get(key) for key in origin}, PARTS.get(name, ())
+            unmade = {key: row for key, row in before["numbers"].items() if key.partition(".")[0] in parts}
             found[name] = {
-                "commit": at,
-                "date": datetime.now(UTC).date().isoformat(),
+                **origin,
                 "processor": processor(),
                 "full": given.full,
                 "seconds": round(time.perf_counter() - began, 1),
-                "numbers": record(numbers),
+                "numbers": {key: of_before | row for key, row in unmade.items() if key not in made} | made,
             }
         given.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
         for number in numbers:

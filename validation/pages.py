@@ -2,7 +2,8 @@
 
 A number of a page stands between markers, which a reader does not see: `<!--KEY:FORMAT-->88<!--/-->`. KEY is a claim
 and the name of its number, FORMAT one of Python's; `%` multiplies by 100 and writes no sign. `se` before the format
-takes the standard error, `n` alone the number of cases, `k` that of a share. docs/claims.md is made as a whole.
+takes the standard error, `n` alone the number of cases, `k` that of a share. What no run has measured is a dash.
+docs/claims.md is made as a whole.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ MARKED = re.compile(r"(?P<begin><!--(?P<key>[a-z_]+\.[\w.]+):(?P<format>[^<>]+)-
 FENCED = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 APART = re.compile(r"`[^`\n]*`|\]\([^)\n]*\)")  # inline code, and the target of a link
 MEASURED = re.compile(r"\d+\.\d+|\d+ ?%")
+UNMEASURED = re.compile(  # what is measured only where it is named, or with a program that few machines have
+    r"challenge\.(?:fit|scipy|infer_field|pyimr|open)\."
+    r"|challenge\.(?:several\.)?\w+\.\w+\.error$|solver\.peers\.pyimr|times\.newcomer\."
+)
 AT_BEGINNING = re.compile(r"^\s*(?:[-*>]|\d+\.)?\s*<!--[a-z_]+\.", re.MULTILINE)  # Markdown would end the paragraph
 
 HEAD = """# Ten claims
@@ -104,11 +109,13 @@ def shown(value: float | None, form: str) -> str:
 
 
 def number(results: Mapping[str, dict], key: str) -> dict:
-    """Raises ValueError for a key that results.json does not have."""
+    """Raises ValueError for a key that results.json must have, and has not."""
     claim, _, name = key.partition(".")
     try:
         return results[claim]["numbers"][name]
     except KeyError:
+        if UNMEASURED.match(key):
+            return {"value": None, "standard_error": None, "n": 0}
         raise ValueError(f"results.json has no number {key!r}; run `python -m validation {claim}`") from None
 
 
@@ -117,7 +124,9 @@ def filled(text: str, results: Mapping[str, dict]) -> str:
 
     def put(found: re.Match[str]) -> str:
         one, form = number(results, found["key"]), found["format"]
-        if form == "n":
+        if one["value"] is None:
+            words = shown(None, form)
+        elif form == "n":
             words = str(one["n"])
         elif form == "k":
             words = f"{one['value'] * one['n']:.0f}"
@@ -145,6 +154,11 @@ def row(claim: Claim, results: Mapping[str, dict]) -> str:
     return f"| {claim.sentence} | {', '.join(cells)} | {n} | {repeat} | {'; '.join(dict.fromkeys(origins))} |\n"
 
 
+def sentences() -> str:
+    """What the page of claims says beside its numbers."""
+    return HEAD + "\n".join(claim.sentence for claim in CLAIMS)
+
+
 def page(results: Mapping[str, dict]) -> str:
     return HEAD + "".join(row(claim, results) for claim in CLAIMS if claim.name in results)
 
@@ -159,11 +173,9 @@ def marked_pages() -> list[Path]:
 
 
 def bare_numbers(text: str, allowed: Iterable[str] = ()) -> list[str]:
-    """Numbers with a decimal point or a % sign that stand outside of markers, code, links and what is allowed."""
-    for pattern in (FENCED, MARKED, APART):
+    """Numbers with a decimal point or a % sign outside of markers, code, links and what these patterns allow."""
+    for pattern in (FENCED, MARKED, APART, *(re.compile(one, re.MULTILINE) for one in allowed)):
         text = pattern.sub("-", text)
-    for words in allowed:
-        text = text.replace(words, "-")
     return MEASURED.findall(text)
 
 

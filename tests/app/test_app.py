@@ -449,18 +449,19 @@ def test_a_port_that_is_taken_is_said(served):
         pass
 
 
-def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link(served, monkeypatch):
-    address, visitors = served
-    one = visitors.of("who asks")
-    own = f"{address}live?session={one.link}"
-    assert "waiting" in httpx.get(own).text
-    one.add([SOFT], QUICK, copy=True)
-    infer(one, ["soft_gel[3]"])
-    assert "<h1>soft_gel[3]</h1>" in httpx.get(own).text
-    assert "waiting" in httpx.get(f"{address}live").text  # a proxy on this machine asks for whoever there is
-    monkeypatch.setattr(visitors, "limits", VisitorLimits(absent=0.05))
-    gone(visitors, "who asks")
-    assert "waiting" in httpx.get(own).text  # nothing of one who left
+def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link():
+    from cavirheo.app.server import running
+
+    with running(limits=VisitorLimits(absent=0.05)) as (address, visitors):
+        one = visitors.of("who asks")
+        own = f"{address}live?session={one.link}"
+        assert "waiting" in httpx.get(own).text
+        one.add([SOFT], QUICK, copy=True)
+        infer(one, ["soft_gel[3]"])
+        assert "<h1>soft_gel[3]</h1>" in httpx.get(own).text
+        assert "waiting" in httpx.get(f"{address}live").text  # a proxy on this machine asks for whoever there is
+        gone(visitors, "who asks")
+        assert "waiting" in httpx.get(own).text  # nothing of one who left
 
 
 def test_nothing_is_left_when_the_server_ends(tmp_path):

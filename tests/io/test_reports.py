@@ -27,7 +27,7 @@ from cavirheo.reporting.figures import stems_of
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.panels import answer_panels, group_panels, preview_panels
 from cavirheo.reporting.record import CurveAnswers
-from cavirheo.writing import digits, document, style
+from cavirheo.writing import digits, document
 from cavirheo.writing.document import Quantity, Spread
 
 KILOPASCAL = (1e-3, "kPa")
@@ -404,7 +404,7 @@ def test_write_report_refuses_what_it_cannot_do_and_is_complete_without_matplotl
     for place, kinds, code in (("", ("gif",), "reporting.figures"), ("file", (), "document.folder")):
         with refused(code):
             write_report(tmp_path / place, pairs, COMMAND, kinds)
-    monkeypatch.setattr(style, "available", lambda: False)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
     out = tmp_path / "out"
     assert write_report(out, pairs, COMMAND).notes == []
     assert "<svg" in (out / "report.html").read_text(encoding="utf-8")

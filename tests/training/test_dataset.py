@@ -125,26 +125,27 @@ def test_failures_are_kept_and_counted(instant, tmp_path):
     assert code_of(generate, PROBLEM, 30, tmp_path, shard=(0, 2), progress=False) == "dataset.shard"
 
 
-def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(monkeypatch, tmp_path):
-    broken = SimpleNamespace(radius=np.r_[np.inf, np.ones(99)], status="ok")
-    monkeypatch.setattr(TrainingProblem, "simulate_many", lambda self, theta, workers: [broken] * len(theta))
-    assert list(generate(PROBLEM, 3, tmp_path, progress=False).failures.values()) == [3]
+def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(tmp_path):
+    class Broken(TrainingProblem):
+        def simulate_many(self, theta, workers):
+            return [SimpleNamespace(radius=np.r_[np.inf, np.ones(99)], status="ok")] * len(theta)
+
+    broken = Broken(PROBLEM.material_name, PROBLEM.prior)
+    assert list(generate(broken, 3, tmp_path, progress=False).failures.values()) == [3]
 
 
-def test_a_killed_run_goes_on_to_the_same_bytes(instant, monkeypatch, tmp_path):
+def test_a_killed_run_goes_on_to_the_same_bytes(instant, tmp_path):
+    class KilledInTheThirdFile(TrainingProblem):
+        def simulate_many(self, theta, workers=None):
+            if len(instant) == 7:
+                raise KeyboardInterrupt
+            return super().simulate_many(theta, workers)
+
     generate(PROBLEM, 90, tmp_path / "whole", seed=3, progress=False)
-    simulate = TrainingProblem.simulate_many
+    killed = KilledInTheThirdFile(PROBLEM.material_name, PROBLEM.prior)
     instant.clear()
-
-    def killed_in_the_third_file(self, theta, **options):
-        if len(instant) == 7:
-            raise KeyboardInterrupt
-        return simulate(self, theta, **options)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(TrainingProblem, "simulate_many", killed_in_the_third_file)
-        with pytest.raises(KeyboardInterrupt):
-            generate(PROBLEM, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
+    with pytest.raises(KeyboardInterrupt):
+        generate(killed, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
     (tmp_path / "cut" / ".shard-00002.h5.part.h5").write_bytes(b"half a file")
     assert code_of(load, tmp_path / "cut") == "dataset.incomplete"
     instant.clear()

@@ -280,8 +280,7 @@ def test_a_bound_from_above_does_not_depend_on_how_far_down_the_prior_reaches(lo
     assert found.interval("viscosity")[1] == pytest.approx(0.095, rel=0.02)
 
 
-def test_predictive_check_rejects_at_its_nominal_rate(monkeypatch):
-    monkeypatch.setattr(predictive, "TUNING", replace(TUNING, replicates=400))
+def test_predictive_check_rejects_at_its_nominal_rate():
     rng = np.random.default_rng(0)
     J = np.column_stack([np.linspace(0, 1, 90), np.sin(np.arange(90) / 7.0), np.ones(90)])
     project = np.eye(90) - J @ np.linalg.pinv(J)

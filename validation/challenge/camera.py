@@ -71,13 +71,12 @@ def read_maximum(time: Floats, radius: Floats) -> tuple[float, float]:
 
 
 def film(
-    rng: np.random.Generator, difficulty: str, ratio: Callable[[Floats], Floats], R_max: float, t_c: float
+    rng: np.random.Generator, level: Level, ratio: Callable[[Floats], Floats], R_max: float, t_c: float
 ) -> Recording:
     """A Recording of R/R_max = ratio(t/t_c), known from R_max (0) to LONGEST.
 
     Before R_max the bubble grows as it collapses after, up to a tenth faster.
     """
-    level = LEVELS[difficulty]
     while True:
         frame_rate, most = CAMERAS[rng.integers(len(CAMERAS))]
         frame = 1.0 / (frame_rate * t_c)

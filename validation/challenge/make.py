@@ -45,7 +45,7 @@ def one(job: tuple[int, tuple[str, str, str]], seed: int) -> tuple[truth.Truth, 
             ratio = truth.solve(drawn, camera.LONGEST)
         except RuntimeError:
             continue
-        return drawn, camera.film(rng, difficulty, ratio, drawn.R_max, drawn.t_c), failed
+        return drawn, camera.film(rng, camera.LEVELS[difficulty], ratio, drawn.R_max, drawn.t_c), failed
     raise RuntimeError(f"recording {number} of seed {seed} cannot be simulated in {TRIES} tries")
 
 

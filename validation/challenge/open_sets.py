@@ -36,19 +36,15 @@ def cut(curve: RadiusCurve) -> float | None:
     return float(curve.time[between][np.argmax(curve.radius[between])]) if between.any() else None
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--shots", type=int, default=3, help="at most so many of a set")
-    given = parser.parse_args()
-    recordings = given.out / "recordings"
+def make(folder: Path, out: Path, shots: int) -> None:
+    """Writes OUT, with at most so many shots of a set."""
+    recordings = out / "recordings"
     recordings.mkdir(parents=True, exist_ok=True)
     known, held = [], []
     for group, (files, density) in SETS.items():
-        curves = [curve for file in sorted(given.folder.glob(files)) for curve in read_curves(file)]
+        curves = [curve for file in sorted(folder.glob(files)) for curve in read_curves(file)]
         usable = [(curve, last) for curve in curves if not curve.unusable and (last := cut(curve)) is not None]
-        for curve, last in usable[: given.shots]:
+        for curve, last in usable[:shots]:
             name, seen = f"real{len(known) + 1:03d}", np.isfinite(curve.radius) & (curve.radius > 0)
             start = curve.time[seen][0]
             early, end = seen & (curve.time <= last), curve.time_of_max + END * curve.max_radius
@@ -62,8 +58,17 @@ def main() -> None:
                 held.append({"name": name, **frame, "set": group, "R_max_um": R_max_um})
     write_table(recordings / "known.csv", known)
     write_table(recordings / "asked.csv", [{key: row[key] for key in ("name", "time_us")} for row in held])
-    write_table(given.out / "held.csv", held)
-    print(f"{len(known)} recordings in {given.out}, {len(held)} frames to be predicted")
+    write_table(out / "held.csv", held)
+    print(f"{len(known)} recordings in {out}, {len(held)} frames to be predicted")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--shots", type=int, default=3, help="at most so many of a set")
+    given = parser.parse_args()
+    make(given.folder, given.out, given.shots)
 
 
 if __name__ == "__main__":

@@ -1,66 +1,85 @@
 """The open challenge: how often intervals hold the truth of its recordings, and their width; by cavirheo and others.
 
 `field`, `real` and `all` are of `infer` and seed 1; `several.field` and so on of UNSEEN, which --full takes, too.
-`fit.field` and so on, which --full alone takes, are of other programs and seed 1; `pyimr.G.ratio` is the width of an
-interval of `infer` over that of PyIMR, in recordings where both hold the truth. PyIMR takes minutes a recording and an
-environment of its own: its answers are kept in challenge/pyimr.csv, where some recordings may lack one.
+`fit.field` and so on are of other programs and seed 1. `pyimr.G.ratio` is the width of an interval of `infer` over that
+of PyIMR, in recordings where both hold the truth. PyIMR takes minutes a recording and an environment of its own: its
+answers are kept in challenge/pyimr.csv, where some recordings may lack one. `open` are predictions of real recordings,
+where their folder is given. Without --full, parts other than `infer` run where they are named.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from validation.challenge import answers, make, run_cavirheo, run_scipy, score, truth
+import numpy as np
+
+from validation.challenge import answers, make, open_sets, run_cavirheo, run_scipy, score, truth
+from validation.claims.open_sets import key_of
 from validation.numbers import SEED, Number, Run, coverage, share, statistic
 
 UNSEEN = (8, 9, 10)  # seeds on which nothing was developed; 2 is unused until a release
-PROGRAMS = {"infer": (run_cavirheo.answer, ["infer"]), "fit": (run_cavirheo.answer, ["fit"])}
-PROGRAMS |= {"scipy": (run_scipy.answer, list[str]())}
+PROGRAMS: dict[str, tuple[Callable[[answers.Recording, list[str]], answers.Answer], list[str]]] = {
+    "infer": (run_cavirheo.answer, ["infer"]),
+    "infer_field": (run_cavirheo.answer, ["infer", "--bubble", "field"]),
+    "fit": (run_cavirheo.answer, ["fit"]),
+    "scipy": (run_scipy.answer, []),
+}
 PYIMR = Path(__file__).parents[1] / "challenge" / "pyimr.csv"  # its answers to seed 1
-PARTS = (*PROGRAMS, "pyimr")
+AHEAD = ("infer", "infer_field", "scipy")  # what predicts real recordings
+PARTS = (*PROGRAMS, "pyimr", "open")
 
 Row = dict[str, str]
+
+
+def named(folder: Path, name: str) -> answers.Recording:
+    return next(one for one in answers.read(folder / "recordings") if one.name == name)
 
 
 def one(job: tuple[str, int, str, int], folder: Path) -> dict:
     program, seed, name, _ = job
     answer, options = PROGRAMS[program]
-    (recording,) = [one for one in answers.read(folder / str(seed) / "recordings") if one.name == name]
     began = time.perf_counter()
-    found = answer(recording, options)
+    found = answer(named(folder / str(seed), name), options)
     found.pop("predict", None)
     return {"name": f"{seed}.{name}", "seconds": time.perf_counter() - began, **found}
 
 
 def measure(run: Run) -> Iterator[Number]:
-    n, wanted = run.count(20, 60), [part for part in PARTS if run.part in ("", part)]
-    unseen = UNSEEN if run.full and "infer" in wanted else ()
-    programs = [one for one in PROGRAMS if one in wanted or (one, run.part) == ("infer", "pyimr")]
+    n = run.count(20, 60)
+    parts = [part for part in PARTS if run.part == part or (not run.part and (run.full or part == "infer"))]
+    unseen = UNSEEN if run.full and "infer" in parts else ()
+    pyimr = [{**row, "name": f"{SEED}.{row['name']}"} for row in score.read(PYIMR)] if "pyimr" in parts else []
     truths, found = dict[int, list[Row]](), dict[tuple[str, int], list[Row]]()
     with TemporaryDirectory() as folder:
-        for seed in (SEED, *unseen):
-            make.make(Path(folder) / str(seed), seed, n, run.workers)
-            made = score.read(Path(folder) / str(seed) / "truth.csv")
-            truths[seed] = [{**row, "name": f"{seed}.{row['name']}"} for row in made]
-            for program in programs:
-                if program == "infer" or (run.full and seed == SEED):
-                    jobs = [(program, seed, row["name"], n) for row in made]
-                    rows = run.rows("challenge", partial(one, folder=Path(folder)), jobs)
-                    found[program, seed] = [{key: str(value) for key, value in row.items()} for row in rows]
-    if "infer" in wanted:
-        yield from judged("", truths[SEED], found["infer", SEED])
-    if unseen:
-        answered = [row for seed in unseen for row in found["infer", seed]]
-        yield from judged("several.", [row for seed in unseen for row in truths[seed]], answered)
-    for program in ("fit", "scipy"):
-        if (program, SEED) in found:
-            yield from judged(f"{program}.", truths[SEED], found[program, SEED])
-    if run.full and "pyimr" in wanted:
-        yield from compared(truths[SEED], found["infer", SEED])
+
+        def answer(program: str, seed: int, rows: list[Row]) -> None:
+            jobs = [(program, seed, row["name"].partition(".")[2], n) for row in rows]
+            answered = run.rows("challenge", partial(one, folder=Path(folder)), jobs)
+            found[program, seed] = [{key: str(value) for key, value in row.items()} for row in answered]
+
+        for seed in (SEED, *unseen) if parts != ["open"] else ():
+            made = Path(folder) / str(seed)
+            make.make(made, seed, n, run.workers)
+            truths[seed] = [{**row, "name": f"{seed}.{row['name']}"} for row in score.read(made / "truth.csv")]
+        for program in [one for one in PROGRAMS if one in parts]:
+            answer(program, SEED, truths[SEED])
+            yield from judged("" if program == "infer" else f"{program}.", truths[SEED], found[program, SEED])
+        for seed in unseen:
+            answer("infer", seed, truths[seed])
+        if unseen:
+            answered = [row for seed in unseen for row in found["infer", seed]]
+            yield from judged("several.", [row for seed in unseen for row in truths[seed]], answered)
+        if "pyimr" in parts:
+            names = {row["name"] for row in pyimr}
+            if "infer" not in parts:
+                answer("infer", SEED, [row for row in truths[SEED] if row["name"] in names])
+            yield from compared(truths[SEED], found["infer", SEED], pyimr)
+    if "open" in parts:
+        yield from predicted(run)
     if run.pictures and run.full and not run.part:
         shown = {program: found[program, SEED] for program in ("infer", "scipy")}
         score.draw(truths[SEED], shown, run.picture("validation/challenge/score.png"))
@@ -81,10 +100,38 @@ def judged(prefix: str, truths: list[Row], rows: list[Row]) -> Iterator[Number]:
     yield statistic(f"{prefix}seconds", [score.number(row.get("seconds")) for row in rows], "s")
 
 
-def compared(truths: list[Row], infer: list[Row]) -> Iterator[Number]:
-    """PyIMR's numbers, and the widths of `infer` over its widths."""
-    rows = [{**row, "name": f"{SEED}.{row['name']}"} for row in score.read(PYIMR)]
-    asked = [row for row in truths if row["name"] in {row["name"] for row in rows}]
-    yield from judged("pyimr.", asked, rows)
+def compared(truths: list[Row], infer: list[Row], pyimr: list[Row]) -> Iterator[Number]:
+    """PyIMR's numbers, and the widths of `infer` over its widths, in the recordings that both answered."""
+    both = {row["name"] for row in infer} & {row["name"] for row in pyimr}
+    truths, infer, pyimr = ([row for row in rows if row["name"] in both] for rows in (truths, infer, pyimr))
+    yield from judged("pyimr.", truths, pyimr)
     for quantity in score.QUANTITIES:
-        yield statistic(f"pyimr.{quantity}.ratio", score.ratios(truths, infer, rows, quantity), "1")
+        yield statistic(f"pyimr.{quantity}.ratio", score.ratios(truths, infer, pyimr, quantity), "1")
+
+
+def ahead(job: tuple[str, str, int], folder: Path) -> dict:
+    """RMS of predicted less measured radius over R_max, of the frames of a real recording that were held back."""
+    program, name, _ = job
+    answer, options = PROGRAMS[program]
+    held = [row for row in score.read(folder / "held.csv") if row["name"] == name]
+    time, radius = (1e-6 * np.array([float(row[key]) for row in held]) for key in ("time_us", "radius_um"))
+    recording = named(folder, name)
+    predict = answer(recording, options).get("predict")
+    off = np.full(len(held), np.nan) if predict is None else predict(time) - radius
+    return {"set": held[0]["set"], "rms": float(np.sqrt(np.mean(off**2))) / recording.max_radius}
+
+
+def predicted(run: Run) -> Iterator[Number]:
+    """Medians over the shots of each open set; nothing without the sets."""
+    if run.data is None:
+        return
+    shots = run.count(1, 3)
+    with TemporaryDirectory() as folder:
+        open_sets.make(run.data, Path(folder), shots)
+        names = list(dict.fromkeys(row["name"] for row in score.read(Path(folder) / "held.csv")))
+        for program in AHEAD:
+            jobs = [(program, name, shots) for name in names]
+            rows = run.rows("ahead", partial(ahead, folder=Path(folder)), jobs)
+            for group in open_sets.SETS:
+                errors = [row["rms"] for row in rows if row["set"] == group]
+                yield statistic(f"open.{program}.{key_of(group)}", errors, "R_max")

@@ -20,6 +20,11 @@ LIQUID, RHEOMETER, WITHIN = "PEG 40 %", 0.130, 0.2  # Pa s
 GOOD = ("ok", "undetermined")
 
 
+def key_of(name: str) -> str:
+    """Of a set, in names of numbers."""
+    return name.removesuffix(" %").replace(" ", "_").replace(".", "_")
+
+
 @cache
 def usable(folder: Path, name: str) -> list:
     files = sorted(folder.glob(default_answer.REAL[name]))
@@ -50,7 +55,7 @@ def measure(run: Run) -> Iterator[Number]:
     yield share("ok", [row["verdict"] == "ok" for row in rows])
     for name in default_answer.REAL:
         mine = [row for job, row in zip(jobs, rows, strict=True) if job[0] == name]
-        key = name.removesuffix(" %").replace(" ", "_").replace(".", "_")
+        key = key_of(name)
         yield statistic(f"rmse.{key}", [row["rmse"] or np.nan for row in mine], "R_max")
         yield statistic(f"G.{key}", 1e-3 * np.array([value(row, "shear_modulus") for row in mine]), "kPa")
         viscosity = np.array([value(row, "viscosity", "reference_viscosity") for row in mine])

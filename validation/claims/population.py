@@ -20,7 +20,7 @@ def one(job: tuple[str, float, int]) -> dict:
     what, spread, number = job
     if what == "intervals":
         return {name: np.array(hits).tolist() for name, hits in benchmark.covered(number, SEED).items()}
-    return {"found": benchmark.found_outlier(number, SEED, spread, (1.0, 1.0), (8, 20)).found}
+    return benchmark.found_outlier(number, SEED, spread, (1.0, 1.0), (8, 20))._asdict()
 
 
 def measure(run: Run) -> Iterator[Number]:
@@ -30,6 +30,10 @@ def measure(run: Run) -> Iterator[Number]:
         for level in benchmark.LEVELS:
             hits = [hit for row in rows for hit in row[f"{part} {level:.0%}"]]
             yield coverage(f"{part}.{100 * level:.0f}", hits, level, n)
+    named, others = 0, 0
     for spread in SPREADS:
         jobs = [("outlier", spread, number) for number in range(1, run.count(40, 200), 2)]
-        yield share(f"outlier.{spread:g}", [row["found"] for row in run.rows("population", one, jobs)])
+        rows = run.rows("population", one, jobs)
+        yield share(f"outlier.{spread:g}", [row["found"] for row in rows])
+        named, others = named + sum(row["wrong"] for row in rows), others + sum(row["shots"] for row in rows)
+    yield share("false_alarms", [True] * named + [False] * (others - named))

@@ -1,7 +1,8 @@
 """From start to answer: one simulated shot, 20 in one call on all cores, and the command with one shot.
 
 Seconds are those of the clock, which the load of the machine makes longer, and of the processor (all threads of one
-shot); ratios are of one run.
+shot); ratios are of one run. The part `newcomer`, which installs the package in an empty environment, runs where it is
+named alone: it takes minutes and asks a package index.
 """
 
 from __future__ import annotations
@@ -15,11 +16,19 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks import first_answer
 from benchmarks.default_answer import STREAM, recording
 from cavirheo import infer_many
 from validation.numbers import Number, Run, statistic
 
 TOGETHER = 20
+PARTS = ("newcomer",)
+STEPS = {  # of benchmarks/first_answer.py
+    "pip install .": "install",
+    "infer, first time": "first",
+    'pip install ".[plot,video]"': "extras",
+    "infer of a recording, first time": "recording",
+}
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -32,7 +41,22 @@ def quantile_95(values: np.ndarray, axis: int = -1) -> np.ndarray:
     return np.quantile(values, 0.95, axis=axis)
 
 
+def newcomer() -> Iterator[Number]:
+    """Seconds of each step from nothing to the first answers, and MB of what is installed."""
+    with TemporaryDirectory() as folder:
+        for step in first_answer.steps(Path(folder)):
+            if step.name in STEPS:
+                name = f"newcomer.{STEPS[step.name]}"
+                yield statistic(f"{name}.seconds", [step.clock], "s")
+                yield statistic(f"{name}.processor_seconds", [step.processors], "s")
+                if step.installed:
+                    yield statistic(f"{name}.size", [step.installed], "MB")
+
+
 def measure(run: Run) -> Iterator[Number]:
+    if run.part == "newcomer":
+        yield from newcomer()
+        return
     made = [one[0] for i in range(3 * TOGETHER) if (one := recording("calibration", i))][:TOGETHER]
     infer_many(made[:1])  # what is loaded once does not count
     for law, material in (("one_law", "nhkv"), ("one", None)):
