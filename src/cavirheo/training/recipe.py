@@ -8,6 +8,7 @@ values that no liquid or gel has); [network] may be left out.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
@@ -74,6 +75,11 @@ class TrainingTable(Section):
     schedule: Literal["constant", "cosine"] = "constant"  # of the learning rate; cosine falls to 0 at the end
     warmup_steps: NonNegativeInt = 0
     dropout_epochs: PositiveInt | None = None  # without dropout afterwards; None leaves answers 3 to 7 % off scale
+
+    def learning_rate(self, step: int, steps: int) -> float:
+        """Adam's step size at a step of so many, from 0: linear warm-up, then constant or half a cosine to 0."""
+        rate = self.lr * min(1.0, (step + 1) / max(1, self.warmup_steps))
+        return rate * (0.5 * (1.0 + math.cos(math.pi * step / steps))) if self.schedule == "cosine" else rate
 
 
 class ExportTable(Section):
@@ -168,6 +174,11 @@ class PosteriorTrainingTable(Section):
     @property
     def steps(self) -> int:
         return max(self.samples // self.batch, 1)
+
+    def learning_rate(self, step: int, steps: int) -> float:
+        """At a step of so many, from 0. It falls at the end, so that a part of a training can be continued."""
+        left = (steps - step) / max(self.falling * steps, 1.0)
+        return self.rate * min(1.0, (step + 1) / self.warm_up) * min(1.0, max(left, 0.0) + 0.003)
 
 
 class PosteriorRecipe(Section):
