@@ -258,8 +258,7 @@ def generate(
 def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
     """The training set in a folder; with the folder `scratch` its radii are in a nameless file there, else in memory.
 
-    Raises:
-        InputError: no shards, a missing or damaged shard, files of different sets, or more than fits there.
+    Raises InputError: no shards, a missing or damaged shard, files of different sets, or more than fits there.
     """
     first, columns = _load(data_dir, "shard", {}, scratch)
     problem = TrainingProblem.from_dict(json.loads(first.layout.problem))
@@ -269,8 +268,7 @@ def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
 def load_curves(problem: PosteriorTable, data_dir: str | Path, scratch: Path) -> Columns:
     """The curves of a posterior network in a folder, unpacked in a nameless file in the folder `scratch`, 2 kB each.
 
-    Raises:
-        InputError: none, some missing or damaged, or made with another recipe.
+    Raises InputError: none, some missing or damaged, or made with another recipe.
     """
     expected = {"posterior": layout_of(problem).problem, "made_by": version("cavirheo")}
     return _load(data_dir, "curves", expected, scratch)[1]
@@ -353,11 +351,7 @@ class Shard(NamedTuple):
 
 
 def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
-    """A file of a training set.
-
-    Raises:
-        InputError: not readable, attributes other than expected, or columns that are not what these say.
-    """
+    """A file of a set. Raises InputError: damaged, attributes other than expected, or columns that these do not say."""
     try:
         require(path.is_file(), "it is no file", "dataset.unreadable")  # a pipe would be waited for
         with h5py.File(path, "r") as file:

@@ -98,7 +98,10 @@ class BubbleTransformer(nn.Module):
         self.norm = nn.LayerNorm(size.width, eps=size.norm_epsilon)
         self.dropout = nn.Dropout(size.dropout)
         self.branches = nn.ModuleList(Branch(size) for _ in range(outputs))
-        self.apply(_initialise)
+        for module in self.modules():
+            if isinstance(module, nn.Linear):
+                nn.init.xavier_uniform_(module.weight)
+                nn.init.zeros_(module.bias)
         nn.init.uniform_(self.position, -0.05, 0.05)
 
     def forward(self, radius: Tensor) -> Tensor:
@@ -122,12 +125,6 @@ class Standardised(nn.Module):
 
     def forward(self, radius: Tensor) -> Tensor:
         return self.network(radius) * self.std + self.mean
-
-
-def _initialise(module: nn.Module) -> None:
-    if isinstance(module, nn.Linear):
-        nn.init.xavier_uniform_(module.weight)
-        nn.init.zeros_(module.bias)
 
 
 def scaling(prior: Prior, outputs: tuple[str, ...]) -> tuple[Tensor, Tensor]:
@@ -296,15 +293,12 @@ def _onnx(
 
 def _halve(graph: onnx.GraphProto) -> None:
     """Large arrays at half precision, cast back where they are used."""
-    arrays, casts = [], []
+    casts = []
     for array in graph.initializer:
-        values = numpy_helper.to_array(array)
+        values, name = numpy_helper.to_array(array), array.name
         if values.dtype == np.float32 and values.size >= _HALVED:
-            arrays.append(numpy_helper.from_array(values.astype(np.float16), f"{array.name}_half"))
-            casts.append(helper.make_node("Cast", [f"{array.name}_half"], [array.name], to=TensorProto.FLOAT))
-        else:
-            arrays.append(array)
+            array.CopyFrom(numpy_helper.from_array(values.astype(np.float16), f"{name}_half"))
+            casts.append(helper.make_node("Cast", [array.name], [name], to=TensorProto.FLOAT))
     nodes = [*casts, *graph.node]
-    del graph.initializer[:], graph.node[:]
-    graph.initializer.extend(arrays)
+    del graph.node[:]
     graph.node.extend(nodes)

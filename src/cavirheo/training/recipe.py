@@ -136,10 +136,7 @@ class Recipe(Section):
 
 
 class PosteriorTable(Section):
-    """What the curves of a posterior network are drawn from.
-
-    laws, bubbles: shares of the curves by name. max_radius_um: ends of its range.
-    """
+    """What the curves of a posterior network are drawn from; laws and bubbles are shares of the curves by name."""
 
     laws: dict[str, PositiveFloat] = Field(min_length=1)
     bubbles: dict[Literal["field", "real"], PositiveFloat] = Field({"field": 0.35, "real": 0.65}, min_length=1)
@@ -209,8 +206,7 @@ class PosteriorRecipe(Section):
 def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
     """The recipe in a TOML file.
 
-    Raises:
-        InputError: not readable, not TOML, an unknown key, or a value missing or refused; the first few are named.
+    Raises InputError: not readable, not TOML, an unknown key, or a value missing or refused; the first few are named.
     """
     content = read_bytes(path, LARGEST)
     kind: type[Recipe | PosteriorRecipe] = Recipe
@@ -219,6 +215,7 @@ def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
         kind = PosteriorRecipe if "posterior" in sections else Recipe
         recipe = kind.model_validate(sections)
         recipe.check()
+        return recipe
     except ValidationError as error:
         raise InputError(f"{path} cannot be used: {validation_message(error, kind)}", "recipe.value") from error
     except InputError as error:
@@ -227,7 +224,6 @@ def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
         raise InputError(f"{path} is not UTF-8: save it as UTF-8 text ({error.reason})", "recipe.syntax") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {error}", "recipe.syntax") from error
-    return recipe
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

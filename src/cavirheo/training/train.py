@@ -199,9 +199,8 @@ class PointTraining(Training[BubbleTransformer]):
     def __init__(self, recipe: Recipe, data: Dataset, folder: Path, device: torch.device) -> None:
         super().__init__(recipe, folder, device)
         self.recipe, self.data, problem = recipe, data, recipe.problem
-        message = f"the training set was made for problem {data.problem.id}, the recipe is of {problem.id}"
-        fine = data.problem.id == problem.id
-        require(fine, f"{message}: generate the data with this recipe", "training.another_problem")
+        message = f"the training set was made for problem {data.problem.id}, the recipe is of {problem.id}: generate "
+        require(data.problem.id == problem.id, f"{message}the data with this recipe", "training.another_problem")
         self.mean, self.std = scaling(problem.prior, recipe.outputs)
         target = (torch.tensor(data.truth(recipe.outputs)).float() - self.mean) / self.std
         split = data.split(self.schedule.seed)
@@ -271,9 +270,8 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         self.kinds = [(law, bubble) for law, bubble, _ in recipe.problem.kinds]
         self.network = PosteriorNetwork(len(self.kinds), recipe.network)
         self.average = deepcopy(self.network).requires_grad_(False)
-        self.optimiser = torch.optim.AdamW(
-            self.network.parameters(), schedule.rate, weight_decay=schedule.decay, fused=True
-        )
+        weights, decay = self.network.parameters(), schedule.decay
+        self.optimiser = torch.optim.AdamW(weights, schedule.rate, weight_decay=decay, fused=True)
         self.mask = torch.zeros(len(self.kinds), len(COORDINATES))  # which coordinates a kind has
         for i, kind in enumerate(self.kinds):
             self.mask[i, used(*kind)] = 1.0
@@ -442,10 +440,9 @@ def export(
     result = read_result(run)
     changed = difference(result, recipe.settings())
     require(not changed, f"{run} was not trained with this recipe: {changed}", "export.another_recipe")
-    parts: Any = (_export_posterior, _posterior_card, PosteriorCard)
-    if isinstance(recipe, Recipe):
-        parts = (_export_point, _point_card, ModelCard)
-    write, describe, card = parts
+    point: Any = (_export_point, _point_card, ModelCard)
+    posterior: Any = (_export_posterior, _posterior_card, PosteriorCard)
+    write, describe, card = point if isinstance(recipe, Recipe) else posterior
     with into(out_dir) as folder:
         target = folder / f"{recipe.export.name}.onnx"
         with whole(target) as temporary:
@@ -488,7 +485,7 @@ def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
 
 
 def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[str, Any]:
-    """Write the model, of which the card says no more."""
+    """Write the model, of whose file the card says no more."""
     with of_run(run / "best.safetensors"):
         network = PosteriorNetwork(len(recipe.problem.kinds), recipe.network)
         network.load_state_dict(read_tensors(run / "best.safetensors")[0])
