@@ -170,7 +170,8 @@ def read_groups(
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         digest = mine[0].source_sha256 or "" if source == mine[0].source else ""
-        warnings = [f"{curve.name}: {one.text}" for curve in mine for one in input_checks.curve_warnings(curve, medium)]
+        checks = [(curve.name, message) for curve in mine for message in input_checks.curve_warnings(curve, medium)]
+        warnings = [f"{curve_name}: {message.text}" for curve_name, message in checks]
         head: Any = {"source": source, "source_sha256": digest, "warnings": warnings}
         groups.append(CollapseGroup(name=name, shots=[_of_curve(curve, stretch) for curve in mine], **head))
     return groups, problems + unread, repeated + hints

@@ -216,14 +216,14 @@ def _table(
     first: str, columns: Mapping[str, Sequence[Any]], rows: Sequence[tuple[str, Mapping[str, Any]]]
 ) -> list[str]:
     """Lines of a Markdown table whose columns also stand under each other in a terminal."""
-    cells = [[first, *(heading for heading, *_ in columns.values())]]
+    texts = [[first, *(heading for heading, *_ in columns.values())]]
     for name, values in rows:
         numbers = ["-" if values[key] is None else format(values[key], form) for key, (_, form, *_) in columns.items()]
-        cells.append([name, *numbers])
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        texts.append([name, *numbers])
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     rule = ["-" * (widths[0] + 1), *("-" * width + ":" for width in widths[1:])]
     form = " | ".join(f"{{:{'>' if k else '<'}{width}}}" for k, width in enumerate(widths))
-    head, *lines = (f"| {form.format(*row)} |" for row in cells)
+    head, *lines = (f"| {form.format(*row)} |" for row in texts)
     return [head, f"|-{'|-'.join(rule)}|", *lines]
 
 
