@@ -278,14 +278,7 @@ def design(
     family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), medium(rig.medium)
     half = float(np.log10(1.0 + wanted))
     goal, law, stretches = _goal(family, half, known, group, dict(ranges or {}), spread, draws, seed)
-    rates, noises = rig.frame_rate, np.broadcast_to(np.asarray(rig.noise, dtype=float), len(rig.frame_rate)).tolist()
-    smallest, largest = rig.max_radius
-    radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1).tolist()
-    settings = [
-        Setting(radius, float(rate), noise, rig.relative_noise, rig.frames, min(rig.exposure, 1.0 / rate))
-        for rate, noise in zip(rates, noises, strict=True)
-        for radius in radii
-    ]
+    settings = _settings(rig, sizes)
     material_draws = Draws(family, law, stretches, liquid, bubble, seed)
     expected = material_draws.expected(settings, workers, done)
     gains = np.array([[goal.gain(shot) for shot in shots] for shots in expected])
@@ -312,6 +305,18 @@ def design(
         fewest=fewest,
         checked=checked,
     )
+
+
+def _settings(rig: Rig, sizes: int) -> list[Setting]:
+    """Each frame rate with so many R_max."""
+    rates, noises = rig.frame_rate, np.broadcast_to(np.asarray(rig.noise, dtype=float), len(rig.frame_rate)).tolist()
+    smallest, largest = rig.max_radius
+    radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1).tolist()
+    return [
+        Setting(radius, float(rate), noise, rig.relative_noise, rig.frames, min(rig.exposure, 1.0 / rate))
+        for rate, noise in zip(rates, noises, strict=True)
+        for radius in radii
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,8 +103,7 @@ class ReferenceSet:
 def read_references(path: str | Path) -> list[ReferenceSet]:
     """The sets in the order of their first lines.
 
-    Raises:
-        InputError: the file cannot be read or has a mistake (line, column, what was expected).
+    Raises InputError: the file cannot be read or has a mistake (line, column, what was expected).
     """
     with guarded(Path(path)):
         (table,) = read_columns(Path(path), _VOCABULARY)

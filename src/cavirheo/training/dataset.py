@@ -230,8 +230,7 @@ def generate(
     executor: where they are simulated; default: on so many threads (`workers`) of this machine.
     Complete files are kept. Nothing in a file depends on `workers`, `executor`, `shard` or the date.
 
-    Raises:
-        InputError: the folder holds files of another problem, seed, number of curves or version.
+    Raises InputError: the folder holds files of another problem, seed, number of curves or version.
     """
     layout, (part, parts) = layout_of(problem), shard
     message = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"

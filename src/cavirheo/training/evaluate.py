@@ -245,8 +245,7 @@ def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dic
     Errors are in that scale (decades for log10 names); `r2_natural` and `median_relative_error` are of the
     natural values.
 
-    Raises:
-        InputError: fewer than 2 curves, or shapes that do not fit.
+    Raises InputError: fewer than 2 curves, or shapes that do not fit.
     """
     truth, predicted = np.asarray(truth, dtype=float), np.asarray(predicted, dtype=float)
     fine = truth.shape == predicted.shape == (max(len(truth), 2), len(names))

@@ -408,8 +408,7 @@ def train(
 
     `device` is torch's name ("cpu", "cuda"; default: cuda if there is one, and the processor for a posterior network).
 
-    Raises:
-        InputError: the data were made for another problem, or the folder holds another run.
+    Raises InputError: the data were made for another problem, or the folder holds another run.
     """
     if threads is not None:
         torch.set_num_threads(threads)
