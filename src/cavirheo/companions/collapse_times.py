@@ -115,7 +115,8 @@ class CollapseGroup(Record):
         if not self.usable:
             return
         values = [(shot.max_radius_m, shot.stretch, shot.collapse_time_s) for shot in self.usable]
-        measured = Shots(*np.array(values, dtype=float).T, names=[shot.name for shot in self.usable])
+        radius, stretch, time = np.array(values, dtype=float).T
+        measured = Shots(radius, stretch, time, [shot.name for shot in self.usable])
         self.estimate = estimate(measured, material, **options)
         try:
             if exact:
