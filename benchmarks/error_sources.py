@@ -61,8 +61,7 @@ def sensitivities(problem: TrainingProblem, theta: np.ndarray, workers: int | No
 def of_the_run(run: Path, radius: dict[str, np.ndarray], truth: dict[str, np.ndarray]) -> None:
     import torch
 
-    from cavirheo.training.loop import read_tensors
-    from cavirheo.training.train import load_model
+    from cavirheo.training.train import load_model, read_tensors
 
     torch.manual_seed(0)
     model = load_model(run / "best.safetensors")

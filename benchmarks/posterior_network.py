@@ -23,7 +23,7 @@ from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate_many
 from cavirheo.prior import uniforms
 from cavirheo.training.recipe import read_recipe
-from cavirheo.training.recordings import COLUMNS, CurveStore, film, simulated_curve
+from cavirheo.training.recordings import COLUMNS, film, simulated_curve
 
 SHOWN = ("viscosity", "shear_modulus", "stretch", "accommodation", "confinement_damping")  # of the coverage
 SEED = 4242  # of curves; the training has others
@@ -110,8 +110,8 @@ def distances(recordings: int) -> list[Distance]:
         one = simulated_curve(table, SEED, index)
         index += 1
         made += [one] if one is not None else []
-    columns = zip(COLUMNS.values(), zip(*made, strict=True), strict=True)
-    store = CurveStore(*(np.array(column, kind) for (kind, _), column in columns))
+    columns = zip(COLUMNS.items(), zip(*made, strict=True), strict=True)
+    store = {name: np.array(column, kind) for (name, (kind, _)), column in columns}
     shown = film(store, np.arange(len(made)), SEED)
     rng = np.random.default_rng(SEED)
     found = []

@@ -23,8 +23,9 @@ from distributed import Client, LocalCluster
 
 from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
-from cavirheo.training.dataset import SHARD, Rows, fill, generate, layout_of
+from cavirheo.training.dataset import SHARD, fill, generate, layout_of
 from cavirheo.training.recipe import read_recipe
+from cavirheo.training.recordings import Columns
 from cavirheo.workflow.workers import AHEAD, Workers, identity, seconds_for
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "laptop.toml"
@@ -168,7 +169,7 @@ def main() -> None:
             print(f"{cores} | {seconds:g} | {made.busy:.0%} | {made.driver:.0%}")
 
 
-def filled(block: range) -> Rows:
+def filled(block: range) -> Columns:
     """What `generate` gets for these curves, without their simulation."""
     n = len(block)
     return {"theta": np.ones((n, 3)), "radius": np.ones((n, 100), np.float32), "status": ["ok"] * n}
@@ -182,7 +183,7 @@ def million(workers: Workers) -> float:
         layout = layout_of(read_recipe(RECIPE).problem)
         times, began = [time.perf_counter()], processor()
 
-        def write(path: Path, block: range, parts: list[Rows]) -> None:
+        def write(path: Path, block: range, parts: list[Columns]) -> None:
             layout.write({}, path, block, parts)
             times.append(time.perf_counter())
 

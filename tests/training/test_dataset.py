@@ -27,7 +27,7 @@ from cavirheo.posterior import Checks
 from cavirheo.prior import Prior, uniforms
 from cavirheo.problem import FrameGrid, TrainingProblem
 from cavirheo.training.dataset import generate, load, survey
-from cavirheo.training.recordings import NODES, STEPS, TOP, CurveStore, film
+from cavirheo.training.recordings import COLUMNS, NODES, STEPS, TOP, film
 from cavirheo.workflow import analyse
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.store import keep, read_kept
@@ -200,8 +200,8 @@ def test_an_exposure_does_not_move_the_clock():
     radius = np.where(t < 0.9, (1 - np.minimum(t / 0.93, 1) ** 2) ** 0.4, 0.2 + 0.4 * np.abs(np.sin(2.5 * (t - 0.9))))
     n, kept = 4000, np.round(radius * 65535 / TOP).astype(np.uint16)
     nothing = np.zeros((n, len(COORDINATES)), np.float32), np.zeros(n, np.uint8)
-    one = CurveStore(np.tile(place, (n, 1)), np.tile(kept, (n, 1)), *nothing, np.full(n, 2.5e-4, np.float32))
-    seen = film(one, np.arange(n), seed=3)
+    columns = np.tile(place, (n, 1)), np.tile(kept, (n, 1)), *nothing, np.full(n, 2.5e-4, np.float32)
+    seen = film(dict(zip(COLUMNS, columns, strict=True)), np.arange(n), seed=3)
     exposure, late = seen.inputs[:, -SCALARS + 2], seen.inputs[:, -1]  # over the frame interval; 1 without growth
     origin = seen.z[(late == 0) & (exposure > 0.3), COORDINATES.index("time_origin")]
     assert len(origin) > 200

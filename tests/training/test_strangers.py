@@ -133,7 +133,7 @@ SHARDS = {  # what is done to one of three files, and the code by which their se
     "empty": (lambda path: os.truncate(path, 0), "dataset.unreadable"),
     "cut short": (lambda path: os.truncate(path, 1000), "dataset.unreadable"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "dataset.unreadable"),
-    "copied beside it": (lambda path: shutil.copy(path, path.with_name("shard-00001 (copy).h5")), "dataset.foreign"),
+    "copied beside it": (lambda path: shutil.copy(path, path.with_name("shard-00000 (copy).h5")), "dataset.foreign"),
     "in another's place": (lambda path: shutil.copy(path, path.with_name("shard-00001.h5")), "dataset.shape"),
 }
 
@@ -242,7 +242,7 @@ def test_a_damaged_run_is_named(instant, small, run, tmp_path):
 def test_training_says_what_is_not_installed(small, run, monkeypatch):
     for name in ("torch", "onnxscript"):
         with monkeypatch.context() as patch:
-            for loaded in ("train", "loop", "point_network", "posterior_network"):
+            for loaded in ("train", "networks"):
                 patch.delitem(sys.modules, f"cavirheo.training.{loaded}", raising=False)
                 patch.delattr(f"cavirheo.training.{loaded}", raising=False)
             patch.setitem(sys.modules, name, None)

@@ -87,12 +87,12 @@ class TestTorch:
     def _torch(self):
         self.torch = pytest.importorskip("torch")
         pytest.importorskip("safetensors")
-        names = ("train", "loop", "point_network")
-        self.export, self.loop, self.point = (import_module(f"cavirheo.training.{name}") for name in names)
+        self.export, self.networks = (import_module(f"cavirheo.training.{name}") for name in ("train", "networks"))
         self.train = self.export.train
 
     def test_the_network_of_the_paper(self):
-        network = self.point.BubbleTransformer(read_recipe(ROOT / "recipes" / "bdt-viscoelastic.toml").network, 100, 2)
+        recipe = read_recipe(ROOT / "recipes" / "bdt-viscoelastic.toml")
+        network = self.networks.BubbleTransformer(recipe.network, 100, 2)
         assert sum(p.numel() for p in network.parameters()) == 153_090  # counted by hand
         assert {m.eps for m in network.modules() if isinstance(m, self.torch.nn.LayerNorm)} == {1e-6}
         assert {m.p for m in network.modules() if isinstance(m, self.torch.nn.Dropout)} == {0.1}
@@ -121,7 +121,7 @@ class TestTorch:
     def test_resumes_to_the_same_weights(self, recipe, data, tmp_path, monkeypatch, schedule):
         recipe = changed(recipe, schedule=schedule, warmup_steps=3)
         whole = self.train(recipe, data, tmp_path / "whole", **CPU)
-        kind = self.point.PointTraining
+        kind = self.export.PointTraining
         steps, loss_of = [], kind.loss
 
         def cut(training, step):
@@ -139,7 +139,7 @@ class TestTorch:
         assert steps == list(range(max(steps) // 2 + 1, max(steps) + 1))  # of the last two of four epochs
         assert resumed["metrics"] == whole["metrics"]
         for name in ("last.safetensors", "best.safetensors"):
-            ours, theirs = (self.loop.read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
+            ours, theirs = (self.export.read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
             assert ours.keys() == theirs.keys()
             assert all(self.torch.equal(ours[key], theirs[key]) for key in ours)
         before, done = (tmp_path / "cut" / "result.json").read_bytes(), len(steps)
@@ -148,9 +148,9 @@ class TestTorch:
         assert (tmp_path / "cut" / "result.json").read_bytes() == before
 
     def test_learning_rate(self, recipe):
-        assert self.point.learning_rate(recipe.training, 1000, 10) == 0.01
+        assert recipe.training.learning_rate(1000, 40) == 0.01
         cosine = changed(recipe, schedule="cosine", warmup_steps=10, epochs=4).training
-        rates = [self.point.learning_rate(cosine, step, 10) for step in range(40)]
+        rates = [cosine.learning_rate(step, 40) for step in range(40)]
         assert (rates[0], rates[20], np.argmax(rates)) == (pytest.approx(0.001), pytest.approx(0.005), 9)
         assert rates[-1] < 1e-4
 
@@ -165,7 +165,7 @@ class TestTorch:
         assert code_of(self.export.export, recipe, run, models) == "export.unfinished"
         result = self.train(recipe, data, run, **CPU)
         with monkeypatch.context() as patch:
-            patch.setattr(self.export, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
+            patch.setattr(self.networks, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
             patch.setattr(self.export, "predict", lambda path, radius: self.answers(run, radius) + 2e-3)
             with pytest.raises(RuntimeError, match=r"0\.002"):
                 self.export.export(recipe, run, models)

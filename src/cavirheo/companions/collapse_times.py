@@ -69,12 +69,6 @@ class CollapseShot(Record):
     model: Finite = None
     message: str = ""
 
-    @classmethod
-    def of(cls, name: str, origin: str, R: float, stretch: float, t: float) -> CollapseShot:
-        """Of R_max, lambda, which comes from `origin`, and t_1 in SI."""
-        values = {"max_radius_m": R, "stretch": stretch, "collapse_time_s": t}
-        return cls(name=name, stretch_from=origin, message=unusable(R, stretch, t), **values)
-
 
 class CollapseGroup(Record):
     """The shots of one material and what they say.
@@ -116,21 +110,19 @@ class CollapseGroup(Record):
         return bool(self.unusable or self.warnings) or self.estimate is None or not self.estimate.complete
 
     def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
-        """Estimate G and mu from the usable shots, if any; `options` are those of `inference.collapse_time.estimate`.
-
-        A simulation that fails leaves the analytic answer, and a note.
-        """
+        """Estimate G and mu from the usable shots, if any, with `options` of `inference.collapse_time.estimate`; a
+        simulation that fails leaves the analytic answer, and a note."""
         if not self.usable:
             return
         values = [(shot.max_radius_m, shot.stretch, shot.collapse_time_s) for shot in self.usable]
         radius, stretch, time = np.array(values, dtype=float).T
         measured = Shots(radius, stretch, time, [shot.name for shot in self.usable])
         self.estimate = estimate(measured, material, **options)
-        if exact:
-            try:
+        try:
+            if exact:
                 self.estimate, self.model = estimate(measured, material, exact=True, **options), "exact"
-            except SolverError as error:
-                self.notes.append(f"no exact answer: {error}")
+        except SolverError as error:
+            self.notes.append(f"no exact answer: {error}")
         for record, ratio, model in zip(self.usable, self.estimate.measured, self.estimate.model, strict=True):
             record.measured, record.model = ratio, model
 
@@ -157,42 +149,32 @@ class CollapseTimes(Document):
 
 
 def read_groups(
-    files: Sequence[str | Path],
-    medium: Medium,
-    stretch: float | None = None,
-    group: str = "auto",
-    chosen: Chosen = None,
+    files: Sequence[str | Path], medium: Medium, stretch: float | None = None, group: str = "auto", shots: Chosen = None
 ) -> tuple[list[CollapseGroup], list[str], list[str]]:
     """(the groups of all files, the reason for each file that could not be read, recordings that were given twice).
 
-    `stretch` is for curves, and for tables without a column of it; `group` as of `read_shots`; `chosen`: these shots of
-    every file.
+    stretch: of curves, and of tables without a column of it. group, shots (of every file): as of `read_shots`.
     """
-    groups: list[CollapseGroup] = []
-    problems: list[str] = []
-    curves: list[Path] = []
+    groups, problems, curves = list[CollapseGroup](), list[str](), list[Path]()
     for path in map(Path, files):
         try:
-            table = read_table(path, stretch, chosen)
+            table = read_table(path, stretch, shots)
         except InputError as error:
             problems.append(str(error))
         else:
             groups += [table] if table else []
             curves += [] if table else [path]
     constants: Any = {"density": medium.density, "pressure": medium.pressure}
-    read, unread, repeated, hints = read_shots(curves, group=group, shots=chosen, **constants)
+    read, unread, repeated, hints = read_shots(curves, group=group, shots=shots, **constants)
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in read:
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
-        sha256 = mine[0].source_sha256 if source == mine[0].source else ""
-        warnings = [
-            f"{curve.name}: {warning.text}" for curve in mine for warning in input_checks.curve_warnings(curve, medium)
-        ]
-        shots = [_of_curve(curve, stretch) for curve in mine]
-        groups.append(
-            CollapseGroup(name=name, source=source, source_sha256=sha256 or "", warnings=warnings, shots=shots)
-        )
+        digest = mine[0].source_sha256 or "" if source == mine[0].source else ""
+        checks = [(curve.name, message) for curve in mine for message in input_checks.curve_warnings(curve, medium)]
+        warnings = [f"{curve_name}: {message.text}" for curve_name, message in checks]
+        head: Any = {"source": source, "source_sha256": digest, "warnings": warnings}
+        groups.append(CollapseGroup(name=name, shots=[_of_curve(curve, stretch) for curve in mine], **head))
     return groups, problems + unread, repeated + hints
 
 
@@ -201,26 +183,31 @@ def _of_curve(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
         shots, origin = shot(curve, stretch)
     except InputError as error:
         return CollapseShot(name=curve.name, message=error.message)
-    return CollapseShot.of(curve.name, origin, shots.max_radius[0], shots.stretch[0], shots.time[0])
+    return _shot(curve.name, origin, shots.max_radius[0], shots.stretch[0], shots.time[0])
+
+
+def _shot(name: str, origin: str, R: float, stretch: float, t: float) -> CollapseShot:
+    """Of R_max, lambda, which comes from `origin`, and t_1 in SI."""
+    values = {"max_radius_m": R, "stretch": stretch, "collapse_time_s": t}
+    return CollapseShot(name=name, stretch_from=origin, message=unusable(R, stretch, t), **values)
 
 
 def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) -> CollapseGroup | None:
     """The table of collapse times in a file, or None where the file holds none and may hold curves.
 
-    Raises:
-        InputError: a table without a unit, with a cell that is no number, or no file that can be read.
+    Raises InputError: a table without a unit, with a cell that is no number, or no file that can be read.
     """
     with guarded(path):
-        variables, names_found = read_variables(path, (VARIABLE,)) or ({}, [])
-        if VARIABLE in names_found:
+        variables, all_names = read_variables(path, (VARIABLE,)) or ({}, [])
+        if VARIABLE in all_names:
             array: Any = variables.get(VARIABLE)
             shape: tuple[int, ...] = getattr(array, "shape", ())  # a cell array has none
             expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
-            fine = len(shape) == 2 and 3 in shape and 0 not in shape
             got = f"the shape {shape}" if shape else "a cell array"
+            fine = len(shape) == 2 and 3 in shape and 0 not in shape
             require(fine, f"{expected}; got {got}", "collapse_time.variable")
-            columns, names = list(array.T if shape[1] == 3 else array), list[str]()
-            notes = [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
+            radius, stretches, time = array.T if shape[1] == 3 else array
+            names, notes = list[str](), [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
         else:
             try:
                 (table,) = read_columns(path, VOCABULARY)
@@ -228,20 +215,21 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
                 if error.code.startswith(_OF_A_TABLE):
                     raise
                 return None  # the reader of curves knows more kinds of files, and says what is wrong
-            columns = [column and column.si for column in map(table.only, ("R_max", "lambda", "t_1"))]
+            radius, stretches, time = (column and column.si for column in map(table.only, ("R_max", "lambda", "t_1")))
             name, notes = table.only("name"), table.notes
             names = name.text if name else []
-        radius, stretches, time = columns
         missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
         require(stretches is not None or stretch is not None, missing, "collapse_time.no_stretch")
-        both = stretches is not None and stretch is not None
-        notes = notes + ["lambda of the table used, not the one given"] * both
-        rows = np.column_stack([radius, np.full(len(time), stretch) if stretches is None else stretches, time]).tolist()
-        names = names or [str(k) for k in range(1, len(rows) + 1)]
         origin = "given" if stretches is None else "table"
-        shots = [CollapseShot.of(name, origin, *row) for name, row in zip(names, rows, strict=True)]
+        if stretches is None:
+            stretches = np.full(len(time), stretch)
+        elif stretch is not None:
+            notes = [*notes, "lambda of the table used, not the one given"]
+        rows = np.column_stack([radius, stretches, time]).tolist()
+        names = names or [str(k) for k in range(1, len(rows) + 1)]
+        shots = selected([_shot(name, origin, *row) for name, row in zip(names, rows, strict=True)], chosen)
         head: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
-        return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **head)
+        return CollapseGroup(name=printable(path.stem), shots=shots, **head)
 
 
 def write_csv(path: Path, document: CollapseTimes) -> None:
@@ -265,7 +253,7 @@ def print_table(document: CollapseTimes) -> None:
     heads = ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁")
     table = terminal.table("material", heads, left=("model",))
     for who, group in zip(digits.shortened([group.name for group in document.groups]), document.groups, strict=True):
-        n = f"{group.n}" if not group.unusable else f"{group.n - group.unusable}/{group.n}"
+        n = f"{group.n - group.unusable}/{group.n}" if group.unusable else f"{group.n}"
         value = group.estimate or CollapseEstimate()
         G, mu = _interval(value.shear_modulus_Pa, factor, joint="\n"), _interval(value.viscosity_Pa_s, joint="\n")
         table.add_row(who, n, group.model, G, mu, digits.percent(value.scatter))
@@ -300,8 +288,7 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
 
 
 def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
-    """t_1/t_RC of the shots and of the model over R_max, open where a shot is weighted down. Where G and mu were
-    not both found: the equally good pairs."""
+    """t_1/t_RC of the shots and of the model over R_max; the equally good pairs where G and mu were not both found."""
     (factor, name), best = document.modulus_unit, group.estimate
     assert best is not None
     G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s

@@ -216,8 +216,6 @@ def width(percent: float | None) -> str:
 
 def print_table(document: Design) -> None:
     """A line per setting, then the next one and the number of shots."""
-    from rich.text import Text
-
     console, names = terminal.console(), list(document.settings[0].half_width_percent)
     heads = ["frames/s", *(f"{digits.described(name)[0]}\n± %" for name in names), "readable\n%", "shots", "gain\nnats"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
@@ -230,7 +228,7 @@ def print_table(document: Design) -> None:
         table.add_row(digits.micrometres(setting.max_radius_m), *row, style=style)
     console.print(table)
     for line in document.sentences:
-        console.print(Text(line, "bold"))
+        console.print(line, style="bold")
 
 
 def design(
@@ -280,14 +278,7 @@ def design(
     family, (bubble,), liquid = Family(rig.material), bubbles_of(rig.bubble), medium(rig.medium)
     half = float(np.log10(1.0 + wanted))
     goal, law, stretches = _goal(family, half, known, group, dict(ranges or {}), spread, draws, seed)
-    rates, noises = rig.frame_rate, np.broadcast_to(np.asarray(rig.noise, dtype=float), len(rig.frame_rate)).tolist()
-    smallest, largest = rig.max_radius
-    radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1).tolist()
-    settings = [
-        Setting(radius, float(rate), noise, rig.relative_noise, rig.frames, min(rig.exposure, 1.0 / rate))
-        for rate, noise in zip(rates, noises, strict=True)
-        for radius in radii
-    ]
+    settings = _settings(rig, sizes)
     material_draws = Draws(family, law, stretches, liquid, bubble, seed)
     expected = material_draws.expected(settings, workers, done)
     gains = np.array([[goal.gain(shot) for shot in shots] for shots in expected])
@@ -314,6 +305,18 @@ def design(
         fewest=fewest,
         checked=checked,
     )
+
+
+def _settings(rig: Rig, sizes: int) -> list[Setting]:
+    """Each frame rate with so many R_max."""
+    rates, noises = rig.frame_rate, np.broadcast_to(np.asarray(rig.noise, dtype=float), len(rig.frame_rate)).tolist()
+    smallest, largest = rig.max_radius
+    radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1).tolist()
+    return [
+        Setting(radius, float(rate), noise, rig.relative_noise, rig.frames, min(rig.exposure, 1.0 / rate))
+        for rate, noise in zip(rates, noises, strict=True)
+        for radius in radii
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -407,10 +410,9 @@ def _goal(
     unknown = ", ".join(set(ranges) - {*names})
     require(not unknown, f"{family.name} has no {unknown}; known: {', '.join(names)}", "design.range")
     for name, pair in ranges.items():
-        message = f"the range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
-        require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, message, "design.range")
-        ends = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
-        require(ends[0] < pair[0] and pair[1] < ends[1], f"a stretch is {ends[0]:g} to {ends[1]:g}", "design.range")
+        low, high = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
+        message = f"the range of {name} must be [low, high] with {low:g} < low < high < {high:g}, got {list(pair)}"
+        require(len(pair) == 2 and low < pair[0] < pair[1] < high, message, "design.range")
     searched = dict(zip(names, [*family.bounds(started=True), np.log10(STRETCHES)], strict=True))
     logs = np.array([np.log10(ranges[name]) if name in ranges else ends for name, ends in searched.items()])
     mean, deviation, normal = logs.mean(axis=1), np.ptp(logs, axis=1) / np.sqrt(12.0), np.zeros(len(names), bool)
@@ -433,15 +435,15 @@ def _goal(
 def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:
     """The group that is the material, and its trusted answers of this law with intervals."""
     candidates: list[tuple[GroupRecord, list[CurveRecord]]] = []
-    for record, members in result.members():
-        rows = [row for row in (result.curves[i] for i in members) if row.trusted and row.material == family.name]
+    for record, shots in result.shots():
+        rows = [row for row in shots if row.trusted and row.material == family.name]
         rows = [row for row in rows if np.all(np.isfinite(log_ends(map(row.value, family.parameters))))]
         candidates += [(record, rows)] if rows and group in (None, record.name, rows[0].group) else []
-    names = ", ".join(record.name for record, _ in candidates)
-    message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
     groups = ", ".join(record.name for record in result.groups)
+    message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
     message += f" in the group {group!r} (groups: {groups})" if group else ""
     require(bool(candidates), message + ": give ranges instead", "design.no_answer")
+    names = ", ".join(record.name for record, _ in candidates)
     message = f"the result has several materials ({names}): name the group of one with --group NAME"
     require(len(candidates) < 2, message, "design.groups")
     return candidates[0]

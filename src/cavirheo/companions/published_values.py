@@ -69,8 +69,7 @@ class _ReferenceLine(pydantic.BaseModel):
 _COLUMNS = tuple(_ReferenceLine.model_fields)
 _SETTINGS = _COLUMNS[_COLUMNS.index("files") : _COLUMNS.index("source")]
 _CONSTANTS = _SETTINGS[_SETTINGS.index("density") :]
-
-
+_BY_SET = TypeAdapter(dict[str, Published])
 _VOCABULARY = Vocabulary(
     {name: Term(name) for name in _COLUMNS},
     f"expected a first line of the titles {','.join(_COLUMNS)}, of which set is needed",
@@ -104,8 +103,7 @@ class ReferenceSet:
 def read_references(path: str | Path) -> list[ReferenceSet]:
     """The sets in the order of their first lines.
 
-    Raises:
-        InputError: the file cannot be read or has a mistake (line, column, what was expected).
+    Raises InputError: the file cannot be read or has a mistake (line, column, what was expected).
     """
     with guarded(Path(path)):
         (table,) = read_columns(Path(path), _VOCABULARY)
@@ -115,8 +113,7 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
         message = f"{place}: not known; expected one of {', '.join(_COLUMNS)}"
         require(bool(kind) and unit is None, message, "references.head")
         require(len(table.all(kind)) == 1, f"{place}: {len(table.all(kind))} times; expected once", "references.head")
-    sets: dict[str, ReferenceSet] = {}
-    methods: dict[str, tuple[str, str]] = {}
+    sets, methods = dict[str, ReferenceSet](), dict[str, tuple[str, str]]()
     for number, texts in table.rows:
         row = {name.kind: cell for name, cell in zip(names, texts, strict=False) if cell}
         _add_line(row, f"{path}, line {number}", sets, methods)
@@ -175,8 +172,7 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
     """
     from cavirheo.companions import rheometer
 
-    values: dict[str, Published] = {}
-    files: list[Path] = []
+    values, files = dict[str, Published](), list[Path]()
     for path in map(Path, paths):
         try:
             values |= {reference.name: reference.values for reference in read_references(path)}
@@ -188,12 +184,12 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
         sweeps = [sweep for path in files for sweep in rheometer.read_sweeps(path)]
         rheometry = rheometer.rheometry(sweeps, rheometer.shared_name(files), command="")
         values[rheometry.material] = {**values.get(rheometry.material, {}), **rheometry.published}
-    return TypeAdapter(dict[str, Published]).dump_python(values)
+    return _BY_SET.dump_python(values)
 
 
 def published(values: dict[str, Any]) -> dict[str, Published]:
     """What `values_of` found, checked. Raises ValueError: something else."""
-    return TypeAdapter(dict[str, Published]).validate_python(values)
+    return _BY_SET.validate_python(values)
 
 
 def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, Published]:

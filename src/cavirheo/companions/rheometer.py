@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -49,6 +50,7 @@ _STRAIN = dict.fromkeys(("%", "percent", "pct"), 0.01)
 _STRAIN |= dict.fromkeys(("1", "-", "–", "—", "fraction", "dimensionless", "unitless"), 1.0)
 _TWO_PI = "Hz and rad/s differ by a factor of 2 pi; write 'Frequency (Hz)' or 'Angular frequency (rad/s)'"
 _CENT = "per cent and fraction differ by a factor of 100; write 'Strain (%)' or 'Strain [1]'"
+_strain = partial(Term, units=_STRAIN, hint=_CENT)
 _NO_SWEEP = "rheometer.no_sweep"  # the code of a table of moduli that is no sweep: one frequency, one strain
 
 
@@ -80,15 +82,11 @@ VOCABULARY = Vocabulary(  # as exported, in English, German and French, as the p
         "frequency": Term(
             "frequency freq frequenz frequence", _HERTZ | _PER_SECOND | dict.fromkeys(_INVERSE, math.nan), hint=_TWO_PI
         ),
-        "strain": Term(
-            "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude",
-            _STRAIN,
-            hint=_CENT,
+        "strain": _strain(
+            "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude"
         ),
-        "shear strain": Term(  # where no title is more exact
-            "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement",
-            _STRAIN,
-            hint=_CENT,
+        "shear strain": _strain(  # where no title is more exact
+            "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement"
         ),
         "interval": Term("actionname interval intervalno step stepname segment sweep sample run repeat replicate test"),
     },
@@ -275,9 +273,7 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     Raises:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
     """
-    path = Path(path)
-    sweeps: list[Sweep] = []
-    refusals: list[str] = []
+    path, sweeps, refusals = Path(path), list[Sweep](), list[str]()
     with guarded(path):
         parts = [part for table in read_columns(path, VOCABULARY) for part in _intervals(table)]
         for number, (label, table) in enumerate(parts, 1):
@@ -299,10 +295,10 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
 
 def _intervals(table: Table) -> Iterator[tuple[str, Table]]:
     """(label, rows) of each interval that a column tells apart; ("", all rows) where none does."""
-    column = next(iter(table.all("interval")), None)
-    labels = column.text if column else [""] * len(table.rows)
-    if len(set(labels)) == len(labels):  # a number for each row
-        labels = [""] * len(labels)
+    columns = table.all("interval")
+    labels = columns[0].text if columns else []
+    if len(set(labels)) == len(labels):  # none, or a number for each row
+        labels = [""] * len(table.rows)
     for label in dict.fromkeys(labels) or [""]:
         yield label, table.part([row for row, its_label in zip(table.rows, labels, strict=True) if its_label == label])
 
@@ -312,11 +308,9 @@ def _sweep(table: Table, label: str) -> Sweep:
     rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.texts)]
     invalid, table = len(table.rows) - len(rows), table.part(rows)
     moduli = [table.column("storage"), table.column("loss")]
-    settings = {
-        "frequency": table.all("omega") + table.all("frequency"),
-        "strain": table.all("strain") + table.all("shear strain"),
-    }
-    first = {name: columns[0] for name, columns in settings.items() if columns}
+    settings = {"frequency": ("omega", "frequency"), "strain": ("strain", "shear strain")}
+    candidates = {name: [*table.all(kinds[0]), *table.all(kinds[1])] for name, kinds in settings.items()}
+    first = {name: columns[0] for name, columns in candidates.items() if columns}
     titles = ", ".join(map(repr, table.titles[:8]))
     require(bool(first), f"no column for frequency or strain among {titles}; {VOCABULARY.expected}", _NO_SWEEP)
     positive = moduli[0].numbers > 0
@@ -340,8 +334,8 @@ def _sweep(table: Table, label: str) -> Sweep:
     if columns[0].unit in _HERTZ:
         notes.append(f"{columns[0].title!r} is in {columns[0].unit}: converted to rad/s by 2 pi")
     data = np.stack([column.factor * column.numbers[usable] for column in columns])
-    held, second = None, next(iter(first.values()), None)
-    if second:
+    held = None
+    for second in first.values():
         values = second.numbers[usable]
         for omega in np.unique(data[0]) if kind == "frequency" else ():
             strains = values[np.abs(data[0] / omega - 1) < _SAME]
@@ -507,7 +501,7 @@ def print_rheometry(document: Rheometry) -> None:
 def _cell(sweep: Sweep, field: str, factor: float) -> str:
     """A number, or the ends of the plateau."""
     if field != "plateau_to":
-        return digits.spread(Spread(mean=getattr(sweep, field)), factor)
+        return digits.number(getattr(sweep, field), factor)
     ends = [factor * end for end in _present([sweep.plateau_from, sweep.plateau_to])]
     return _span(ends, to=" to " if sweep.departs or sweep.kind == "frequency" else " to ≥ ")
 
@@ -537,14 +531,14 @@ def figure(document: Rheometry, kind: str) -> Figure:
     factor, unit = document.unit
     drawing, axes = panel(document.material, digits.counted(len(sweeps), f"{kind} sweep"), x_label, f"G′, G″ ({unit})")
     for k, sweep in enumerate(sweeps):
-        labels = ("", "") if k else ("G′", "G″")
-        axes.loglog(scale * sweep.x, factor * sweep.storage, "o-", color=BLUE, label=labels[0], ms=3.5, lw=0.7)
-        look: Any = {"color": VERMILLION, "mfc": "white", "ms": 3.5, "lw": 0.7}
-        axes.loglog(scale * sweep.x, factor * sweep.loss, "o-", label=labels[1], **look)
+        moduli = (("G′", sweep.storage, BLUE, BLUE), ("G″", sweep.loss, VERMILLION, "white"))
+        for label, values, color, inside in moduli:
+            look: Any = {"color": color, "mfc": inside, "ms": 3.5, "lw": 0.7, "label": "" if k else label}
+            axes.loglog(scale * sweep.x, factor * values, "o-", **look)
     ends = [(sweep.plateau_from, sweep.plateau_to) for sweep in sweeps if sweep.plateau_from and sweep.plateau_to]
     if ends and (first := max(low for low, _ in ends)) < (last := min(high for _, high in ends)):
-        label = "linear range" if kind == "strain" else "plateau"
-        axes.axvspan(scale * first, scale * last, color="#00694d", alpha=0.09, lw=0, zorder=0, label=label)
+        title = "linear range" if kind == "strain" else "plateau"
+        axes.axvspan(scale * first, scale * last, color="#00694d", alpha=0.09, lw=0, zorder=0, label=title)
     named_curves(axes, 3)
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()

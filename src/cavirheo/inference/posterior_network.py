@@ -1,6 +1,6 @@
 """A posterior network answers: draws of the parameters with their density, for any recording, in milliseconds.
 
-The network (training/posterior_network.py) reads the frames of an experiment's window, whatever the camera, and gives
+The network (training/networks.py) reads the frames of an experiment's window, whatever the camera, and gives
 the density of the coordinates (latent.py) one by one, each a mixture of Gaussians given those before it. It was
 trained in water; in another medium the same Cauchy and Reynolds numbers make nearly the same curve:
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import time
 from collections import Counter
@@ -38,12 +39,11 @@ from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.recipe import PosteriorTable, difference
-from cavirheo.training.recordings import COLUMNS, CurveStore, simulated_curves
+from cavirheo.training.recordings import COLUMNS, Columns, simulated_curves
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar
 
 Indices = NDArray[np.int64]
-Rows = Mapping[str, Any]  # columns (curves, ...) by name
 Part = TypeVar("Part")
 
 SHARD, CURVES = 500, 1000  # curves in a file of a set on a grid, and of a posterior network
@@ -66,7 +66,7 @@ class Layout:
     problem: str  # as JSON
     per_file: int  # curves in a file
     columns: Mapping[str, tuple[Any, tuple[int, ...]]]  # kind of the numbers and shape of a row; "status": texts
-    simulate: Callable[[int, range], Rows]  # columns of (seed, block of curves); no "status": failed ones are left out
+    simulate: Callable[[int, range], Columns]  # of (seed, block); no "status": failed ones are left out
     summary: Sequence[str]  # what the curves are of, in lines
 
     def name(self, number: int) -> str:
@@ -79,15 +79,25 @@ class Layout:
         message = f"the set ({n} curves) needs {need / 1e9:.3g} GB {place}, and there are {free / 1e9:.3g} GB"
         require(need <= free, f"{message}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
 
-    def write(self, head: Mapping[str, Any], path: Path, block: range, parts: Sequence[Rows]) -> None:
-        """The file of the curves `block`, of what `simulate` gave for its parts."""
-        datasets: dict[str, dict[str, Any]] = {}
-        for name, (kind, _) in self.columns.items():
-            values = np.concatenate([np.asarray(part[name], kind) for part in parts])
-            how: dict[str, Any] = {"dtype": h5py.string_dtype()} if name == "status" else PACKING
-            datasets[name] = {"data": values} | how
-        failed = {} if "status" in datasets else {"failed": len(block) - len(values)}
-        write_hdf5(path, {**head, "start": block.start, **failed}, datasets)
+    def write(self, head: Mapping[str, Any], path: Path, block: range, parts: Sequence[Columns]) -> None:
+        """The file of the curves `block`, of what `simulate` gave for its parts, whole or not at all.
+
+        It is made in memory: on a full disk HDF5 itself would end the process. Nothing in it depends on the date.
+        """
+        values = {
+            name: np.concatenate([np.asarray(part[name], kind) for part in parts])
+            for name, (kind, _) in self.columns.items()
+        }
+        failed = {} if "status" in values else {"failed": len(block) - len(values["kind"])}
+        with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
+            file.attrs.update({**head, "start": block.start, **failed})
+            for name, column in values.items():
+                how: Any = {"dtype": h5py.string_dtype()} if name == "status" else PACKING
+                file.create_dataset(name, data=column, track_times=False, **how)
+            file.flush()
+            content = file.id.get_file_image()
+        with whole(path) as temporary:
+            temporary.write_bytes(content)
 
 
 def layout_of(problem: TrainingProblem | PosteriorTable) -> Layout:
@@ -109,7 +119,7 @@ def layout_of(problem: TrainingProblem | PosteriorTable) -> Layout:
     return Layout("curves", "posterior", text, CURVES, COLUMNS, partial(simulated_curves, problem), summary)
 
 
-def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
+def _simulated(problem: TrainingProblem, seed: int, block: range) -> Columns:
     theta = problem.prior.sample(block, seed)
     runs = problem.simulate_many(theta, workers=1)
     radius = np.array([run.radius for run in runs], dtype=float) / problem.reference_max_radius
@@ -220,8 +230,7 @@ def generate(
     executor: where they are simulated; default: on so many threads (`workers`) of this machine.
     Complete files are kept. Nothing in a file depends on `workers`, `executor`, `shard` or the date.
 
-    Raises:
-        InputError: the folder holds files of another problem, seed, number of curves or version.
+    Raises InputError: the folder holds files of another problem, seed, number of curves or version.
     """
     layout, (part, parts) = layout_of(problem), shard
     message = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"
@@ -248,22 +257,20 @@ def generate(
 def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
     """The training set in a folder; with the folder `scratch` its radii are in a nameless file there, else in memory.
 
-    Raises:
-        InputError: no shards, a missing or damaged shard, files of different sets, or more than fits there.
+    Raises InputError: no shards, a missing or damaged shard, files of different sets, or more than fits there.
     """
     first, columns = _load(data_dir, "shard", {}, scratch)
     problem = TrainingProblem.from_dict(json.loads(first.layout.problem))
     return Dataset(problem, first.head["seed"], first.head["made_by"], **columns)
 
 
-def load_curves(problem: PosteriorTable, data_dir: str | Path, scratch: Path) -> CurveStore:
+def load_curves(problem: PosteriorTable, data_dir: str | Path, scratch: Path) -> Columns:
     """The curves of a posterior network in a folder, unpacked in a nameless file in the folder `scratch`, 2 kB each.
 
-    Raises:
-        InputError: none, some missing or damaged, or made with another recipe.
+    Raises InputError: none, some missing or damaged, or made with another recipe.
     """
     expected = {"posterior": layout_of(problem).problem, "made_by": version("cavirheo")}
-    return CurveStore(**_load(data_dir, "curves", expected, scratch)[1])
+    return _load(data_dir, "curves", expected, scratch)[1]
 
 
 def survey(data_dir: str | Path) -> Survey:
@@ -290,8 +297,6 @@ def _load(
     missing = list(islice((name for name in map(layout.name, range(count)) if name not in present), 3))
     lacking = f"{data_dir}: {count - len(paths)} of {count} files are missing ({', '.join(missing)}, ...)"
     require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
-    foreign = sorted(present - {*map(layout.name, range(count))})
-    require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
     files: dict[str, Any] = {}
     if scratch is not None:
         layout.check_space(total, shutil.disk_usage(scratch).free, f"on the disk of {scratch}")
@@ -302,10 +307,11 @@ def _load(
         layout.check_space(2 * total, memory, "of memory")  # read, and joined
     parts: dict[str, list[Any]] = {name: [] for name in layout.columns if name not in files}
     for shard in _shards(paths, expected):
-        for name, file in files.items():
-            file.write(shard.rows[name].tobytes())
-        for name, values in parts.items():
-            values.append(shard.rows[name])
+        for name, values in shard.columns.items():
+            if name in files:
+                files[name].write(values.tobytes())
+            else:
+                parts[name].append(values)
     columns = {name: np.concatenate(values) for name, values in parts.items()}
     curves = len(next(iter(columns.values())))
     require(curves > 0, f"{data_dir}: every simulation of this set failed", "dataset.none")
@@ -317,9 +323,12 @@ def _load(
 
 
 def _paths(data_dir: str | Path, prefix: str) -> list[Path]:
+    """The files of a set in their order. Raises InputError: there is none, or one with a name that none of them has."""
     paths = sorted(Path(data_dir).glob(f"{prefix}-*.h5"))
     message = f"{data_dir} holds no training set ({prefix}-*.h5); make one with `cavirheo generate`"
     require(bool(paths), message, "dataset.none")
+    foreign = [path.name for path in paths if not re.fullmatch(r"\d{5,}", path.stem.removeprefix(f"{prefix}-"))]
+    require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
     return paths
 
 
@@ -332,20 +341,16 @@ def _shards(paths: Sequence[Path], expected: Mapping[str, Any]) -> Iterator[Shar
 
 
 class Shard(NamedTuple):
-    """A file of a training set. head: its attributes. rows: its columns. statuses: how many curves ended how."""
+    """A file of a training set. head: its attributes. statuses: how many curves ended how."""
 
     head: Mapping[str, Any]
     layout: Layout
-    rows: Rows
+    columns: Columns
     statuses: Counter[str]
 
 
 def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
-    """A file of a training set.
-
-    Raises:
-        InputError: not readable, attributes other than expected, or columns that are not what these say.
-    """
+    """A file of a set. Raises InputError: damaged, attributes other than expected, or columns that these do not say."""
     try:
         require(path.is_file(), "it is no file", "dataset.unreadable")  # a pipe would be waited for
         with h5py.File(path, "r") as file:
@@ -368,14 +373,14 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
             needed = {name: (np.dtype(of), (count, *shape)) for name, (of, shape) in layout.columns.items()}
             fine = shapes == needed and path.name == layout.name(start // layout.per_file)
             require(fine, f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
-            rows = {name: np.array((item.asstr() if name == "status" else item)[:]) for name, item in items.items()}
-        if "status" in rows:
-            rows["status"] = rows["status"].astype(str)
-            ok = rows["status"] == "ok"
-            finite = np.isfinite(rows["radius"][ok]).all() and np.isfinite(rows["theta"][ok]).all()
-            require(finite, "values of its good curves are not finite", "dataset.values")
-            return Shard(head, layout, rows, Counter(rows["status"].tolist()))
-        return Shard(head, layout, rows, +Counter({"ok": count, "failed, left out": failed}))
+            columns = {name: np.array((item.asstr() if name == "status" else item)[:]) for name, item in items.items()}
+        if "status" not in columns:
+            return Shard(head, layout, columns, +Counter({"ok": count, "failed, left out": failed}))
+        columns["status"] = columns["status"].astype(str)
+        ok = columns["status"] == "ok"
+        finite = np.isfinite(columns["radius"][ok]).all() and np.isfinite(columns["theta"][ok]).all()
+        require(finite, "values of its good curves are not finite", "dataset.values")
+        return Shard(head, layout, columns, Counter(columns["status"].tolist()))
     except InputError as error:
         hint = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
         raise InputError(f"{path}: {error}{hint}", error.code) from error
@@ -408,18 +413,3 @@ def fill(
             if len(parts) == -(-len(block) // CHUNK):
                 write(path, block, [parts[start] for start in sorted(parts)])
                 del unfinished[path]
-
-
-def write_hdf5(path: Path, attributes: Mapping[str, Any], datasets: Mapping[str, Mapping[str, Any]]) -> None:
-    """A file of these attributes and datasets (by name, as `create_dataset` takes them), whole or not at all.
-
-    It is made in memory: on a full disk HDF5 itself would end the process. Nothing in it depends on the date.
-    """
-    with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
-        file.attrs.update(attributes)
-        for name, how in datasets.items():
-            file.create_dataset(name, track_times=False, **how)
-        file.flush()
-        content = file.id.get_file_image()
-    with whole(path) as temporary:
-        temporary.write_bytes(content)

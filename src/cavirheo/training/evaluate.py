@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +17,11 @@ from cavirheo.parameters import LOG10, natural, natural_name, parameter_of
 from cavirheo.prior import Prior
 from cavirheo.training.dataset import Dataset, load
 from cavirheo.training.recipe import difference
+from cavirheo.writing import style
 from cavirheo.writing.document import Document, Outputs, write_json
-from cavirheo.writing.style import BLUE, INK, available
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PICTURE = "predicted.png"
 BINS = 4  # of a parameter whose prior is not logarithmic; the others are cut by decades
@@ -123,11 +126,9 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, **head: A
         notes=_other_ranges(network, data, theta),
     )
     if outputs is not None:
-        if available():
-            draw(outputs, document.metrics, truth, predicted)
-            document.figures = [PICTURE]
-        else:
-            document.notes.append("no figures, which need matplotlib: pip install 'cavirheo[plot]'")
+        drawing = style.save, draw, document.metrics, truth, predicted
+        failed = outputs.picture(PICTURE, *drawing) if style.available() else [style.NO_PICTURES]
+        document.figures, document.notes = [PICTURE] * (not failed), document.notes + failed
         outputs.write("metrics.json", write_json, document)
         outputs.write("evaluation.md", Path.write_text, markdown(document.model_dump()), encoding="utf-8")
         outputs.finish()
@@ -185,49 +186,44 @@ def markdown(result: Mapping[str, Any]) -> str:
     return "\n".join(text) + "\n"
 
 
-def draw(folder: Outputs, outputs: Mapping[str, Mapping[str, float]], truth: Floats, predicted: Floats) -> None:
-    """predicted.png: predicted over true values, (curves, outputs) in the prior's scale, of outputs with their metrics.
-
-    Raises InputError if matplotlib is not installed.
-    """
-    require(available(), "the figures need matplotlib: pip install 'cavirheo[plot]'", "figures.matplotlib")
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.3 * len(outputs), 4.4), layout="constrained")
+def draw(outputs: Mapping[str, Mapping[str, float]], truth: Floats, predicted: Floats) -> Figure:
+    """Predicted over true values, (curves, outputs) in the prior's scale, of outputs with their metrics."""
+    figure = style.new_figure(4.4, 4.3 * len(outputs))
+    figure.set_layout_engine("constrained")
     panels = figure.subplots(1, len(outputs), squeeze=False)[0]
     for axes, name, *columns in zip(panels, outputs, truth.T, predicted.T, strict=True):
         t, p = (natural(name, column) for column in columns)
-        words, unit, logarithmic = natural_name(name).replace("_", " "), parameter_of(name).unit, name.startswith(LOG10)
-        label = f"{words} {parameter_of(name).symbol}" + ("" if unit == "1" else f" ({unit})")
+        logarithmic, symbol = name.startswith(LOG10), parameter_of(name).symbol
+        words = label(natural_name(name), symbol)
         ends = [min(t.min(), p.min()), max(t.max(), p.max())]
-        axes.plot(t, p, marker=".", ls="", ms=3.5, mew=0, color=BLUE, alpha=0.5)
-        axes.plot(ends, ends, color=INK, lw=1, label="predicted = true", zorder=1)
+        axes.plot(t, p, marker=".", ls="", ms=3.5, mew=0, color=style.BLUE, alpha=0.5)
+        axes.plot(ends, ends, color=style.INK, lw=1, label="predicted = true", zorder=1)
         scale = "log" if logarithmic else "linear"
-        axes.set(xlabel=f"true {label}", ylabel=f"predicted {label}", xscale=scale, yscale=scale)
+        axes.set(xlabel=f"true {words}", ylabel=f"predicted {words}", xscale=scale, yscale=scale)
         axes.set(xlim=axes.get_ylim(), box_aspect=1)
         axes.set_title(f"R² = {outputs[name]['r2']:.4f}" + " of the logarithm" * logarithmic, fontsize=10)
         axes.legend(loc="upper left", frameon=False, fontsize=9)
-    folder.write(PICTURE, lambda path, drawing: drawing.savefig(path, dpi=160), figure)
+    return figure
 
 
-def label(name: str) -> str:
+def label(name: str, symbol: str = "") -> str:
     """A name in the prior's scale for people: log10_viscosity -> log10 viscosity (Pa s)."""
     words, unit = natural_name(name).replace("_", " "), parameter_of(name).unit
-    return "log10 " * name.startswith(LOG10) + words + f" ({unit})" * (unit != "1")
+    return "log10 " * name.startswith(LOG10) + words + f" {symbol}" * bool(symbol) + f" ({unit})" * (unit != "1")
 
 
 def _table(
     first: str, columns: Mapping[str, Sequence[Any]], rows: Sequence[tuple[str, Mapping[str, Any]]]
 ) -> list[str]:
     """Lines of a Markdown table whose columns also stand under each other in a terminal."""
-    rows_of_text = [[first, *(heading for heading, *_ in columns.values())]]
+    texts = [[first, *(heading for heading, *_ in columns.values())]]
     for name, values in rows:
         numbers = ["-" if values[key] is None else format(values[key], form) for key, (_, form, *_) in columns.items()]
-        rows_of_text.append([name, *numbers])
-    widths = [max(map(len, column)) for column in zip(*rows_of_text, strict=True)]
+        texts.append([name, *numbers])
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     rule = ["-" * (widths[0] + 1), *("-" * width + ":" for width in widths[1:])]
     form = " | ".join(f"{{:{'>' if k else '<'}{width}}}" for k, width in enumerate(widths))
-    head, *lines = (f"| {form.format(*row)} |" for row in rows_of_text)
+    head, *lines = (f"| {form.format(*row)} |" for row in texts)
     return [head, f"|-{'|-'.join(rule)}|", *lines]
 
 
@@ -249,8 +245,7 @@ def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dic
     Errors are in that scale (decades for log10 names); `r2_natural` and `median_relative_error` are of the
     natural values.
 
-    Raises:
-        InputError: fewer than 2 curves, or shapes that do not fit.
+    Raises InputError: fewer than 2 curves, or shapes that do not fit.
     """
     truth, predicted = np.asarray(truth, dtype=float), np.asarray(predicted, dtype=float)
     fine = truth.shape == predicted.shape == (max(len(truth), 2), len(names))

@@ -8,6 +8,7 @@ values that no liquid or gel has); [network] may be left out.
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
@@ -75,6 +76,11 @@ class TrainingTable(Section):
     warmup_steps: NonNegativeInt = 0
     dropout_epochs: PositiveInt | None = None  # without dropout afterwards; None leaves answers 3 to 7 % off scale
 
+    def learning_rate(self, step: int, steps: int) -> float:
+        """Adam's step size at a step of so many, from 0: linear warm-up, then constant or half a cosine to 0."""
+        rate = self.lr * min(1.0, (step + 1) / max(1, self.warmup_steps))
+        return rate * (0.5 * (1.0 + math.cos(math.pi * step / steps))) if self.schedule == "cosine" else rate
+
 
 class ExportTable(Section):
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9.-]*$", max_length=100)
@@ -130,10 +136,7 @@ class Recipe(Section):
 
 
 class PosteriorTable(Section):
-    """What the curves of a posterior network are drawn from.
-
-    laws, bubbles: shares of the curves by name. max_radius_um: ends of its range.
-    """
+    """What the curves of a posterior network are drawn from; laws and bubbles are shares of the curves by name."""
 
     laws: dict[str, PositiveFloat] = Field(min_length=1)
     bubbles: dict[Literal["field", "real"], PositiveFloat] = Field({"field": 0.35, "real": 0.65}, min_length=1)
@@ -169,6 +172,11 @@ class PosteriorTrainingTable(Section):
     def steps(self) -> int:
         return max(self.samples // self.batch, 1)
 
+    def learning_rate(self, step: int, steps: int) -> float:
+        """At a step of so many, from 0. It falls at the end, so that a part of a training can be continued."""
+        left = (steps - step) / max(self.falling * steps, 1.0)
+        return self.rate * min(1.0, (step + 1) / self.warm_up) * min(1.0, max(left, 0.0) + 0.003)
+
 
 class PosteriorRecipe(Section):
     problem: PosteriorTable = Field(alias="posterior")
@@ -198,8 +206,7 @@ class PosteriorRecipe(Section):
 def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
     """The recipe in a TOML file.
 
-    Raises:
-        InputError: not readable, not TOML, an unknown key, or a value missing or refused; the first few are named.
+    Raises InputError: not readable, not TOML, an unknown key, or a value missing or refused; the first few are named.
     """
     content = read_bytes(path, LARGEST)
     kind: type[Recipe | PosteriorRecipe] = Recipe
@@ -208,6 +215,7 @@ def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
         kind = PosteriorRecipe if "posterior" in sections else Recipe
         recipe = kind.model_validate(sections)
         recipe.check()
+        return recipe
     except ValidationError as error:
         raise InputError(f"{path} cannot be used: {validation_message(error, kind)}", "recipe.value") from error
     except InputError as error:
@@ -216,7 +224,6 @@ def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
         raise InputError(f"{path} is not UTF-8: save it as UTF-8 text ({error.reason})", "recipe.syntax") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is not valid TOML: {error}", "recipe.syntax") from error
-    return recipe
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

@@ -12,8 +12,8 @@ place before every step of the training.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,24 +41,13 @@ FASTEST, SLOWEST = 1e-7, 1e-5  # s between them
 _ROOM = 3 * MOST
 
 
-@dataclass(frozen=True)
-class CurveStore:
-    """Many curves. time, radius: (n, NODES) as whole numbers, perhaps on the disk; z: (n, 9); kind: (n,) index of
-    law and bubble; max_radius: (n,) m."""
-
-    time: NDArray[np.uint16]
-    radius: NDArray[np.uint16]
-    z: NDArray[np.float32]
-    kind: NDArray[np.uint8]
-    max_radius: NDArray[np.float32]
-
-
-COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {
-    "time": (np.uint16, (NODES,)),
+Columns = Mapping[str, Any]  # (n, ...) of many curves, by name
+COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {  # kind of the numbers and shape of a row
+    "time": (np.uint16, (NODES,)),  # whole numbers, perhaps on the disk
     "radius": (np.uint16, (NODES,)),
     "z": (np.float32, (len(COORDINATES),)),
-    "kind": (np.uint8, ()),
-    "max_radius": (np.float32, ()),
+    "kind": (np.uint8, ()),  # index of law and bubble
+    "max_radius": (np.float32, ()),  # m
 }
 
 
@@ -125,8 +114,7 @@ def nodes(radius: Floats) -> NDArray[np.int64]:
     return chosen
 
 
-@dataclass(frozen=True)
-class Filmed:
+class Filmed(NamedTuple):
     """inputs: (m, SIZE). z: (m, 9). kind: (m,). discrepancy: (m,) 0 or 1. noise: (m,) true size of the white part."""
 
     inputs: NDArray[np.float32]
@@ -136,12 +124,12 @@ class Filmed:
     noise: Floats
 
 
-def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
+def film(shots: Columns, index: NDArray[np.int64], seed: int) -> Filmed:
     """Recordings of curves `index` (m,), the same for equal seeds; those without a readable R_max are left out."""
     m = len(index)
     rng = np.random.default_rng(seed)
-    top = shots.max_radius[index].astype(float)
-    nodes, radii = (columns[index].astype(float) for columns in (shots.time, shots.radius))
+    top = shots["max_radius"][index].astype(float)
+    nodes, radii = (columns[index].astype(float) for columns in (shots["time"], shots["radius"]))
     nodes, radii = nodes * (END / STEPS), radii * (TOP / 65535.0)
     middle = radii[:, 1:-1]
     low = (middle < radii[:, :-2]) & (middle <= radii[:, 2:]) & (middle < 0.9 * radii[:, :1])
@@ -162,11 +150,11 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     numbers = {"max_radius": top[good] * read / camera.scale, "frame": camera.frame / read}
     numbers |= {"exposure": camera.exposure / read, "noise": noise[good], "discrepancy": discrepancy}
     inputs = binned(sample, time[rows, flat], radius[rows, flat], **numbers, late=late[good])
-    z = shots.z[index][good].copy()
+    z = shots["z"][index][good].copy()
     z[:, COORDINATES.index("max_radius_factor")] = 3.0 * more[good]
     z[:, COORDINATES.index("time_origin")] = early[good]
     z[:, COORDINATES.index("radius_scale")] = (camera.scale - 1.0) / SCALE
-    kind = shots.kind[index][good].astype(np.int64)
+    kind = shots["kind"][index][good].astype(np.int64)
     return Filmed(inputs, z, kind, discrepancy.astype(np.float32), np.array(camera.white))
 
 

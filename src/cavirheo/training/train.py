@@ -2,63 +2,397 @@
 
 Everything follows from (seed, step): a run that was cut off ends at the weights it would have had.
 
-Files in the run's folder, each written whole or not at all:
+Files in the run's folder, each written whole or not at all; tensors have a JSON note, and nothing is pickled:
     last.safetensors   weights and optimiser at the last validation, settings, history
     best.safetensors   weights that are exported: of the lowest validation loss, or of a posterior network the average
     history.jsonl      one line per validation: losses of the training and the validation part, seconds
     test.npz           curves, truth and predictions of the test part, which is looked at once, at the end
-    result.json        what came out, and of what: becomes the card of the exported model
-
-The .onnx file and its card are all that inference needs.
-A network that gives one value maps R/R_max on the grid of its problem, (batch, frames) float32, to the prior's scale,
-(batch, outputs) float32: log10 of SI values, the scaling of the targets included. A posterior network gives draws and
-densities (`SequentialDraws`); its weights have half precision, and it computes at single. The card (JSON) says what the
-model is and what it was made of (inference/model.py).
+    result.json        what came out, and of what: becomes the card of the exported model (inference/model.py)
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import logging
+import math
 import platform
 import re
-import warnings
-from collections.abc import Mapping, Sequence
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from copy import deepcopy
 from datetime import UTC, date, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
-import onnx
-import onnxscript  # noqa: F401  torch exports with it: better missed now than after the training
 import torch
-from onnx import TensorProto, helper, numpy_helper
-from torch import nn
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+from torch.nn import functional
 
-from cavirheo.errors import require
-from cavirheo.inference.bins import SIZE
+from cavirheo.errors import InputError, require
+from cavirheo.files import read_object
 from cavirheo.inference.graph import check_graph
-from cavirheo.inference.latent import COORDINATES
+from cavirheo.inference.latent import COORDINATES, used
 from cavirheo.inference.model import ModelCard, PosteriorCard, predict
-from cavirheo.inference.posterior_network import INPUTS
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.physics.media import WATER
 from cavirheo.problem import TrainingProblem
-from cavirheo.training.dataset import load, load_curves
-from cavirheo.training.loop import of_run, read_result, read_tensors, write_text
-from cavirheo.training.point_network import BubbleTransformer, PointTraining, Standardised, scaling
-from cavirheo.training.posterior_network import PosteriorNetwork, PosteriorTraining, SequentialDraws
+from cavirheo.training import networks
+from cavirheo.training.dataset import Dataset, Indices, load, load_curves
+from cavirheo.training.evaluate import metrics
+from cavirheo.training.networks import BubbleTransformer, PosteriorNetwork, Standardised, scaling
 from cavirheo.training.recipe import NetworkTable, PosteriorRecipe, Recipe, difference
-from cavirheo.training.recordings import FASTEST, FEWEST, MOST, SLOWEST
+from cavirheo.training.recordings import FASTEST, FEWEST, MOST, SLOWEST, Columns, Filmed, film
 from cavirheo.writing.document import into, whole
+from cavirheo.writing.terminal import bar
 
-OPSET = 18
+Network = TypeVar("Network", bound=nn.Module)
+AVERAGED = 0.999
+NOTE = "cavirheo"
+LARGEST = 200_000_000  # bytes of a result.json
+EVALUATION_BATCH = 512
+VALIDATION = 0.03  # of the curves of a posterior network, which no step sees
+MOST_HELD = 4000  # of them: all of these are in memory, as the network reads them
+FEWEST_VALIDATED = 100  # recordings of them, of which some have no readable R_max
+KIND_LOSS = 0.1  # weight of the loss of law and bubble
+DRAWS = 300  # of each recording, by which the coverage is counted
 # Largest difference between the exported model and the trained one, in the prior's scale: rounding to single precision
 # alone moves an answer by up to 1e-4 of a decade
 TOLERANCE = 5e-4
-_HALVED = 1000  # numbers in an array, from which it is stored at half precision
+
+
+class Training(ABC, Generic[Network]):
+    """One training in one folder, taken up where it stopped. `history` has a line for each validation."""
+
+    network: Network  # that learns
+    average: Network | None = None  # of its weights, which is exported; None: those of the lowest validation loss
+    optimiser: torch.optim.Optimizer  # of the network's weights
+    steps: int  # of the whole training
+    every: int  # steps from one validation, and checkpoint, to the next
+    clip: float = math.inf  # largest norm of a gradient
+    identity: dict[str, Any]  # of the data, which like the recipe's settings must not change within a run
+
+    def __init__(self, recipe: Recipe | PosteriorRecipe, folder: Path, device: torch.device) -> None:
+        self.name, self.schedule, self.settings = recipe.export.name, recipe.training, recipe.settings()
+        self.folder, self.device, self.step, self.history = folder, device, 0, list[dict[str, Any]]()
+        torch.manual_seed(recipe.training.seed)
+
+    @abstractmethod
+    def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
+        """Loss of the recordings of a step, losses (n,) that are reported, and their weight in the reported mean."""
+
+    @abstractmethod
+    def line(self, losses: Sequence[float]) -> dict[str, Any]:
+        """A line of the history: a validation, beside the means of `losses` since the line before it."""
+
+    @abstractmethod
+    def result(self) -> dict[str, Any]:
+        """What is to be said of the weights that are exported, for result.json."""
+
+    def run(self, progress: bool) -> dict[str, Any]:
+        """Train to the end and write the result; what result.json holds."""
+        path, best = self.folder / "result.json", self.folder / "best.safetensors"
+        self._resume(path)
+        if self.step < self.steps or not path.exists():
+            path.unlink(missing_ok=True)
+            with bar("training", self.steps, visible=progress, unit="steps") as advance:
+                advance(self.step)
+                while self.step < self.steps:
+                    lowest = min((line["validation"] for line in self.history), default=math.inf)
+                    advance(0, what=f"training, best validation loss {lowest:.5f}")
+                    self._to_validation(advance)
+            weights, note = read_tensors(best)
+            with of_run(best):
+                self.exported.load_state_dict(weights)
+            cuda = self.device.type == "cuda"
+            document = self.settings | {
+                "kind": "training",
+                "schema": 1,
+                "version": version("cavirheo"),
+                "command": f"cavirheo train (recipe of {self.name})",
+                "epochs": len(self.history),
+                "best_epoch": note["epoch"],
+                "best_validation_loss": note["validation_loss"],
+                "seconds": round(sum(line["seconds"] for line in self.history), 1),
+                "device": torch.cuda.get_device_name(self.device) if cuda else self.device.type,
+                "parameters": sum(p.numel() for p in self.network.parameters()),
+                "history": {part: [line[part] for line in self.history] for part in ("train", "validation")},
+                "torch": torch.__version__,
+            }
+            write_text(path, json.dumps(document | self.result(), indent=2) + "\n")
+        return read_result(self.folder)
+
+    @property
+    def exported(self) -> Network:
+        return self.network if self.average is None else self.average
+
+    @property
+    def _networks(self) -> nn.ModuleDict:
+        networks: dict[str, nn.Module] = {"network": self.network}
+        return nn.ModuleDict(networks if self.average is None else networks | {"mean": self.average})
+
+    def _to_validation(self, advance: Callable[..., None]) -> None:
+        """The steps to the next validation, this, and a checkpoint."""
+        began, summed, weights = time.perf_counter(), torch.zeros(1, device=self.device), 0
+        while True:
+            for group in self.optimiser.param_groups:
+                group["lr"] = self.schedule.learning_rate(self.step, self.steps)
+            loss, reported, weight = self.loss(self.step)
+            self.optimiser.zero_grad()
+            loss.backward()
+            if self.clip < math.inf:
+                torch.nn.utils.clip_grad_norm_(self.network.parameters(), self.clip)
+            self.optimiser.step()
+            summed, weights, self.step = summed + reported.detach() * weight, weights + weight, self.step + 1
+            if self.average is not None:
+                share = min(AVERAGED, self.step / (self.step + 10.0))
+                with torch.no_grad():
+                    torch._foreach_lerp_(list(self.average.parameters()), list(self.network.parameters()), 1.0 - share)
+            advance(1)
+            if self.step % self.every == 0 or self.step == self.steps:
+                break
+        line = self.line([value / weights for value in summed.tolist()])
+        message = f"the loss is not finite after {self.step} steps: lower lr (rate) or lengthen the warm-up"
+        require(math.isfinite(line["train"]) and math.isfinite(line["validation"]), message)
+        self.history.append(line | {"seconds": round(time.perf_counter() - began, 3)})
+        if self.average is not None or line["validation"] <= min(line["validation"] for line in self.history):
+            note = self.settings | {"epoch": len(self.history), "validation_loss": line["validation"]}
+            write_tensors(self.folder / "best.safetensors", self.exported.state_dict(), note)
+        adam = self.optimiser.state_dict()["state"].items()
+        state = {f"adam.{index}.{name}": tensor for index, values in adam for name, tensor in values.items()}
+        note = {"identity": self.settings | self.identity, "history": self.history, "step": self.step}
+        write_tensors(self.folder / "last.safetensors", state | self._networks.state_dict(), note)
+        write_text(self.folder / "history.jsonl", "".join(json.dumps(entry) + "\n" for entry in self.history))
+
+    def _resume(self, result: Path) -> None:
+        """Take up the last checkpoint, if there is one. Raises InputError: it is of another run, or damaged."""
+        path = self.folder / "last.safetensors"
+        if not path.exists():
+            message = f"{self.folder} holds a result but not the run's {path.name}: use another folder"
+            require(not result.exists(), message)
+            return
+        state, note = read_tensors(path)
+        with of_run(path):
+            changed = difference(note["identity"], json.loads(json.dumps(self.settings | self.identity)))
+        hint = "use another folder, or the recipe and data that it was begun with"
+        require(not changed, f"{self.folder} holds another run ({changed}): {hint}", "training.another_run")
+        with of_run(path):
+            self.history = [line for line in note["history"] if line["validation"] + line["train"] + line["seconds"]]
+            self.step = int(note["step"])
+            adam: dict[int, dict[str, Tensor]] = {}
+            for key in [key for key in state if key.startswith("adam.")]:
+                _, index, name = key.split(".")
+                adam.setdefault(int(index), {})[name] = state.pop(key)
+            self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": adam})
+            self._networks.load_state_dict(state)
+
+
+class PointTraining(Training[BubbleTransformer]):
+    """Of the mean squared error on a set of curves on a grid, epoch by epoch: all randomness of an epoch (order of the
+    curves, dropout) follows from (seed, epoch). Raises InputError: a set of another problem, or with too few curves."""
+
+    def __init__(self, recipe: Recipe, data: Dataset, folder: Path, device: torch.device) -> None:
+        super().__init__(recipe, folder, device)
+        self.recipe, self.data, problem = recipe, data, recipe.problem
+        message = f"the training set was made for problem {data.problem.id}, the recipe is of {problem.id}: generate "
+        require(data.problem.id == problem.id, f"{message}the data with this recipe", "training.another_problem")
+        self.mean, self.std = scaling(problem.prior, recipe.outputs)
+        target = (torch.tensor(data.truth(recipe.outputs)).float() - self.mean) / self.std
+        split = data.split(self.schedule.seed)
+        for name, curves in split.items():
+            require(len(curves) >= 2, f"too few usable curves in the {name} part of {len(target)}")
+        # indices (curves,) and target (curves, outputs) of "train", "validation", "test"; radii stay on the disk
+        self.parts = {name: (i, target[i].to(device)) for name, i in split.items()}
+        self.every = math.ceil(len(split["train"]) / self.schedule.batch)
+        self.steps = recipe.training.epochs * self.every
+        self.network = BubbleTransformer(recipe.network, problem.grid.frames, len(recipe.outputs)).to(device)
+        self.optimiser = torch.optim.Adam(self.network.parameters(), lr=recipe.training.lr)
+        self.batches: Sequence[Tensor] = ()
+        self.identity = {"data": data.sha256}
+
+    def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
+        epoch, place = divmod(step, self.every)
+        curves, target = self.parts["train"]
+        if place == 0:
+            schedule = self.recipe.training
+            torch.manual_seed(int(np.random.SeedSequence([schedule.seed, epoch]).generate_state(1)[0]))
+            self.batches = torch.randperm(len(curves)).split(schedule.batch)
+            self.network.train(epoch < (schedule.dropout_epochs or schedule.epochs))  # only dropout heeds it
+        batch = self.batches[place]
+        loss = functional.mse_loss(self.network(self._radius(curves[batch.numpy()])), target[batch.to(self.device)])
+        return loss, loss[None], len(batch)
+
+    def line(self, losses: Sequence[float]) -> dict[str, Any]:
+        validation = float(functional.mse_loss(self._predict("validation"), self.parts["validation"][1]))
+        return {"epoch": self.step // self.every, "train": losses[0], "validation": validation}
+
+    def result(self) -> dict[str, Any]:
+        """The test part is looked at here, and nowhere else."""
+        data, (curves, target) = self.data, self.parts["test"]
+        truth, predicted = ((t * self.std + self.mean).numpy() for t in (target.cpu(), self._predict("test").cpu()))
+        with whole(self.folder / "test.npz") as temporary, temporary.open("wb") as file:
+            np.savez(file, radius=data.radius[curves], truth=truth, predicted=predicted)
+        origin = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
+        parts = {part: len(curves) for part, (curves, _) in self.parts.items()}
+        return {
+            "problem_id": self.recipe.problem.id,
+            "data": origin | {"made_by": data.made_by} | parts,
+            "metrics": metrics(self.recipe.outputs, truth, predicted),
+        }
+
+    def _radius(self, curves: Indices) -> Tensor:
+        """(curves, frames) of these."""
+        return torch.from_numpy(self.data.radius[curves]).to(self.device)
+
+    @torch.inference_mode()
+    def _predict(self, part: str) -> Tensor:
+        self.network.eval()
+        curves, _ = self.parts[part]
+        starts = range(0, len(curves), EVALUATION_BATCH)
+        return torch.cat([self.network(self._radius(curves[start : start + EVALUATION_BATCH])) for start in starts])
+
+
+class PosteriorTraining(Training[PosteriorNetwork]):
+    """Of the plain negative log density of the truth, of another recording each time; weights are averaged along the
+    way. Everything follows from (seed, step)."""
+
+    every, clip = 800, 2.0
+
+    def __init__(self, recipe: PosteriorRecipe, curves: Columns, folder: Path) -> None:
+        super().__init__(recipe, folder, torch.device("cpu"))
+        schedule = recipe.training
+        self.curves, self.steps = curves, schedule.steps
+        self.kinds = [(law, bubble) for law, bubble, _ in recipe.problem.kinds]
+        self.network = PosteriorNetwork(len(self.kinds), recipe.network)
+        self.average = deepcopy(self.network).requires_grad_(False)
+        weights, decay = self.network.parameters(), schedule.decay
+        self.optimiser = torch.optim.AdamW(weights, schedule.rate, weight_decay=decay, fused=True)
+        self.mask = torch.zeros(len(self.kinds), len(COORDINATES))  # which coordinates a kind has
+        for i, kind in enumerate(self.kinds):
+            self.mask[i, used(*kind)] = 1.0
+        n = len(curves["kind"])
+        self.identity = {"curves": n}
+        first_held = max(round((1.0 - VALIDATION) * n), n - MOST_HELD)
+        self.train, self.held = np.arange(first_held), np.arange(first_held, n)
+        repeated = np.resize(self.held, max(len(self.held), FEWEST_VALIDATED))  # each several times where they are few
+        self.validation = film(curves, repeated, 2**31 - 1)
+
+    def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
+        batch = self._batch(step)
+        kind = torch.from_numpy(batch.kind)
+        encoded, kind_score = self.network.encode(torch.from_numpy(batch.inputs))
+        density = self.network.log_density(encoded, kind, torch.from_numpy(batch.z))
+        loss = -(density * self.mask[kind]).sum(dim=1).mean()
+        kind_loss = functional.cross_entropy(kind_score, kind)
+        return loss + KIND_LOSS * kind_loss, torch.stack([loss, kind_loss]).double(), 1
+
+    def _batch(self, step: int) -> Filmed:
+        """As many recordings as a step shows."""
+        rng = np.random.default_rng([self.schedule.seed, step])
+        size, parts = self.schedule.batch, list[Filmed]()
+        while (count := sum(len(part.z) for part in parts)) < size:
+            index = rng.choice(self.train, int(1.8 * (size - count)) + 32)
+            parts.append(film(self.curves, index, int(rng.integers(2**31 - 1))))
+        return Filmed(*(np.concatenate(column)[:size] for column in zip(*parts, strict=True)))
+
+    @torch.inference_mode()
+    def line(self, losses: Sequence[float]) -> dict[str, Any]:
+        """With losses of the averaged weights on recordings of curves that were never shown."""
+        kind, inputs, z = (torch.from_numpy(getattr(self.validation, name)) for name in ("kind", "inputs", "z"))
+        encoded, kind_score = self.exported.encode(inputs)
+        density = self.exported.log_density(encoded, kind, z) * self.mask[kind]
+        by_slot = [float(-density[:, k][self.mask[kind][:, k] > 0].mean()) for k in range(len(COORDINATES))]
+        by_kind = [float(-density[kind == k].sum(dim=1).mean()) for k in range(len(self.kinds))]
+        return {
+            "step": self.step,
+            "samples": self.step * self.schedule.batch,
+            "train": losses[0],
+            "guess": losses[1],
+            "validation": float(-density.sum(dim=1).mean()),
+            "right_kind": float((kind_score.argmax(dim=1) == kind).float().mean()),
+            "slots": [round(loss, 3) for loss in by_slot],
+            "kinds": [round(loss, 3) for loss in by_kind],
+        }
+
+    @torch.inference_mode()
+    def result(self) -> dict[str, Any]:
+        """With the coverage: shares of the recordings whose truth is in the central 50 and 90 % of the network's draws,
+        by slot."""
+        recordings, one_hot, nothing = self.validation, torch.eye(len(self.kinds)), torch.zeros(len(COORDINATES))
+        rng, sequential = torch.Generator().manual_seed(0), networks.SequentialDraws(self.exported.eval())
+        below = np.full(recordings.z.shape, np.nan)
+        for i, kind in enumerate(recordings.kind.tolist()):
+            uniform = torch.rand((DRAWS, len(COORDINATES), self.exported.parts), generator=rng).clamp(1e-9)
+            normal = torch.randn((DRAWS, len(COORDINATES)), generator=rng)
+            inputs = torch.from_numpy(recordings.inputs[i : i + 1])
+            has, choice = self.mask[kind], -torch.log(-torch.log(uniform))
+            z, _, _ = sequential(inputs, one_hot[kind : kind + 1], has, has, choice, normal, normal, nothing)
+            places = used(*self.kinds[kind])
+            below[i, places] = (z < torch.from_numpy(recordings.z[i])).float().mean(dim=0)[places]
+        by_slot = {}
+        for name, shares in zip(COORDINATES, below.T, strict=True):
+            if len(off := np.abs(2.0 * shares[np.isfinite(shares)] - 1.0)):
+                by_slot[name] = {str(level): round(float(np.mean(off < level / 100)), 4) for level in (50, 90)}
+        return {
+            "samples": self.history[-1]["samples"],
+            "curves": len(self.train),
+            "held_out": len(self.held),
+            "loss_by_kind": self.history[-1]["kinds"],
+            "coverage": {"recordings": len(recordings.kind), "by_slot": by_slot},
+        }
+
+
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, Any]) -> None:
+    """Put tensors and what is to be known about them into one file."""
+    content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    with whole(path) as temporary:
+        try:
+            save_file(content, temporary, metadata={NOTE: json.dumps(note)})
+        except SafetensorError as error:  # a full disk
+            raise OSError(str(error)) from error
+
+
+def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """The tensors and the note of `write_tensors`. Raises InputError if the file is not one of ours."""
+    with of_run(path):
+        if not path.is_file():  # a pipe would be waited for
+            raise OSError("no file")
+        with safe_open(path, framework="pt") as file:
+            note: dict[str, Any] = json.loads(file.metadata()[NOTE])
+            return {name: file.get_tensor(name) for name in list(file.keys())}, note
+
+
+@contextmanager
+def of_run(path: Path) -> Iterator[None]:
+    """Around the use of what was read from it. Raises InputError: it holds something else."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:  # libraries raise nearly anything of a damaged file
+        reason = str(error).partition("\n")[0]
+        message = f"{path} is damaged or not of this run ({reason}); delete its folder, or use another, and train anew"
+        raise InputError(message, "training.checkpoint") from error
+
+
+def read_result(run: Path) -> dict[str, Any]:
+    """The result.json of a finished run. Raises InputError."""
+    try:
+        return read_object(run / "result.json", LARGEST)
+    except InputError as error:
+        hint = "finish the run with `cavirheo train`; if the file is damaged, delete it first"
+        raise InputError(f"{error}; {hint}", "export.unfinished") from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """Put text into a file that is never seen half-written."""
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def train(
@@ -74,8 +408,7 @@ def train(
 
     `device` is torch's name ("cpu", "cuda"; default: cuda if there is one, and the processor for a posterior network).
 
-    Raises:
-        InputError: the data were made for another problem, or the folder holds another run.
+    Raises InputError: the data were made for another problem, or the folder holds another run.
     """
     if threads is not None:
         torch.set_num_threads(threads)
@@ -106,10 +439,9 @@ def export(
     result = read_result(run)
     changed = difference(result, recipe.settings())
     require(not changed, f"{run} was not trained with this recipe: {changed}", "export.another_recipe")
-    parts: Any = (_export_posterior, _posterior_card, PosteriorCard)
-    if isinstance(recipe, Recipe):
-        parts = (_export_point, _point_card, ModelCard)
-    write, describe, card = parts
+    point: Any = (_export_point, _point_card, ModelCard)
+    posterior: Any = (_export_posterior, _posterior_card, PosteriorCard)
+    write, describe, card = point if isinstance(recipe, Recipe) else posterior
     with into(out_dir) as folder:
         target = folder / f"{recipe.export.name}.onnx"
         with whole(target) as temporary:
@@ -140,7 +472,7 @@ def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
         model = load_model(run / "best.safetensors")
     with of_run(run / "test.npz"), np.load(run / "test.npz") as test:
         radius = test["radius"]
-    write_onnx(model, recipe.problem.grid.frames, path)
+    networks.write_onnx(model, recipe.problem.grid.frames, path)
     with torch.inference_mode():
         expected = model(torch.from_numpy(radius)).numpy()
     together, single = predict(path, radius), predict(path, radius[:1])
@@ -148,24 +480,15 @@ def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
     if not deviation <= TOLERANCE:
         raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {TOLERANCE:g}")
     check_graph(path.read_bytes())  # else nobody could use it
-    return {"opset": OPSET, "largest_difference_from_torch": deviation}
+    return {"opset": networks.OPSET, "largest_difference_from_torch": deviation}
 
 
 def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[str, Any]:
-    """Write the model, with a free number of draws; it computes what was trained, but for its weights' precision."""
+    """Write the model, of whose file the card says no more."""
     with of_run(run / "best.safetensors"):
         network = PosteriorNetwork(len(recipe.problem.kinds), recipe.network)
         network.load_state_dict(read_tensors(run / "best.safetensors")[0])
-    d, kinds = len(COORDINATES), len(network.kind)
-    random = torch.zeros(5, d, network.parts), torch.zeros(5, d), torch.zeros(5, d), torch.zeros(d)
-    example = torch.zeros(1, SIZE), torch.zeros(1, kinds), torch.ones(d), torch.ones(d), *random
-    draws = torch.export.Dim("draws", min=2)
-    free = (None, None, None, None, {0: draws}, {0: draws}, {0: draws}, None)
-    content = _onnx(SequentialDraws(network.eval()), example, INPUTS, ["z", "log_density", "guess"], free)
-    _halve(content.graph)
-    onnx.checker.check_model(content)
-    onnx.save_model(content, path)
-    check_graph(path.read_bytes(), INPUTS)
+    networks.write_posterior(network, path)
     return {}
 
 
@@ -176,47 +499,6 @@ def load_model(checkpoint: Path) -> Standardised:
     network = BubbleTransformer(NetworkTable(**note["network"]), problem.grid.frames, len(outputs))
     network.load_state_dict(weights)
     return Standardised(network, *scaling(problem.prior, outputs)).eval()
-
-
-def write_onnx(model: Standardised, frames: int, path: Path) -> None:
-    """A self-contained file with a free batch size."""
-    free = {"radius": {0: torch.export.Dim("batch", min=1)}}
-    onnx.save_model(_onnx(model, (torch.ones(2, frames),), ["radius"], ["theta"], free), path)
-
-
-def _onnx(
-    model: nn.Module, example: tuple[Any, ...], inputs: Sequence[str], outputs: Sequence[str], free: Any
-) -> onnx.ModelProto:
-    """A model without the exporter's notes of where our code lies."""
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # else it tells of operators that we do not use
-    names: dict[str, Any] = {"input_names": list(inputs), "output_names": list(outputs)}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # deprecations inside the exporter, not ours to mend
-        program = torch.onnx.export(
-            model, example, dynamic_shapes=free, opset_version=OPSET, dynamo=True, verbose=False, **names
-        )
-    assert program is not None  # it is None only where a file is asked for
-    content = program.model_proto
-    for item in (*content.graph.node, *content.graph.value_info, *content.functions, content.graph, content):
-        item.ClearField("doc_string")
-        item.ClearField("metadata_props")
-    return content
-
-
-def _halve(graph: onnx.GraphProto) -> None:
-    """Large arrays at half precision, cast back where they are used."""
-    arrays, casts = [], []
-    for array in graph.initializer:
-        values = numpy_helper.to_array(array)
-        if values.dtype == np.float32 and values.size >= _HALVED:
-            arrays.append(numpy_helper.from_array(values.astype(np.float16), f"{array.name}_half"))
-            casts.append(helper.make_node("Cast", [f"{array.name}_half"], [array.name], to=TensorProto.FLOAT))
-        else:
-            arrays.append(array)
-    nodes = [*casts, *graph.node]
-    del graph.initializer[:], graph.node[:]
-    graph.initializer.extend(arrays)
-    graph.node.extend(nodes)
 
 
 def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
