@@ -18,8 +18,16 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io.files import file_label, header_of, measurements, pixels_of
-from cavirheo.io.option_tables import is_size, listed, read_column, with_given_values, with_size
-from cavirheo.io.shots import CurveSet, read_shots, samples_of
+from cavirheo.io.shots import (
+    CurveSet,
+    is_size,
+    listed,
+    read_column,
+    read_shots,
+    samples_of,
+    with_given_values,
+    with_size,
+)
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import DOCUMENTS, html, result, table

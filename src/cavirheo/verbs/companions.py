@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import run_in_thread
-from cavirheo.verbs import completion, options
+from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
@@ -158,7 +158,7 @@ class Design(options.Printing, options.Seed, options.Liquid, options.OneBubble):
     shear_modulus: Annotated[_Range | None, option(_MODULUS, metavar="LOW HIGH")] = None
     viscosity: Annotated[_Range | None, option("Pa s", metavar="LOW HIGH")] = None
     stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
-    material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=completion.sum_names)] = "nhkv"
+    material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=options.sum_names)] = "nhkv"
     rmax_um: Annotated[_Range, option("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
     fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
     frames: Annotated[int, option("of a recording", min=10)] = 128

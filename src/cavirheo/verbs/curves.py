@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo.errors import require
 from cavirheo.parallel import run_in_thread
-from cavirheo.verbs import completion, options
+from cavirheo.verbs import options
 from cavirheo.verbs.options import INPUT, INTERVAL, argument, option
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
@@ -79,7 +79,7 @@ class Infer(_Report, options.Inference):
 
 @dataclass(kw_only=True)
 class _FitOptions:
-    material: Annotated[str, option(_FITTED, autocompletion=completion.law_names)] = "nhkv"
+    material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
     stretch: options.Stretch = None
     window: options.Window = None
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
@@ -112,7 +112,7 @@ class Fit(_Report, options.OneBubble, _FitOptions):
 
 @dataclass(kw_only=True)
 class _LawOptions:
-    laws: Annotated[str, option("two or more laws, with commas", autocompletion=completion.many_law_names)] = _LAWS
+    laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
     stretch: options.Stretch = None
     window: options.Window = None
     exact_law: options.ExactLaw = False
@@ -184,7 +184,7 @@ class Watch(options.Inference):
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
-        from cavirheo.io.option_tables import is_size, read_column
+        from cavirheo.io.shots import is_size, read_column
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import html, write_report
         from cavirheo.reporting.table import print_line, print_table

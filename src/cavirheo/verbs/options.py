@@ -4,17 +4,18 @@ The annotations are objects, not text (no `from __future__ import annotations`):
 verb. Options without a panel are on the first screen of `--help`.
 """
 
+import inspect
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, BadParameter, Option
 
 from cavirheo.errors import require
 from cavirheo.parallel import run_in_thread
-from cavirheo.verbs import completion
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from cavirheo.physics.media import Medium
     from cavirheo.verbs.run import Run
 
+_MODELS = Path(__file__).parents[1] / "models"  # their files: to read their cards takes longer than a key should
 INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for experts"
 INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
 
@@ -63,14 +65,57 @@ def folder(help: str) -> Any:
     return option(help, None, "-o", "--out", parser=_folder, metavar="FOLDER")
 
 
+# What a shell offers for the value of an option; nothing here imports a compiler, a network or the solver.
+
+
+def _completing(words: Callable[[], Iterable[str]], between: str = "") -> Callable[[str], list[str]]:
+    """The words that continue what is typed; where several may be given, from what follows the last separator."""
+
+    def complete(incomplete: str) -> list[str]:
+        start = max((incomplete.rfind(mark) for mark in between), default=-1) + 1
+        prefix, beginning = incomplete[:start], incomplete[start:]
+        prefix += beginning[: len(beginning) - len(beginning.lstrip())]
+        used = prefix.replace(",", " ").split() if "," in between else []
+        return [prefix + word for word in words() if word.startswith(beginning.strip()) and word not in used]
+
+    return complete
+
+
+def _fitted() -> list[str]:
+    """`ABLE` of inference/law, which takes a second to import: parameters have a range or a default."""
+    from cavirheo.parameters import PARAMETERS, inferred_as
+    from cavirheo.physics.materials import LAWS
+
+    def able(name: str) -> bool:
+        parameters = inspect.signature(LAWS[name]).parameters.values()
+        return all(PARAMETERS[inferred_as(p.name)].searched or p.default is not p.empty for p in parameters)
+
+    return [name for name in LAWS if able(name)]
+
+
+bubble_names = _completing(lambda: ("real", "field"), ",")
+damage_names = _completing(lambda: ("none", "first-rebound", "strain"), ",")
+figure_names = _completing(lambda: ("png", "svg", "pdf"), ",")
+model_names = _completing(lambda: sorted(path.stem for path in _MODELS.glob("*.onnx")))
+medium_names = _completing(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
+any_law_names = _completing(lambda: resolve_name("cavirheo.physics.materials.LAWS"), "+")
+sum_names = _completing(_fitted, "+")
+many_law_names = _completing(_fitted, "+,")
+
+
+def law_names(incomplete: str) -> list[str]:
+    """Laws that can be fitted, also as the next part of a sum, and auto."""
+    return [*sum_names(incomplete), *_completing(lambda: ["auto"])(incomplete)]
+
+
 Out = Annotated[Path, folder("folder for the results")]  # of documents: a run holds it, and --replace goes with it
 Growing = Annotated[Path, folder("folder, which may hold a part")]  # of work that another call goes on with
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
 _MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
-ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=completion.model_names)]
+ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
 _LAW = "a law of `cavirheo laws`; auto: four laws, each by its evidence"
-Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=completion.law_names)]
-_LAW_OF_SETS = option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=completion.law_names)
+Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
+_LAW_OF_SETS = option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=law_names)
 MaterialOfSets = Annotated[str | None, _LAW_OF_SETS]
 Fps = Annotated[Any, number("frames per second, of videos and of files that number their frames")]
 UmPerPx = Annotated[Any, number("micrometres per pixel of a video")]
@@ -140,7 +185,7 @@ class FileSettings(Trust):
 class Liquid(Trust):
     """The constants of what surrounds the bubble."""
 
-    medium: Annotated[str, option(_MEDIUM, autocompletion=completion.medium_names)] = "water"
+    medium: Annotated[str, option(_MEDIUM, autocompletion=medium_names)] = "water"
     density: Annotated[float | None, option("density of the liquid or gel, kg/m3", MATERIAL)] = None
     sound_speed: Annotated[float | None, option("m/s", MATERIAL)] = None
     surface_tension: Annotated[float | None, option("N/m", MATERIAL)] = None
@@ -189,8 +234,8 @@ class OneBubble:
         return tuple(replace(bubble, **{**values, "damage": damage}) for bubble in bubbles for damage in damages)
 
 
-_BUBBLE_NAMES = option("real, field, or both with a comma", autocompletion=completion.bubble_names)
-_DAMAGE_NAMES = option(_DAMAGES, BUBBLE, autocompletion=completion.damage_names)
+_BUBBLE_NAMES = option("real, field, or both with a comma", autocompletion=bubble_names)
+_DAMAGE_NAMES = option(_DAMAGES, BUBBLE, autocompletion=damage_names)
 
 
 @dataclass(kw_only=True)
@@ -281,7 +326,7 @@ class Measured(Answering):
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
-    figures: Annotated[str | None, option(_FIGURES, OUTPUT, autocompletion=completion.figure_names)] = None
+    figures: Annotated[str | None, option(_FIGURES, OUTPUT, autocompletion=figure_names)] = None
     scheduler: Scheduler = None
 
     @property
@@ -307,7 +352,7 @@ class Measured(Answering):
         curves = recordings.curves
         run.need(curves, "curve")
         if self.column is not None:
-            from cavirheo.io.option_tables import with_column
+            from cavirheo.io.shots import with_column
 
             curves = with_column(curves, self.column)
         run_in_thread(load_solver)
