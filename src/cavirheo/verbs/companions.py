@@ -25,7 +25,7 @@ _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables wit
 
 
 @dataclass(kw_only=True)
-class Compare(options.Printing, options.Pictures, options.Trust, options.OneBubble):
+class Compare(options.Printing, options.Pictures, options.OneBubble):
     """Your answers beside published values, with relative errors: those of `infer`, with the field's bubble."""
 
     source: Annotated[Path, argument("FOLDER", _SOURCE)]
@@ -33,6 +33,7 @@ class Compare(options.Printing, options.Pictures, options.Trust, options.OneBubb
     reference_method: Annotated[list[str] | None, option(_REFERENCE, metavar="METHOD")] = None
     model: options.ModelName = "posterior"
     material: options.MaterialOfSets = None
+    trust_input: options.TrustInput = False
     out: options.Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:
@@ -150,7 +151,7 @@ class CollapseTime(options.Printing, options.Pictures, options.Liquid):
 
 
 @dataclass(kw_only=True)
-class Design(options.Printing, options.Seed, options.Liquid, options.OneBubble):
+class Design(options.Printing, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
@@ -170,6 +171,7 @@ class Design(options.Printing, options.Seed, options.Liquid, options.OneBubble):
     sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
     draws: Annotated[int, option("simulated recordings for each setting", SEARCH, min=2)] = 12
     check: Annotated[int, option("recordings of a recommended setting that `infer` answers", SEARCH, min=0)] = 6
+    seed: options.Seed = 0
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:

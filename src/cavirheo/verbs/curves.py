@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cavirheo.errors import require
 from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import options
-from cavirheo.verbs.options import INPUT, INTERVAL, argument, option
+from cavirheo.verbs.options import BUBBLE, INPUT, INTERVAL, argument, option
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
@@ -22,6 +22,8 @@ _FITTED = "nhkv, newtonian, power-law, ...; auto: the evidence chooses"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
 _WEIGHTS = "learnt: the residuals tell how much less frames beside collapses count"
+_BUBBLES = option("real, field, or both with a comma", autocompletion=options.bubble_names)
+_DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
 _OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other way round"
 
 
@@ -78,7 +80,9 @@ class Infer(_Report, options.Inference):
 
 
 @dataclass(kw_only=True)
-class _FitOptions:
+class Fit(_Report, options.OneBubble):
+    """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
+
     material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
     stretch: options.Stretch = None
     window: options.Window = None
@@ -88,12 +92,6 @@ class _FitOptions:
     scale_percent: Annotated[float, option("limit of the change of scale and rmax, %", INTERVAL)] = 1.5
     weights: Annotated[Literal["learnt", "equal"], option(_WEIGHTS, INTERVAL)] = "learnt"
     others: Annotated[bool, option(_OTHER_BUBBLE, INTERVAL, "--others/--no-others")] = True
-
-
-@dataclass(kw_only=True)
-class Fit(_Report, options.OneBubble, _FitOptions):
-    """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
-
     out: options.Out = Path("cavirheo-fit")
 
     def requested(self, files: Sequence[Path]) -> Analysis:
@@ -111,17 +109,15 @@ class Fit(_Report, options.OneBubble, _FitOptions):
 
 
 @dataclass(kw_only=True)
-class _LawOptions:
+class WhichLaw(options.Measured, options.OneBubble):
+    """Which of several laws explains the curves best? Evidence by sampling, 1 to 30 s a curve and law."""
+
     laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
     stretch: options.Stretch = None
     window: options.Window = None
     exact_law: options.ExactLaw = False
-
-
-@dataclass(kw_only=True)
-class WhichLaw(options.Measured, options.ManyBubbles, _LawOptions):
-    """Which of several laws explains the curves best? Evidence by sampling, 1 to 30 s a curve and law."""
-
+    bubble: Annotated[str, _BUBBLES] = "real"  # type: ignore[assignment]
+    damage: Annotated[str, option(_DAMAGES, BUBBLE, autocompletion=options.damage_names)] = "none"  # type: ignore[assignment]
     out: options.Out = Path("cavirheo-laws")
 
     def __call__(self, run: Run) -> None:

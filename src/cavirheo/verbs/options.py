@@ -133,16 +133,17 @@ WantedPercent = Annotated[float, option(_HALF_WIDTH, min=0.1, max=99.0)]
 _SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, option(_SCHEDULER, CLUSTER)]
 WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead of --confinement-inertia", BUBBLE)]
+_TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
+TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
+Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)]
 _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; a folder, or - for stdin"
 _COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
 _BLUR = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
-_TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; "
 _BUBBLE += "auto: the evidence chooses"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ..."
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
-_DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
 _PICTURES = "draw pictures; --no-pictures is faster"
 _STATED = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 _FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
@@ -156,16 +157,10 @@ def shared(options: object, kind: Any) -> dict[str, Any]:
 
 
 @dataclass(kw_only=True)
-class Trust:
-    """Whether input warnings decide the verdict."""
-
-    trust_input: Annotated[bool, option(_TRUST, INPUT, "--trust-input")] = False
-
-
-@dataclass(kw_only=True)
-class FileSettings(Trust):
+class FileSettings:
     """What is known of measured files besides what they hold. Raises InputError: --shots is no list of numbers."""
 
+    trust_input: TrustInput = False
     fps: Fps = None
     um_per_px: UmPerPx = None
     rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
@@ -182,9 +177,10 @@ class FileSettings(Trust):
 
 
 @dataclass(kw_only=True)
-class Liquid(Trust):
+class Liquid:
     """The constants of what surrounds the bubble."""
 
+    trust_input: TrustInput = False
     medium: Annotated[str, option(_MEDIUM, autocompletion=medium_names)] = "water"
     density: Annotated[float | None, option("density of the liquid or gel, kg/m3", MATERIAL)] = None
     sound_speed: Annotated[float | None, option("m/s", MATERIAL)] = None
@@ -234,25 +230,6 @@ class OneBubble:
         return tuple(replace(bubble, **{**values, "damage": damage}) for bubble in bubbles for damage in damages)
 
 
-_BUBBLE_NAMES = option("real, field, or both with a comma", autocompletion=bubble_names)
-_DAMAGE_NAMES = option(_DAMAGES, BUBBLE, autocompletion=damage_names)
-
-
-@dataclass(kw_only=True)
-class ManyBubbles(OneBubble):
-    """Several bubbles, with commas."""
-
-    bubble: Annotated[str, _BUBBLE_NAMES] = "real"  # type: ignore[assignment]
-    damage: Annotated[str, _DAMAGE_NAMES] = "none"  # type: ignore[assignment]
-
-
-@dataclass(kw_only=True)
-class Seed:
-    """Randomness."""
-
-    seed: Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)] = 0
-
-
 @dataclass(kw_only=True)
 class Verb:
     """A command that writes documents into a folder, which it holds, with all that was typed; its arguments are its
@@ -290,20 +267,10 @@ class Pictures:
 
 
 @dataclass(kw_only=True)
-class Question:
-    """What a network is asked."""
-
-    material: Material = None
-    stretch: Annotated[Any, number(_STATED, None, "free")] = None
-    verify: Annotated[Literal["auto", "full", "map", "none"], option(_VERIFY)] = "auto"
-    window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
-    model: ModelName = "posterior"
-    exact_law: ExactLaw = False
-
-
-@dataclass(kw_only=True)
-class Answering(Printing, Pictures, Seed, Liquid, FileSettings):
+class Answering(Printing, Pictures, Liquid, FileSettings):
     """What all verbs share that answer measured curves."""
+
+    seed: Seed = 0
 
     def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """`read_shots` with these settings."""
@@ -360,8 +327,15 @@ class Measured(Answering):
 
 
 @dataclass(kw_only=True)
-class Inference(Answering, OneBubble, Question):
+class Inference(Answering, OneBubble):
     """What `infer` and `watch` share."""
+
+    material: Material = None
+    stretch: Annotated[Any, number(_STATED, None, "free")] = None
+    verify: Annotated[Literal["auto", "full", "map", "none"], option(_VERIFY)] = "auto"
+    window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
+    model: ModelName = "posterior"
+    exact_law: ExactLaw = False
 
     @property
     def analysis(self) -> "Analysis":

@@ -19,7 +19,7 @@ import typer
 from typer.core import TyperCommand
 
 from cavirheo.errors import InputError, require
-from cavirheo.verbs.options import Verb
+from cavirheo.verbs.options import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT, Verb
 from cavirheo.writing import terminal
 from cavirheo.writing.claim import Claim, claimed, current
 
@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 
 # options that change no answer
 _SHOWING = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
-_LAST = ("out", "replace", "json", "quiet", "help")  # of the first screen
+# of the first screen, with all others in the middle; and of the panels
+_ORDER = ("material", "laws", "stretch", "verify", "bubble", "", "out", "replace", "json", "quiet", "help")
+_PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
 
 
 def command_line() -> str:
@@ -152,9 +154,9 @@ class Command(TyperCommand):
 
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:
         """(argument or option, its help) of each panel, by title."""
-        panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
-        last = {name: place for place, name in enumerate(_LAST)}
-        for parameter in sorted(self.get_params(ctx), key=lambda parameter: last.get(parameter.name, -1)):
+        panels: dict[str, list[tuple[str, str]]] = {title: [] for title in _PANELS}
+        places = {name: place for place, name in enumerate(_ORDER)}
+        for parameter in sorted(self.get_params(ctx), key=lambda parameter: places.get(parameter.name, places[""])):
             if row := parameter.get_help_record(ctx):
                 argument = parameter.param_type_name == "argument"
                 title = getattr(parameter, "rich_help_panel", None) or ("Arguments" if argument else "Options")
