@@ -113,10 +113,7 @@ _TRACE = Vocabulary(
 
 
 def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
-    """The curves of a text table, or of the first sheet of a workbook; the options are those of `read_curves`.
-
-    Raises InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
-    """
+    """The curves of a table. Raises InputError: no layout that can be told, a column missing, or a cell no number."""
     (table,) = read_columns(path, CURVES)
     curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
     return [curve.with_notes("read from the first sheet of the workbook") if table.sheet else curve for curve in curves]
@@ -169,14 +166,13 @@ def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCur
 
 
 def _stated_stretch(columns: list[Column | None], rows: list[int], notes: list[str]) -> dict[str, Any]:
-    """What columns state of the stretch of one curve, after these notes; one that changes from frame to frame is
-    another quantity."""
+    """What columns state of the stretch of one curve, after these notes."""
     meta: dict[str, Any] = {"notes": [*notes]}
     for column in filter(None, columns):
         values = {float(value) for value in column.numbers[rows] if np.isfinite(value)}
         if len(values) == 1:
             meta[column.name.kind] = values.pop()
-        elif values:
+        elif values:  # another quantity
             meta["notes"].append(f"the column {column.title!r} is not used: it changes from frame to frame")
     if "stretch" in meta:
         spread = meta.get("stretch_std", np.nan)
@@ -207,10 +203,7 @@ def _radii(table: Table) -> list[Column]:
 
 
 def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
-    """((rows,) times, their unit), of the times in the file, or its frame numbers and the frame rate.
-
-    Raises InputError: two columns of times, or no frame rate.
-    """
+    """((rows,) times, their unit), of the times in the file, or its frame numbers and the frame rate."""
     time, frame = table.only("time"), table.only("frame")
     if time:
         table.notes.extend(["the frame rate that is given is not used: the file has times"] if frame_rate else [])
@@ -230,9 +223,10 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
     values = [Column(table, at, "", Name(), Term("")).numbers for at in range(width)]
     while len(values) > 2 and np.isnan(values[-1]).all():  # each line ends with a separator
         values.pop()
-    columns, numbers = len(values), np.column_stack(values)
+    require(len(values) == 2, f"{len(values)} columns and no header; {_ADVICE}", "table.header")
+    numbers = np.column_stack(values)
     separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
-    if len(separators) and columns == 2:
+    if len(separators):
         limits.few(len(separators), limits.CURVES, "curves")
         blocks = [block[np.any(block != _SEPARATOR, axis=1)] for block in np.split(numbers, separators)]
         filled = [block for block in blocks if (block[:, 1] > 1e-9).any()]
@@ -242,9 +236,8 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
         note += f"; {without} blocks of the file hold no radius and were left out" if without else ""
         curves = (make_curve(block[:, 0], block[:, 1], meta={"notes": (note,)}) for block in filled)
         return [curve.with_notes(*table.notes) for curve in curves]
-    require(columns == 2, f"{columns} columns and no header; {_ADVICE}", "table.header")
     meta = {"notes": ("no header: columns taken as time and radius",)}
-    curve = make_curve(values[0], values[1], meta=meta).with_notes(*table.notes)
+    curve = make_curve(*values, meta=meta).with_notes(*table.notes)
     ratio = curve.rayleigh_ratio(density, pressure)
     proven = ratio is not None and _PROVEN[0] <= ratio <= _PROVEN[1]
     require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
@@ -316,7 +309,7 @@ def make_curve(
     t, r, std = t[timed], np.where(np.abs(r) < _ABSURD, r, np.nan)[timed], std[timed]
     n, missing = len(t), np.count_nonzero(np.isnan(r))
     per_time, time_hint = _time_scale(t, time_unit)
-    per_radius, radius_hint, unscaled = _radius_scale(_largest(r), radius_unit)
+    per_radius, radius_hint, unscaled = _radius_scale(r, radius_unit)
     t, r, std = t * per_time, r * per_radius, std * per_radius
     empty = r < _NO_BUBBLE
     r[empty], std[~(std > 0)] = np.nan, np.nan
@@ -356,14 +349,10 @@ def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _largest(r: Floats) -> float:
-    """The largest radius but for two frames, which may be wrong ones."""
-    finite = np.sort(r[np.isfinite(r)])
-    return float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))
-
-
-def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
+def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
     """(metres per number, a note, why there is no scale) from the largest radius and the unit given, if any."""
+    finite = np.sort(r[np.isfinite(r)])
+    largest = float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))  # two frames may be wrong ones
     if unit == "px":
         return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"
     fits = [u for u in ("m", "mm", "um") if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
@@ -383,11 +372,7 @@ def _time_scale(t: Floats, unit: str | None) -> tuple[float, str]:
     if unit:
         return TIME_UNITS[unit], ""
     span = float(np.ptp(t)) if len(t) else 0.0
-    if len(t) < 2 or 5e-7 <= span <= 5e-3:
-        unit = "s"
-    elif 1.0 <= span <= 5e3:
-        unit = "us"
-    else:
-        message = f"the unit of time cannot be told from its span ({span:.4g})"
-        raise InputError(f"{message}; name it in the header, e.g. time_us", "table.time")
+    unit = "s" if len(t) < 2 or 5e-7 <= span <= 5e-3 else "us"
+    message = f"the unit of time cannot be told from its span ({span:.4g}); name it in the header, e.g. time_us"
+    require(unit == "s" or 1.0 <= span <= 5e3, message, "table.time")
     return TIME_UNITS[unit], f"no unit given for time: taken as {unit} from its span"

@@ -278,9 +278,7 @@ def check_max_radius(max_radius: float | None) -> None:
 def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
     """The curves, each with its value, of a table or of `SIZE`, which a curve without R_max has not.
 
-    Raises:
-        InputError: the file cannot be read, is no such table, names what is not there, or gives a curve no value; or
-            all curves of each group have one value, so that nothing can be seen of a trend.
+    Raises InputError: no such table, it names what is not there or gives a curve no value, or each group has only one.
     """
     if is_size(path):
         title, with_values = LOG_SIZE, with_size(curves)

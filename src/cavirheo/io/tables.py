@@ -64,14 +64,6 @@ class Row(NamedTuple):
     texts: list[str]
 
 
-class Sheet(NamedTuple):
-    """A table of text (its name is empty) or one sheet of a workbook; `notes`: what was done to the text."""
-
-    name: str
-    rows: list[Row]
-    notes: list[str]
-
-
 class Name(NamedTuple):
     """What a title names. kind: of the vocabulary, "" for none. unit: as the vocabulary has it, as written where it
     stands in brackets and is not known, None where there is none. number: "2" of R2, else ""."""
@@ -218,14 +210,14 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table below its titles."""
+    """A table below its titles; or all that is in a text or a sheet, without titles."""
 
     vocabulary: Vocabulary  # that it is read with
-    titles: list[str]  # as they are written, with units from the row below
     rows: list[Row]  # of data
     notes: list[str]  # what was left out or recognised
-    line: int = 1  # number of that of the titles
     sheet: str = ""  # its name in a workbook
+    titles: list[str] = field(default_factory=list)  # as they are written, with units from the row below
+    line: int = 1  # number of that of the titles
 
     @cached_property
     def columns(self) -> list[Column]:
@@ -271,10 +263,10 @@ def read_columns(path: Path, vocabulary: Vocabulary) -> list[Table]:
             wider than the titles ("width"), or a column has two units ("units"); with the codes of the vocabulary.
     """
     sheets = _read_sheets(path, vocabulary)
-    tables = [table for sheet in sheets for table in _tables(sheet, vocabulary)]
+    tables = [table for sheet in sheets for table in _tables(sheet)]
     rows = [row.texts for sheet in sheets for row in sheet.rows]
     if not tables and vocabulary.bare and rows and all(map(is_number, rows[0])):
-        return [Table(vocabulary, [], sheets[0].rows, sheets[0].notes, sheet=sheets[0].name)]
+        return sheets
     if not tables:
         raise _no_titles(rows, vocabulary)
     if "rows" in vocabulary.codes and not any(table.rows for table in tables):
@@ -294,8 +286,9 @@ def _no_titles(rows: list[list[str]], vocabulary: Vocabulary) -> InputError:
     return vocabulary.error("columns", f"{lack}; {vocabulary.expected}")
 
 
-def _tables(sheet: Sheet, vocabulary: Vocabulary) -> Iterator[Table]:
+def _tables(sheet: Table) -> Iterator[Table]:
     """The tables of a sheet: the first one, or with sections each one. Raises InputError as `read_columns`."""
+    vocabulary = sheet.vocabulary
     headers = (k for k, row in enumerate(sheet.rows) if vocabulary.is_header(row.texts))
     starts = list(headers if vocabulary.sections else islice(headers, 1))
     for at, end in zip(starts, [*starts[1:], None], strict=False):
@@ -314,7 +307,7 @@ def _tables(sheet: Sheet, vocabulary: Vocabulary) -> Iterator[Table]:
         if word := next((cell for cell in last if plain_title(cell) in _SUMMARIES.split()), ""):
             message = f"row {rows[-1].number} is a {word} and no measurement: remove it, and others like it"
             raise vocabulary.error("summary", message)
-        yield Table(vocabulary, titles, rows, notes, sheet.rows[at].number, sheet.name)
+        yield Table(vocabulary, rows, notes, sheet.sheet, titles, sheet.rows[at].number)
 
 
 def _begins_section(row: Row) -> bool:
@@ -324,10 +317,7 @@ def _begins_section(row: Row) -> bool:
 
 
 def _with_units(titles: list[str], rows: list[Row], vocabulary: Vocabulary) -> tuple[list[str], list[Row]]:
-    """(the titles with the units of the rows of words below them, these rows).
-
-    Raises InputError: a title names one unit and a row below it another, or the two make another title.
-    """
+    """(the titles with the units of the rows of words below them, these rows). Raises InputError: they contradict."""
     titles, below = list(titles), list(takewhile(lambda row: _are_words(titles, row.texts, vocabulary), rows))
     for _, texts in below:
         for k, (title, cell) in enumerate(zip(titles, texts, strict=False)):
@@ -357,7 +347,7 @@ def _are_words(titles: list[str], texts: list[str], vocabulary: Vocabulary) -> b
     return not all(map(is_number, words)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in words)
 
 
-def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Sheet]:
+def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Table]:
     """The table of a text file, or the sheets of a workbook, the first alone where there are no sections."""
     with path.open("rb") as file:
         kind = kind_of(file.read(1024))
@@ -366,12 +356,12 @@ def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Sheet]:
         limits.few(path.stat().st_size, limits.TEXT, "bytes of text")
         content = path.read_bytes()
         limits.few(content.count(b"\n") + 1, limits.ROWS, "lines")
-        sheets = [_text_sheet(_decoded(content), vocabulary)]
+        sheets = [_text_table(_decoded(content), vocabulary)]
     else:
         from cavirheo.io.workbook import read_workbook
 
         books = read_workbook(path, None if vocabulary.sections else 1)
-        sheets = [Sheet(name, [Row(*row) for row in rows], []) for name, rows in books]
+        sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in books]
     for sheet in sheets:
         limits.few(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
     return list(map(_with_points, sheets))
@@ -394,7 +384,7 @@ def _decoded(content: bytes) -> str:
         return content.decode("latin-1")
 
 
-def _text_sheet(text: str, vocabulary: Vocabulary) -> Sheet:
+def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     """The rows of a text, by the first separator with which one is a header, else that all of the first twenty lines
     hold. A comment is a row (without its mark) if it is a header over rows that are none."""
     text, invisible = without_unseen(text)
@@ -410,7 +400,7 @@ def _text_sheet(text: str, vocabulary: Vocabulary) -> Sheet:
         sample = [line for line in data if line.strip()][:20]
         separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
         rows = list(_split(data, separator))
-    return Sheet("", rows, [f"{invisible} control characters left out"] if invisible else [])
+    return Table(vocabulary, rows, [f"{invisible} control characters left out"] if invisible else [])
 
 
 def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | None:
@@ -450,20 +440,19 @@ def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
         raise InputError(f"line {reader.line_num}: {error}", "tabular.csv") from None
 
 
-def _with_points(sheet: Sheet) -> Sheet:
-    """The sheet, its numbers with decimal points and plain minus signs.
-
-    Commas are decimal where no number has a point, and one of them is none between thousands.
-    """
+def _with_points(sheet: Table) -> Table:
+    """The sheet, its numbers with decimal points and plain minus signs."""
     rows = [[cell.replace("−", "-") if re.match(r"−\d", cell) else cell for cell in texts] for _, texts in sheet.rows]
     data = [texts for texts in rows if all(map(is_number, texts))] or rows  # what stands above a table says nothing
     values = {cell for texts in data for cell in texts}
     notes, commas = sheet.notes, filter(_WITH_COMMA.fullmatch, values)
+    # commas are decimal where no number has a point, and one of them is none between thousands
     if not any(map(_WITH_POINT.fullmatch, values)) and not all(map(_THOUSANDS.fullmatch, commas)):
         count = sum(bool(_WITH_COMMA.fullmatch(cell)) for texts in rows for cell in texts)
         rows = [[cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in texts] for texts in rows]
         notes = [*notes, f"{count} decimal commas"]
-    return Sheet(sheet.name, [Row(number, texts) for (number, _), texts in zip(sheet.rows, rows, strict=True)], notes)
+    rows_with_points = [Row(number, texts) for (number, _), texts in zip(sheet.rows, rows, strict=True)]
+    return replace(sheet, rows=rows_with_points, notes=notes)
 
 
 def is_number(cell: str) -> bool:

@@ -7,8 +7,7 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import distributions, requires
 from os.path import exists  # False of a name that is too long
 from pathlib import Path
 from typing import Annotated, Any
@@ -179,28 +178,23 @@ def _checksum(path: Path) -> str:
 
 def report() -> str:
     """Versions, extras, the compiled solver and the shipped models of this installation, a line for each."""
-    return "\n".join(f"{name:<10}{text}" for name, text in _lines())
-
-
-def _lines() -> Iterator[tuple[str, str]]:
     import cavirheo
     from cavirheo.inference.model import shipped
     from cavirheo.physics import cache, solver
 
-    yield "cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"
-    yield "python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"
-    yield "machine", f"{platform.platform()}, {cores()} cores"
-    libraries = required()
-    yield "needs", _installed(libraries.pop(""))
-    for extra, names in libraries.items():
-        yield f"[{extra}]", _installed(names)
     folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # it is not compiled for that
     compiled = f"compiled, kept in {', '.join(sorted(folders))}"
-    yield "solver", compiled if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"
-    for name, path in shipped().items():
-        yield "model", f"{name}, sha256 {_checksum(path)}"
     variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
-    yield "variables", ", ".join(variables) or "none that matter"
+    lines = [
+        ("cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"),
+        ("python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"),
+        ("machine", f"{platform.platform()}, {cores()} cores"),
+        *((f"[{extra}]" if extra else "needs", _installed(names)) for extra, names in required().items()),
+        ("solver", compiled if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"),
+        *(("model", f"{name}, sha256 {_checksum(path)}") for name, path in shipped().items()),
+        ("variables", ", ".join(variables) or "none that matter"),
+    ]
+    return "\n".join(f"{name:<10}{text}" for name, text in lines)
 
 
 def required() -> dict[str, list[str]]:
@@ -215,10 +209,6 @@ def required() -> dict[str, list[str]]:
 
 
 def _installed(names: list[str]) -> str:
-    installed = []
-    for name in names:
-        try:
-            installed.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            installed.append(f"no {name}")
-    return ", ".join(installed)
+    """'numpy 2.1, no dask'"""
+    versions = {name: next((found.version for found in distributions(name=name)), "") for name in names}
+    return ", ".join(f"{name} {number}" if number else f"no {name}" for name, number in versions.items())

@@ -115,9 +115,7 @@ _MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
 ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
 _LAW = "a law of `cavirheo laws`; auto: four laws, each by its evidence"
 Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
-_LAW_OF_SETS = option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=law_names)
-MaterialOfSets = Annotated[str | None, _LAW_OF_SETS]
-Fps = Annotated[Any, number("frames per second, of videos and of files that number their frames")]
+MaterialOfSets = Annotated[str | None, option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=law_names)]
 UmPerPx = Annotated[Any, number("micrometres per pixel of a video")]
 Exclude = Annotated[str | None, option("frames of a video to leave out, such as '12,40-45' (the first is 1)", INPUT)]
 Shots = Annotated[str | None, option("shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
@@ -128,8 +126,7 @@ Stretch = Annotated[Any, number(_STRETCH, None, "plateau", "free")]
 _WINDOW = "number of collapses to compare  [default: 3, or all if there are fewer]"
 Window = Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)]
 ExactLaw = Annotated[bool, option("the bubble follows the law exactly (narrower intervals)", INTERVAL, "--exact-law")]
-_HALF_WIDTH = "wanted half-width of the 90 % interval, % of the value"
-WantedPercent = Annotated[float, option(_HALF_WIDTH, min=0.1, max=99.0)]
+WantedPercent = Annotated[float, option("wanted half-width of the 90 % interval, % of the value", min=0.1, max=99.0)]
 _SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, option(_SCHEDULER, CLUSTER)]
 WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead of --confinement-inertia", BUBBLE)]
@@ -161,7 +158,7 @@ class FileSettings:
     """What is known of measured files besides what they hold. Raises InputError: --shots is no list of numbers."""
 
     trust_input: TrustInput = False
-    fps: Fps = None
+    fps: Annotated[Any, number("frames per second, of videos and of files that number their frames")] = None
     um_per_px: UmPerPx = None
     rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
     shots: Shots = None

@@ -45,14 +45,13 @@ def has_problems(result: Result) -> bool:
 
 
 class Run:
-    """Begins when it is made. `command` and `date` are as documents have them; `unreadable` counts files, named in
-    `notes`."""
+    """Begins when it is made. `command` and `date` are as documents have them."""
 
     def __init__(self, *, json: bool = False, quiet: bool = False) -> None:
         self.began = time.perf_counter()
         self.command = command_line()
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-        self.unreadable = 0
+        self.unreadable = 0  # files, which `notes` name
         self.notes: list[str] = []  # on the run as a whole
         self.refusals: list[str] = []  # those that stderr has
         self.json, self.quiet = json, quiet or json
@@ -145,8 +144,10 @@ class Command(TyperCommand):
                 require(fine, f"--{name.replace('_', '-')} must be a finite number, got {number}", "option.finite")
         try:
             verb = super().invoke(ctx)
-            if isinstance(verb, Verb):
-                with claimed(_claim(verb)):
+            if isinstance(verb, Verb):  # two calls that ask for the same answers make the same claim, from anywhere
+                options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
+                request = json.loads(json.dumps({"verb": type(verb).__name__} | options, default=os.path.realpath))
+                with claimed(Claim(command_line(), request, verb.replace)):
                     verb(Run(json=getattr(verb, "json", False), quiet=verb.quiet))
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
@@ -177,10 +178,3 @@ class Command(TyperCommand):
     def get_short_help_str(self, limit: int = 0) -> str:
         """The first paragraph, whole."""
         return " ".join((self.help or "").partition("\n\n")[0].split())
-
-
-def _claim(verb: Verb) -> Claim:
-    """The same for two calls that ask for the same answers, from whichever folder."""
-    options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
-    request = json.loads(json.dumps(options, default=os.path.realpath))
-    return Claim(command_line(), {"verb": type(verb).__name__, **request}, verb.replace)
