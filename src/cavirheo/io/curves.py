@@ -237,7 +237,7 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
         curves = (make_curve(block[:, 0], block[:, 1], meta={"notes": (note,)}) for block in filled)
         return [curve.with_notes(*table.notes) for curve in curves]
     meta = {"notes": ("no header: columns taken as time and radius",)}
-    curve = make_curve(*values, meta=meta).with_notes(*table.notes)
+    curve = make_curve(values[0], values[1], meta=meta).with_notes(*table.notes)
     ratio = curve.rayleigh_ratio(density, pressure)
     proven = ratio is not None and _PROVEN[0] <= ratio <= _PROVEN[1]
     require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
