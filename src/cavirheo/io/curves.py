@@ -23,18 +23,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
 from cavirheo.io.files import guarded
-from cavirheo.io.tables import (
-    LENGTH_UNITS,
-    TIME_UNITS,
-    Column,
-    Name,
-    Table,
-    Term,
-    Vocabulary,
-    read_columns,
-    single,
-    unit_of,
-)
+from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Column, Name, Table, Term, Vocabulary, read_columns, unit_of
 from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.writing.document import write_rows
@@ -193,7 +182,7 @@ def _radii(table: Table) -> list[Column]:
         titles = " and ".join(repr(column.title) for column in radii[:2])
         message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
         raise InputError(message, "table.twice")
-    single(unnumbered)
+    table.single(unnumbered)
     message = f"two columns {radii[0].title!r}; number them"
     require(len({column.title for column in radii}) == len(radii), message, "table.twice")
     if len(radii) > 1:

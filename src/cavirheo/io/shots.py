@@ -281,24 +281,24 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
     Raises InputError: no such table, it names what is not there or gives a curve no value, or each group has only one.
     """
     if is_size(path):
-        title, with_values = LOG_SIZE, with_size(curves)
+        title, labelled = LOG_SIZE, with_size(curves)
     else:
         title, values = read_column(path)
         require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
-        with_values, unknown, without = with_given_values(curves, title, values)
+        labelled, unknown, without = with_values(curves, title, values)
         names = listed([curve.name for curve in curves])
         message = f"{path}: nothing here is called {listed(unknown)}; there is {names}"
         require(not unknown, message, "column.unknown")
         message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
         require(not without, message, "column.missing")
     groups: dict[tuple[str, str], set[float]] = {}
-    for curve in with_values:
+    for curve in labelled:
         groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
     names = listed([name for name, _ in groups])
     message = f"{path}: one value of {title} in each group ({names}): a trend needs several"
     message += "; --group folder makes one group of all files of a folder"
     require(any(len(numbers) > 1 for numbers in groups.values()), message, "column.constant")
-    return with_values
+    return labelled
 
 
 def is_size(path: str | Path) -> bool:
@@ -317,7 +317,7 @@ def with_size(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
     return labelled
 
 
-def with_given_values(
+def with_values(
     curves: Sequence[RadiusCurve], title: str, values: Mapping[str, float]
 ) -> tuple[list[RadiusCurve], list[str], list[str]]:
     """The curves, with their values as far as there are any; names that no curve has; curves without a value."""

@@ -231,7 +231,15 @@ class Table:
 
     def only(self, kind: str) -> Column | None:
         """The one column of a kind, if there is any. Raises InputError: there are two."""
-        return single(self.all(kind))
+        return self.single(self.all(kind))
+
+    def single(self, columns: Sequence[Column]) -> Column | None:
+        """The one of these columns of one kind, if there is any. Raises InputError: there are two."""
+        if len(columns) > 1:
+            two, term = " and ".join(repr(column.title) for column in columns[:2]), columns[0].term
+            message = f"two columns for {term.label or columns[0].name.kind}: {two}; {term.twice}"
+            raise self.vocabulary.error("twice", message)
+        return columns[0] if columns else None
 
     def column(self, kind: str) -> Column:
         """The one column of a kind that the table must have. Raises InputError: there are two."""
@@ -242,15 +250,6 @@ class Table:
     def part(self, rows: list[Row]) -> Table:
         """The same with these rows alone."""
         return replace(self, rows=rows)
-
-
-def single(columns: Sequence[Column]) -> Column | None:
-    """The one column of one kind, if there is one. Raises InputError: there are two."""
-    if len(columns) > 1:
-        two, term = " and ".join(repr(column.title) for column in columns[:2]), columns[0].term
-        message = f"two columns for {term.label or columns[0].name.kind}: {two}; {term.twice}"
-        raise columns[0].table.vocabulary.error("twice", message)
-    return columns[0] if columns else None
 
 
 def read_columns(path: Path, vocabulary: Vocabulary) -> list[Table]:
