@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -30,10 +30,6 @@ _OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other wa
 @dataclass(kw_only=True)
 class _Report(options.Measured):
     """The curves of files answered by one analysis, with a report."""
-
-    def requested(self, files: Sequence[Path]) -> Analysis:
-        """What is asked of each curve. Raises InputError: options that cannot be, or do not go together."""
-        raise NotImplementedError
 
     def __call__(self, run: Run) -> None:
         from cavirheo.reporting import DOCUMENTS, outputs, write_report
@@ -74,10 +70,6 @@ class Infer(_Report, options.Inference):
     """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
     believe them."""
 
-    def requested(self, files: Sequence[Path]) -> Analysis:
-        self.check_verify(files)
-        return self.analysis
-
 
 @dataclass(kw_only=True)
 class Fit(_Report, options.OneBubble):
@@ -94,7 +86,7 @@ class Fit(_Report, options.OneBubble):
     others: Annotated[bool, option(_OTHER_BUBBLE, INTERVAL, "--others/--no-others")] = True
     out: options.Out = Path("cavirheo-fit")
 
-    def requested(self, files: Sequence[Path]) -> Analysis:
+    def requested(self, files: Iterable[Path]) -> Analysis:
         from cavirheo.inference.analysis import Analysis
 
         settings: dict[str, Any] = {
@@ -187,8 +179,7 @@ class Watch(options.Inference):
 
         folder, out = self.folder, self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
-        self.check_verify([folder])
-        analysis = self.analysis
+        analysis = self.requested([folder])
         if self.column is not None and not is_size(self.column):
             read_column(self.column)
         names = [field.name for field in fields(options.FileSettings) if field.name != "column"]

@@ -269,6 +269,10 @@ class Answering(Printing, Pictures, Liquid, FileSettings):
 
     seed: Seed = 0
 
+    def requested(self, files: Iterable[Path]) -> "Analysis":
+        """What is asked of each curve, where it is one analysis. Raises InputError: options that cannot be."""
+        raise NotImplementedError
+
     def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """`read_shots` with these settings."""
         from cavirheo.io.shots import read_shots
@@ -334,21 +338,15 @@ class Inference(Answering, OneBubble):
     model: ModelName = "posterior"
     exact_law: ExactLaw = False
 
-    @property
-    def analysis(self) -> "Analysis":
-        """What is asked of each curve. Raises InputError: settings that cannot be, or do not go together."""
+    def requested(self, files: Iterable[Path]) -> "Analysis":
+        """What is asked of each curve. Raises InputError: settings that cannot be, do not go together, or change
+        nothing, before hours are spent; videos among the files use the exposure without a verification, too."""
         from cavirheo.inference.analysis import Analysis
-
-        settings: dict[str, Any] = {"bubble": self.bubbles, "medium": self.liquid, "discrepancy": not self.exact_law}
-        return Analysis(**shared(self, Analysis) | settings)
-
-    def check_verify(self, files: Iterable[Path]) -> None:
-        """Raises InputError for an option that only --verify would use, before hours are spent.
-
-        Videos among the files use the exposure, too."""
         from cavirheo.video.frames import is_video
 
         exposed = self.exposure_us is not None and not any(map(is_video, files))
         idle = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
         message = f"{' and '.join(idle)} would change nothing without --verify map or full: give that too"
         require(self.verify != "none" or not idle, message)
+        settings: dict[str, Any] = {"bubble": self.bubbles, "medium": self.liquid, "discrepancy": not self.exact_law}
+        return Analysis(**shared(self, Analysis) | settings)
