@@ -12,6 +12,7 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 from cavirheo.arrays import Floats
@@ -20,15 +21,12 @@ from cavirheo.errors import require
 from cavirheo.io import limits
 from cavirheo.io.curves import CURVES, check_units, make_curve
 
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _REAL = "fiub"  # kinds of numpy's types
 _EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
 
 
 def read(path: Path) -> list[RadiusCurve]:
     """The curves of a file. Raises InputError: it has none, or more than is read."""
-    import h5py
-
     with h5py.File(path, "r") as file:
         groups, names_found = [file], []
 
@@ -50,8 +48,6 @@ def read(path: Path) -> list[RadiusCurve]:
 
 def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
     """By kind of column: the dataset named so, not yet read, and its unit."""
-    import h5py
-
     arrays = {}
     for name in group:
         kind, unit, _ = CURVES.name_by_words(as_text(name))
@@ -84,8 +80,6 @@ def read_variables(path: Path, names: Iterable[str], cells: Container[str]) -> t
 
     cells: names of variables that may be cell arrays.
     """
-    import h5py
-
     variables: dict[str, Any] = {}
     with h5py.File(path, "r") as file:
         all_names = [as_text(name) for name in file if name not in ("#refs#", "#subsystem#")]
@@ -136,8 +130,6 @@ def as_text(name: str | bytes) -> str:
 
 def local_item(group: Any, name: str | bytes) -> Any:
     """group[name], None if there is nothing. Raises InputError: it would be read from another file."""
-    import h5py
-
     links, key = group.id.links, name if isinstance(name, bytes) else name.encode()  # get(getlink=True) wants UTF-8
     link = links.exists(key) and links.get_info(key).type == h5py.h5l.TYPE_EXTERNAL
     require(not link, f"{as_text(name)} is a link to another file; copy them into this one", "limits.elsewhere")

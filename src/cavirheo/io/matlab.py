@@ -28,13 +28,14 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.io import hdf5, limits
+from cavirheo.io import limits
 from cavirheo.io.curves import make_curve, unusable
 from cavirheo.messages import Message
 
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
 VARIABLES = (*_CELL_ARRAYS, *_ONE_EACH.split())
+HDF5 = b"\x89HDF\r\n\x1a\n"  # how its files begin, which those of version 7.3 are
 _LARGEST = 0.01  # m, of a bubble
 _HEAD = 1024  # bytes that hold the header of an array, its name at the end
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
@@ -53,7 +54,9 @@ def read_variables(path: Path, names: tuple[str, ...]) -> tuple[Variables, list[
     """
     with path.open("rb") as file:
         head = file.read(128)
-    if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(hdf5.SIGNATURE)):
+    if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(HDF5)):
+        from cavirheo.io import hdf5  # loads a library that takes a quarter of a second
+
         return hdf5.read_variables(path, names, _CELL_ARRAYS)
     five = head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
     return _read_version5(path, names) if five else None

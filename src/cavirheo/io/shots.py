@@ -103,11 +103,13 @@ def read_curves(
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
     """The curves of a file that begins with `head`."""
-    from cavirheo.io import curves, hdf5, matlab
+    from cavirheo.io import curves, matlab
 
     if variables := matlab.read_variables(path, matlab.VARIABLES):
         return matlab.curves(*variables, density, pressure)
-    if head.startswith(hdf5.SIGNATURE):
+    if head.startswith(matlab.HDF5):
+        from cavirheo.io import hdf5
+
         return hdf5.read(path)
     require(kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
     return curves.read(path, density, pressure, frame_rate)

@@ -89,12 +89,8 @@ class Fit(_Report, options.OneBubble):
     def requested(self, files: Iterable[Path]) -> Analysis:
         from cavirheo.inference.analysis import Analysis
 
-        settings: dict[str, Any] = {
-            "method": "fit",
-            "bubble": self.bubbles,
-            "medium": self.liquid,
-            "scale_bound": self.scale_percent / 100,
-        }
+        settings: dict[str, Any] = {"method": "fit", "bubble": self.bubbles, "medium": self.liquid}
+        settings["scale_bound"] = self.scale_percent / 100
         settings["t0_bound"] = None if self.t0_us is None else self.t0_us * 1e-6
         settings["end"] = None if self.window_us is None else self.window_us * 1e-6
         return Analysis(**options.shared(self, Analysis) | settings)
