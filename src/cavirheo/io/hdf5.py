@@ -75,10 +75,10 @@ def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve
     return make_curve(**samples, time_unit=time_unit, radius_unit=radius_unit, meta=meta)
 
 
-def read_variables(path: Path, names: Iterable[str], cells: Container[str]) -> tuple[dict[str, Any], list[str]]:
+def read_variables(path: Path, names: Iterable[str], cell_arrays: Container[str]) -> tuple[dict[str, Any], list[str]]:
     """As `matlab.read_variables`, of version 7.3: arrays are stored transposed, cells as references to them.
 
-    cells: names of variables that may be cell arrays.
+    cell_arrays: variables that may be cell arrays.
     """
     variables: dict[str, Any] = {}
     with h5py.File(path, "r") as file:
@@ -88,7 +88,7 @@ def read_variables(path: Path, names: Iterable[str], cells: Container[str]) -> t
             if not isinstance(item, h5py.Dataset):
                 continue
             check_sizes([item])
-            if name in cells and h5py.check_ref_dtype(item.dtype) is not None:
+            if name in cell_arrays and h5py.check_ref_dtype(item.dtype) is not None:
                 limits.few(item.size, limits.CURVES, "curves")
                 items = [file[reference] if reference else None for reference in np.ravel(item[()])]
                 arrays = all(isinstance(cell, h5py.Dataset) for cell in items)

@@ -223,8 +223,8 @@ class Table:
     def columns(self) -> list[Column]:
         """Those that the vocabulary knows."""
         name, term = self.vocabulary.name, self.vocabulary.term
-        known = [(at, title) for at, title in enumerate(self.titles) if name(title).kind]
-        return [Column(self, at, title, name(title), term(title)) for at, title in known]
+        titles = [(at, title) for at, title in enumerate(self.titles) if name(title).kind]
+        return [Column(self, at, title, name(title), term(title)) for at, title in titles]
 
     def all(self, kind: str) -> list[Column]:
         return [column for column in self.columns if column.name.kind == kind]

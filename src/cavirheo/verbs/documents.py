@@ -210,5 +210,5 @@ def required() -> dict[str, list[str]]:
 
 def _installed(names: list[str]) -> str:
     """'numpy 2.1, no dask'"""
-    versions = {name: next((found.version for found in distributions(name=name)), "") for name in names}
+    versions = {name: next((library.version for library in distributions(name=name)), "") for name in names}
     return ", ".join(f"{name} {number}" if number else f"no {name}" for name, number in versions.items())
