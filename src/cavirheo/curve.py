@@ -112,7 +112,7 @@ class RadiusCurve:
     unusable: str = ""
 
     name: ClassVar[_Stated[str]] = _Stated("name", "curve")
-    column: ClassVar[_Stated[Mapping[str, float]]] = _Stated("column", {})  # declared (io/option_tables.py)
+    column: ClassVar[_Stated[Mapping[str, float]]] = _Stated("column", {})  # declared (io/shots.py)
     notes: ClassVar[_Stated[tuple[str, ...]]] = _Stated("notes", ())  # what was recognised, converted or left out
     hints: ClassVar[_Stated[tuple[str, ...]]] = _Stated("hints", ())  # on scale and constants: of all shots of a file
     source: ClassVar[_Stated[str]] = _Stated("source", "")  # the file, as it was given

@@ -18,8 +18,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io.files import file_label, header_of, measurements, pixels_of
-from cavirheo.io.option_tables import is_size, listed, read_column, with_given_values, with_size
-from cavirheo.io.shots import CurveSet, read_shots, samples_of
+from cavirheo.io.shots import CurveSet, is_size, listed, read_column, read_shots, samples_of, with_size, with_values
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import DOCUMENTS, html, result, table
@@ -186,7 +185,7 @@ class Watch:
             self._say_once(f"{error}; {self.column.name} does not count until this is mended")
             remarks.append(str(error))
             return curves
-        labelled, unknown, without = with_given_values(curves, title, values)
+        labelled, unknown, without = with_values(curves, title, values)
         if without:
             remarks.append(f"{self.column.name} has no value of {title} for {listed(without)}: no part of a slope")
         if unknown:

@@ -14,7 +14,7 @@ from cavirheo import load, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import OUTLIERS, SPREAD, WIDE
 from cavirheo.inference.verify.evidence import ranked
-from cavirheo.io.option_tables import LOG_SIZE, with_column
+from cavirheo.io.shots import LOG_SIZE, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reporting import result
 from cavirheo.writing.document import write_json

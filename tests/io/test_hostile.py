@@ -19,7 +19,7 @@ from cavirheo.companions.published_values import read_references
 from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.errors import InputError
 from cavirheo.io import limits, read_curves, workbook
-from cavirheo.io.option_tables import read_trace
+from cavirheo.io.curves import read_trace
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "nightly"))
 from fuzz import READERS, mutated

@@ -17,8 +17,8 @@ from scipy.io import loadmat, savemat
 
 from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.io import write_csv
+from cavirheo.io.curves import read_trace
 from cavirheo.io.files import expand
-from cavirheo.io.option_tables import read_trace
 from cavirheo.io.shots import read_shots
 from cavirheo.io.subprocess_reader import KINDS
 from cavirheo.physics.driving import Trace

@@ -18,7 +18,7 @@ from scipy.stats import theilslopes
 
 from cavirheo import infer_many, load, population
 from cavirheo.inference.network_answer import Networked
-from cavirheo.io.option_tables import read_column
+from cavirheo.io.shots import read_column
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer
 from cavirheo.reporting import group, html, result, table, write_report
@@ -414,8 +414,8 @@ def test_write_report_refuses_what_it_cannot_do_and_is_complete_without_matplotl
 
 
 def test_words_are_completed_without_what_takes_long():
-    code = """import sys; from cavirheo.verbs import app, completion
-completion.law_names(''), completion.medium_names(''), completion.model_names('')
+    code = """import sys; from cavirheo.verbs import app, options
+options.law_names(''), options.medium_names(''), options.model_names('')
 app(['infer', '--help'], standalone_mode=False)
 print({'numba', 'onnxruntime', 'scipy.optimize', 'matplotlib', 'torch'} & {*sys.modules})"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

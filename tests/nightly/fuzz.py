@@ -35,7 +35,7 @@ from cavirheo.companions import collapse_times, published_values
 from cavirheo.companions.rheometer import read_sweeps
 from cavirheo.inference.model import Network
 from cavirheo.io import write_csv
-from cavirheo.io.option_tables import read_trace
+from cavirheo.io.curves import read_trace
 from cavirheo.physics.media import WATER
 from cavirheo.training.recipe import read_recipe
 

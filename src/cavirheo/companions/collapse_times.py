@@ -18,10 +18,9 @@ from cavirheo.files import sha256
 from cavirheo.inference import input_checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.io.files import file_label, guarded
-from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
 from cavirheo.io.matlab import read_variables
 from cavirheo.io.shots import Chosen, read_shots, selected
-from cavirheo.io.tables import Term, Vocabulary, read_columns
+from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary, read_columns
 from cavirheo.physics.media import Medium
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows

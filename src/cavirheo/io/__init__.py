@@ -3,7 +3,7 @@
 The content of a file decides, not its ending.
 """
 
-from cavirheo.io.curve_tables import write_csv
+from cavirheo.io.curves import write_csv
 from cavirheo.io.shots import read_curves
 
 __all__ = ["read_curves", "write_csv"]

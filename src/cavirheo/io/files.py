@@ -30,7 +30,6 @@ _OURS = {  # tables and films that cavirheo writes: the document that then stand
     "overlay.mp4": "measure.json",
     "fields.h5": "simulation.csv",
 }
-_SPECIAL = {stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket", stat.S_ISCHR: "a device", stat.S_ISBLK: "a device"}
 _temporary: set[Path] = set()
 
 
@@ -71,9 +70,9 @@ def _check(path: Path, name: str) -> None:
     except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name with a zero byte
         raise InputError(f"{name} does not exist", "reading.missing") from None
     mode = status.st_mode
-    message = f"{name} is a directory; give the files in it, e.g. {name}/*.mat"
-    require(not stat.S_ISDIR(mode), message, "reading.folder")
-    kind = next((words for test, words in _SPECIAL.items() if test(mode)), "no regular file")
+    directory = f"{name} is a directory; give the files in it, e.g. {name}/*.mat"
+    require(not stat.S_ISDIR(mode), directory, "reading.folder")
+    kind = "a pipe" if stat.S_ISFIFO(mode) else "a socket" if stat.S_ISSOCK(mode) else "a device"
     special = f"{name} is {kind}; give a file, or send its content to standard input and give - as the file"
     require(stat.S_ISREG(mode), special, "reading.special")
     limits.few(status.st_size, limits.FILE, f"bytes in {name}")

@@ -1,34 +1,37 @@
-"""HDF5: groups that hold a time and a radius.
+"""HDF5: curves in groups, and the variables of MATLAB 7.3; what a file declares is checked before it is read.
 
-A file has one curve per group (at any depth, the root included) that holds two one-dimensional datasets of equal
+A file of curves has one per group (at any depth, the root included) that holds two one-dimensional datasets of equal
 length named like CSV columns: `time_us` and `radius_um`, or `time` (s) and `radius` (m); optional `radius_std_um` or
 `radius_std`. Optional attribute of a group: `stretch` (R_max/R_0).
 """
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterable
+from math import prod
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.io import limits
-from cavirheo.io.curve_tables import CURVES
-from cavirheo.io.samples import check_units, make_curve
+from cavirheo.io.curves import CURVES, check_units, make_curve
 
+_REAL = "fiub"  # kinds of numpy's types
 _EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
 
 
 def read(path: Path) -> list[RadiusCurve]:
-    import h5py
-
+    """The curves of a file. Raises InputError: it has none, or more than is read."""
     with h5py.File(path, "r") as file:
         groups, names_found = [file], []
 
         def visit(name: str | bytes, item: Any) -> None:
-            names_found.append(limits.as_text(name))
+            names_found.append(as_text(name))
             limits.few(len(names_found), limits.SAMPLES // 100, "groups and datasets")
             if isinstance(item, h5py.Group):
                 groups.append(item)
@@ -36,7 +39,7 @@ def read(path: Path) -> list[RadiusCurve]:
         file.visititems(visit)
         shots = [(group, arrays) for group in groups if {"time", "radius"} <= (arrays := _arrays(group)).keys()]
         limits.few(len(shots), limits.CURVES, "curves")
-        limits.arrays(item for _, arrays in shots for item, _ in arrays.values())
+        check_sizes(item for _, arrays in shots for item, _ in arrays.values())
         names = ", ".join(names_found[:20]) or "nothing"
         none = f"no group holds a time and a radius dataset; found: {names}; expected {_EXPECTED}"
         require(len(shots) > 0, none, "hdf5.datasets")
@@ -45,23 +48,21 @@ def read(path: Path) -> list[RadiusCurve]:
 
 def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
     """By kind of column: the dataset named so, not yet read, and its unit."""
-    import h5py
-
     arrays = {}
     for name in group:
-        kind, unit, _ = CURVES.name_by_words(limits.as_text(name))
+        kind, unit, _ = CURVES.name_by_words(as_text(name))
         if kind in ("time", "radius", "radius_std"):
-            item = limits.local_item(group, name)
+            item = local_item(group, name)
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
-                both = f"{limits.as_text(group.name)} has two datasets for {kind}"
-                twice = f"{both}: {limits.as_text(name)} is one; keep the one that counts"
+                both = f"{as_text(group.name)} has two datasets for {kind}"
+                twice = f"{both}: {as_text(name)} is one; keep the one that counts"
                 require(kind not in arrays, twice, "hdf5.twice")
-                arrays[kind] = item, unit
+                arrays[kind] = item, unit or {"time": "s", "radius": "m"}.get(kind)
     return arrays
 
 
 def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve:
-    path = limits.as_text(group.name)
+    path = as_text(group.name)
     meta: dict[str, Any] = {"label": path.strip("/")} if path != "/" else {}
     if "stretch" in group.attrs:
         stretch = np.asarray(group.attrs["stretch"])
@@ -69,6 +70,67 @@ def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve
         require(number, f"the attribute stretch of {path} is no number: {stretch}"[:200], "hdf5.stretch")
         meta["stretch"] = float(stretch.item())
     samples: dict[str, Any] = {kind: np.asarray(item[()]) for kind, (item, _) in arrays.items()}
-    units = {"time": "s", "radius": "m"} | {kind: unit for kind, (_, unit) in arrays.items() if unit}
-    check_units(f"the group {path}", units["time"], units["radius"], units.get("radius_std"))
-    return make_curve(**samples, time_unit=units["time"], radius_unit=units["radius"], meta=meta)
+    time_unit, radius_unit, std_unit = (arrays.get(kind, (None, None))[1] for kind in ("time", "radius", "radius_std"))
+    check_units(f"the group {path}", time_unit, radius_unit, std_unit)
+    return make_curve(**samples, time_unit=time_unit, radius_unit=radius_unit, meta=meta)
+
+
+def read_variables(path: Path, names: Iterable[str], cell_arrays: Container[str]) -> tuple[dict[str, Any], list[str]]:
+    """As `matlab.read_variables`, of version 7.3: arrays are stored transposed, cells as references to them.
+
+    cell_arrays: variables that may be cell arrays.
+    """
+    variables: dict[str, Any] = {}
+    with h5py.File(path, "r") as file:
+        all_names = [as_text(name) for name in file if name not in ("#refs#", "#subsystem#")]
+        for name in names:
+            item = local_item(file, name)
+            if not isinstance(item, h5py.Dataset):
+                continue
+            check_sizes([item])
+            if name in cell_arrays and h5py.check_ref_dtype(item.dtype) is not None:
+                limits.few(item.size, limits.CURVES, "curves")
+                items = [file[reference] if reference else None for reference in np.ravel(item[()])]
+                arrays = all(isinstance(cell, h5py.Dataset) for cell in items)
+                require(arrays, f"a cell of {name} refers to no array", "matlab.cells")
+                check_sizes(items)
+                variables[name] = [_real_numbers(cell).ravel(order="F") for cell in items]
+            elif item.dtype.kind in _REAL:
+                variables[name] = _real_numbers(item)
+    return variables, all_names
+
+
+def _real_numbers(item: Any) -> Floats:
+    """The numbers of a dataset; none where MATLAB wrote an empty array, or anything but real numbers."""
+    empty = np.asarray(item.attrs.get("MATLAB_empty", 0))
+    no_numbers = item.dtype.kind not in _REAL or (empty.dtype.kind in _REAL and empty.any())
+    return np.empty(0) if no_numbers else np.asarray(item[()], dtype=np.float64).T
+
+
+def check_sizes(items: Iterable[Any]) -> None:
+    """Raises InputError: datasets that are about to be read declare more samples than are read, chunks as large, or no
+    shape at all, or take their numbers from other files."""
+    total = 0
+    for item in items:
+        name = as_text(item.name)
+        require(item.shape is not None, f"{name} has no shape: it holds nothing", "limits.no_shape")
+        elsewhere = f"{name} takes its numbers from another file; copy them into this one"
+        require(not (item.external or item.is_virtual), elsewhere, "limits.elsewhere")
+        total += prod(item.shape)
+        for what, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
+            declared = f"{name} declares the {what} {getattr(item, what)}"
+            many = f"{declared}: more than {limits.SAMPLES} samples are not read"
+            require(size <= limits.SAMPLES, many, f"limits.{what}")
+
+
+def as_text(name: str | bytes) -> str:
+    """The name of a group or dataset; h5py gives bytes where it is not UTF-8, and it is read as Latin-1."""
+    return name.decode("latin-1") if isinstance(name, bytes) else name
+
+
+def local_item(group: Any, name: str | bytes) -> Any:
+    """group[name], None if there is nothing. Raises InputError: it would be read from another file."""
+    links, key = group.id.links, name if isinstance(name, bytes) else name.encode()  # get(getlink=True) wants UTF-8
+    link = links.exists(key) and links.get_info(key).type == h5py.h5l.TYPE_EXTERNAL
+    require(not link, f"{as_text(name)} is a link to another file; copy them into this one", "limits.elsewhere")
+    return group.get(name)

@@ -7,11 +7,19 @@
 | R, t | one shot, units told from the size (um and s in the published file) |
 | Rmax um, shift_normRnew, t s | one shot per row of R/R_max over common frame times |
 | pIMR_array | collapse times: no radius histories, refused by name |
+
+Versions 5 to 7 are read here and not by scipy.io, whose compiled reader (scipy 1.17) ends the whole process with a
+segmentation fault on some damaged files. Format: MathWorks, "MAT-File Format", level 5: a header of 128 bytes, then
+elements (type, length, data) on 8-byte borders; type 15 is a deflated element, type 14 an array made of elements for
+its flags, dimensions, name and numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import struct
+import zlib
+from collections.abc import Container, Iterator
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -21,59 +29,37 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
-from cavirheo.io.matfile import read_matfile
-from cavirheo.io.samples import make_curve, unusable
+from cavirheo.io.curves import make_curve, unusable
 from cavirheo.messages import Message
 
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
 VARIABLES = (*_CELL_ARRAYS, *_ONE_EACH.split())
-
-HDF5 = b"\x89HDF\r\n\x1a\n"
+HDF5 = b"\x89HDF\r\n\x1a\n"  # how its files begin, which those of version 7.3 are
 _LARGEST = 0.01  # m, of a bubble
-_REAL = "fiub"  # kinds of numpy's types
-Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
+_HEAD = 1024  # bytes that hold the header of an array, its name at the end
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_MATRIX, _DEFLATED = 14, 15
+_CELL, _NUMERIC = 1, range(6, 16)  # array classes
+_COMPLEX = 0x800  # a flag
+_NOTHING = (0, b"")  # no element
+_DAMAGED, _CUT = "matfile.damaged", "matfile.cut"
+Variables = dict[str, Any]  # name -> (…,) float64, or a list of the flat cells of a cell array, empty if not numeric
 
 
 def read_variables(path: Path, names: tuple[str, ...]) -> tuple[Variables, list[str]] | None:
-    """(the wanted variables, names of all) of a .mat of any version; None where the file is none. Raises InputError."""
+    """(the wanted variables, names of all) of a .mat of any version; None where the file is none.
+
+    Raises InputError: the file breaks its own format, or holds more than is read.
+    """
     with path.open("rb") as file:
         head = file.read(128)
     if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(HDF5)):
-        return read_hdf5(path, names)
+        from cavirheo.io import hdf5  # loads a library that takes a quarter of a second
+
+        return hdf5.read_variables(path, names, _CELL_ARRAYS)
     five = head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
-    return read_matfile(path, names) if five else None
-
-
-def read_hdf5(path: Path, names: Iterable[str]) -> tuple[Variables, list[str]]:
-    """As `read_matfile`, of version 7.3: arrays are stored transposed, cells as references to them."""
-    import h5py
-
-    variables: Variables = {}
-    with h5py.File(path, "r") as file:
-        all_names = [limits.as_text(name) for name in file if name not in ("#refs#", "#subsystem#")]
-        for name in names:
-            item = limits.local_item(file, name)
-            if not isinstance(item, h5py.Dataset):
-                continue
-            limits.arrays([item])
-            if name in _CELL_ARRAYS and h5py.check_ref_dtype(item.dtype) is not None:
-                limits.few(item.size, limits.CURVES, "curves")
-                items = [file[reference] if reference else None for reference in np.ravel(item[()])]
-                arrays = all(isinstance(cell, h5py.Dataset) for cell in items)
-                require(arrays, f"a cell of {name} refers to no array", "matlab.cells")
-                limits.arrays(items)
-                variables[name] = [_plain(cell).ravel(order="F") for cell in items]
-            elif item.dtype.kind in _REAL:
-                variables[name] = _plain(item)
-    return variables, all_names
-
-
-def _plain(item: Any) -> Floats:
-    """The numbers of a dataset; none where MATLAB wrote an empty array, or anything but real numbers."""
-    empty = np.asarray(item.attrs.get("MATLAB_empty", 0))
-    no_numbers = item.dtype.kind not in _REAL or (empty.dtype.kind in _REAL and empty.any())
-    return np.empty(0) if no_numbers else np.asarray(item[()], dtype=np.float64).T
+    return _read_version5(path, names) if five else None
 
 
 def curves(variables: Variables, names: list[str], density: float, pressure: float) -> list[RadiusCurve]:
@@ -129,20 +115,19 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
 
     def curve(k: int, radius: Floats, time: Floats) -> RadiusCurve:
         cell, max_radius = f"cell {k + 1} of {count}", float(max_radii[k]) if k < len(max_radii) else np.nan
+        fields: dict[str, Any] = {"stated_time_of_max": 0.0}
         if radius.size == 0 or time.size == 0:
-            return unusable(f"{cell} is empty", meta, stated_time_of_max=0.0)
+            return unusable(f"{cell} is empty", meta, **fields)
+        si: dict[str, Any] = {"time_unit": "s", "radius_unit": "m"} | fields
         if not len(max_radii):  # time and radius both wait for the user's R_max
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
-            fields: dict[str, Any] = {"stated_time_of_max": 0.0, "time_unscaled": True, "unscaled": reason}
-            unscaled = make_curve(time * per_radius, radius, time_unit="s", radius_unit="m", meta=meta, **fields)
+            unscaled = make_curve(time * per_radius, radius, meta=meta, time_unscaled=True, unscaled=reason, **si)
             return unscaled.labelled(notes=(*notes, reason))
         if not max_radius > 0:
-            reason = f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m"
-            return unusable(reason, meta, stated_time_of_max=0.0)
+            return unusable(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", meta, **fields)
         scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
         with_notes = {**meta, "notes": (f"seconds from t* with {scale}", *notes)}
-        seconds, metres = time * (max_radius * per_radius), radius * max_radius
-        scaled = make_curve(seconds, metres, time_unit="s", radius_unit="m", meta=with_notes, stated_time_of_max=0.0)
+        scaled = make_curve(time * (max_radius * per_radius), radius * max_radius, meta=with_notes, **si)
         return scaled.labelled(warnings=(*scaled.warnings, *_density_warning(scaled.frame_rate, density)))
 
     return [curve(k, *arrays) for k, arrays in enumerate(zip(radii, times, strict=True))]
@@ -185,10 +170,92 @@ def _shifted(variables: Variables) -> list[RadiusCurve]:
 
 
 def _rows(time: Floats, radius: Floats, **options: Any) -> list[RadiusCurve]:
-    """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time; `options` of
-    `make_curve`."""
+    """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time."""
     if radius.ndim != 2 or min(radius.shape) <= 1:
         radius = radius.reshape(1, -1)
     elif radius.shape[1] != time.size:
         radius = radius.T
     return [make_curve(time, shot, **options) for shot in radius]
+
+
+def _read_version5(path: Path, names_wanted: Container[str]) -> tuple[Variables, list[str]]:
+    """As `read_variables`."""
+    limits.few(path.stat().st_size, limits.INFLATED, "bytes")
+    content = path.read_bytes()
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:128], "")
+    require(order != "", "not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged", _DAMAGED)
+    left = limits.INFLATED
+    variables: Variables = {}
+    names: list[str] = []
+    for kind, data in _elements(content[128:], order):
+        if kind not in (_MATRIX, _DEFLATED) or not data:
+            continue
+        inflate = zlib.decompressobj()
+        head = inflate.decompress(data, _HEAD) if kind == _DEFLATED else data
+        name = _header(head[8:] if kind == _DEFLATED else head, order)[2]
+        names += [name] if name else []
+        if name not in names_wanted:
+            continue
+        if kind == _DEFLATED:
+            data = head + inflate.decompress(inflate.unconsumed_tail, max(left, 1))  # 0 would be no limit
+            left -= len(data)
+            most = f"{name} unpacks to more than {limits.INFLATED} bytes in all"
+            require(left >= 0 and not inflate.unconsumed_tail, most, "limits.unpacked")
+            require(inflate.eof, f"{name} is cut off", _CUT)
+            kind, data = next(_elements(data, order), _NOTHING)
+        if kind == _MATRIX and (value := _value(data, order, name)) is not None:
+            variables[name] = value
+    return variables, names
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """(type, data) of the elements one after the other."""
+    at = 0
+    while at + 8 <= len(data):
+        kind, length = struct.unpack_from(order + "II", data, at)
+        if kind >> 16:  # small element: both numbers share the first four bytes, the data fills the other four
+            kind, length, start, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+            require(length <= 4, f"damaged at byte {at}: a small element of {length} bytes", _DAMAGED)
+        else:
+            start = at + 8
+            after = start + length + (0 if kind == _DEFLATED else -length % 8)
+        left = len(data) - start
+        require(length <= left, f"cut off: an element of {length} bytes begins where {left} are left", _CUT)
+        yield kind, data[start : start + length]
+        at = after
+
+
+def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterator[tuple[int, bytes]]]:
+    """(class, shape, name, the elements that follow) of one array."""
+    parts = _elements(data, order)
+    flags, shape, name = (next(parts, _NOTHING)[1] for _ in range(3))
+    require(len(flags) >= 4 and len(shape) % 4 == 0, "an array without flags or dimensions", _DAMAGED)
+    bits = struct.unpack_from(order + "I", flags)[0]
+    array_class = 0 if bits & _COMPLEX else bits & 0xFF
+    return array_class, struct.unpack(f"{order}{len(shape) // 4}i", shape), name.decode("latin-1"), parts
+
+
+def _value(data: bytes, order: str, name: str = "") -> Any:
+    """The numbers of an array or, in a list, of the cells of one with a name; None where it is neither."""
+    if not data:
+        return np.empty(0)  # how an empty cell is written
+    array_class, shape, _, parts = _header(data, order)
+    if array_class == _CELL and name:
+        arrays: list[Any] = []
+        for kind, part in parts:
+            if kind == _MATRIX:
+                value = _value(part, order)
+                arrays.append(np.empty(0) if value is None else value.ravel(order="F"))
+                limits.few(len(arrays), limits.CURVES, f"cells of {name}")
+        return arrays
+    if array_class not in _NUMERIC:
+        return None
+    kind, numbers = next(parts, (9, b""))
+    label = name or "a cell"
+    require(kind in _NUMBERS, f"{label}: numbers of the unknown type {kind}", _DAMAGED)
+    item = np.dtype(order + _NUMBERS[kind])
+    count = len(numbers) // item.itemsize
+    limits.few(count, limits.SAMPLES, f"numbers in {label}")
+    fits = min(shape, default=0) >= 0 and prod(shape) == count
+    require(fits, f"{label}: {count} numbers for an array of the shape {shape}", _DAMAGED)
+    return np.frombuffer(numbers, item, count).astype(np.float64).reshape(shape, order="F")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -15,11 +15,22 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, numbered, require
 from cavirheo.files import sha256
-from cavirheo.io.curve_tables import ONE_SCALE
+from cavirheo.io.curves import ONE_SCALE
 from cavirheo.io.files import file_label, guarded
+from cavirheo.io.tables import Name, Term, Vocabulary, kind_of, read_columns
 from cavirheo.parameters import RADIUS
 from cavirheo.video.frames import is_video
 
+SIZE = "R_max"  # the word
+LOG_SIZE = "log10(R_max/µm)"  # the column that it stands for
+_LISTED = 5  # names in a message
+_DECLARED = Vocabulary(
+    {"any": Term("")},
+    "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
+    ["any"],
+    dict.fromkeys(("columns", "empty"), "column.head") | dict.fromkeys(("number", "comma", "width"), "column.number"),
+    fallback=lambda title: Name("any" if title else ""),
+)
 Chosen = str | Iterable[int] | None  # which shots of a file: "1,4-7", numbered from 1 in the order of the file
 Item = TypeVar("Item")
 GROUPINGS = ("auto", "file", "folder", "name", "none")
@@ -92,14 +103,16 @@ def read_curves(
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
     """The curves of a file that begins with `head`."""
-    from cavirheo.io import curve_tables, formats, hdf5, matlab
+    from cavirheo.io import curves, matlab
 
     if variables := matlab.read_variables(path, matlab.VARIABLES):
         return matlab.curves(*variables, density, pressure)
     if head.startswith(matlab.HDF5):
+        from cavirheo.io import hdf5
+
         return hdf5.read(path)
-    require(formats.kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
-    return curve_tables.read(path, density, pressure, frame_rate)
+    require(kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
+    return curves.read(path, density, pressure, frame_rate)
 
 
 def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
@@ -262,3 +275,84 @@ def check_max_radius(max_radius: float | None) -> None:
         low, high = (1e6 * end for end in RADIUS[:2])
         message = f"the true R_max must be a radius in micrometres, {low:g} to {high:g}, got {1e6 * max_radius:.6g}"
         require(RADIUS.low <= max_radius <= RADIUS.high, message, "curve.max_radius")
+
+
+def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
+    """The curves, each with its value, of a table or of `SIZE`, which a curve without R_max has not.
+
+    Raises InputError: no such table, it names what is not there or gives a curve no value, or each group has only one.
+    """
+    if is_size(path):
+        title, labelled = LOG_SIZE, with_size(curves)
+    else:
+        title, values = read_column(path)
+        require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
+        labelled, unknown, without = with_values(curves, title, values)
+        names = listed([curve.name for curve in curves])
+        message = f"{path}: nothing here is called {listed(unknown)}; there is {names}"
+        require(not unknown, message, "column.unknown")
+        message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
+        require(not without, message, "column.missing")
+    groups: dict[tuple[str, str], set[float]] = {}
+    for curve in labelled:
+        groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
+    names = listed([name for name, _ in groups])
+    message = f"{path}: one value of {title} in each group ({names}): a trend needs several"
+    message += "; --group folder makes one group of all files of a folder"
+    require(any(len(numbers) > 1 for numbers in groups.values()), message, "column.constant")
+    return labelled
+
+
+def is_size(path: str | Path) -> bool:
+    """Whether the R_max of each shot is meant, and no table. Raises InputError: there is a file of that name."""
+    message = f"{SIZE} stands for the R_max of each shot, but a file has this name: rename the file (to {SIZE}.csv)"
+    require(str(path) != SIZE or not Path(path).is_file(), message, "column.size")
+    return str(path) == SIZE
+
+
+def with_size(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
+    """The curves, with log10 of their R_max in um as far as they have one."""
+    labelled = list(curves)
+    for k, curve in enumerate(curves):
+        with suppress(InputError):  # no scale, or no maximum
+            labelled[k] = curve.labelled(column={LOG_SIZE: float(np.log10(1e6 * curve.max_radius))})
+    return labelled
+
+
+def with_values(
+    curves: Sequence[RadiusCurve], title: str, values: Mapping[str, float]
+) -> tuple[list[RadiusCurve], list[str], list[str]]:
+    """The curves, with their values as far as there are any; names that no curve has; curves without a value."""
+    names_of_curves: set[str] = set()
+    labelled, without = [], []
+    for curve in curves:
+        source = Path(curve.source)
+        names = [curve.name, source.name, source.stem, curve.group]  # by which a line may name it, the closest first
+        names_of_curves.update(names)
+        value = next((values[name] for name in names if name in values), None)
+        labelled.append(curve if value is None else curve.labelled(column={title: value}))
+        without += [curve.name] if value is None else []
+    return labelled, [name for name in values if name not in names_of_curves], without
+
+
+def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
+    """The title of the numbers, and the number of each name. Raises InputError: the file is no such table."""
+    path = Path(path)
+    with guarded(path):
+        (table,) = read_columns(path, _DECLARED)
+        two = len(table.titles) == 2 and len(table.columns) == 2
+        require(two, f"the titles are {', '.join(table.titles[:3])}; {_DECLARED.expected}", "column.head")
+        names, numbers = table.columns
+        values: dict[str, float] = {}
+        for (line, texts), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
+            message = f"line {line}: expected a name and a number, found {listed(texts)}"
+            require(len(texts) == 2 and bool(np.isfinite(value)), message, "column.number")
+            require(name not in values, f"line {line}: {name} is there twice", "column.twice")
+            values[name] = float(value)
+    return numbers.title, values
+
+
+def listed(names: Sequence[str]) -> str:
+    """The first of them, for a message."""
+    unlike = list(dict.fromkeys(names))
+    return (", ".join(unlike[:_LISTED]) or "nothing") + f" and {len(unlike) - _LISTED} more" * (len(unlike) > _LISTED)

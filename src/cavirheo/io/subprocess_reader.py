@@ -1,7 +1,6 @@
 """Files read in a process of its own: one that exhausts time or memory, or ends the process, ends nothing else.
 
-It is asked and answers by arrays and JSON: whatever a file makes of the process that reads it, nothing that comes from
-there is executed.
+It is asked and answers by arrays and JSON: nothing that comes from there is executed, whatever a file makes of it.
 """
 
 from __future__ import annotations
@@ -32,12 +31,9 @@ from cavirheo.writing.packing import decode, encode
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
 
-KINDS: dict[str, Any] = {
-    kind.__name__: kind
-    for kind in (RadiusCurve, Message, CurveSet, Footage, Measurement, StatedNumber, Track, InputError)
-}
+_KINDS = (RadiusCurve, Message, CurveSet, Footage, Measurement, StatedNumber, Track, InputError)
+KINDS: dict[str, Any] = {kind.__name__: kind for kind in _KINDS}
 _SPAWN = multiprocessing.get_context("spawn")
-
 Report = Callable[[float, str], Any]
 
 
@@ -55,27 +51,27 @@ class Reader:
     def read(self, files: Sequence[Path | RadiusCurve], **options: Any) -> tuple[list[RadiusCurve], list[str]]:
         """(the curves, why files could not be read and other remarks) of `read_shots`, without the names of folders.
 
-        Raises:
-            InputError: reading took too long or too much memory, or broke the process.
+        Raises InputError: reading took too long or too much memory, or broke the process.
         """
         paths = [Path(file.source) if isinstance(file, RadiusCurve) else file for file in files]
         contents = [str(file) if isinstance(file, Path) else file for file in files]
         answer = self.ask(paths, (_read, contents, options))
         folder = f"{paths[0].parent}/" if paths else ""
         remarks = [text.replace(folder, "") for text in answer.problems + answer.remarks + answer.hints]
-        return [_without_folders(curve) for curve in answer.curves], remarks
+        curves = []
+        for curve in answer.curves:
+            group: dict[str, Any] = {"group_source": curve.group} if "group_source" in curve.meta else {}
+            curves.append(curve.labelled(source=Path(curve.source).name, **group))
+        return curves, remarks
 
     def measure(self, path: Path, images: Path, most: float, say: Report, **options: Any) -> Measurement:
-        """As `cavirheo.measure`; the frames, at most so many bytes, are left in the file `images` (.npy) and mapped.
-
-        Raises InputError: as `read`.
-        """
+        """As `cavirheo.measure`; the frames, at most so many bytes, are left in the file `images` (.npy) and mapped."""
         measurement = self.ask([path], (_measure, str(path), str(images), most, options), say)
         footage = replace(measurement.recording, frames=np.load(images, mmap_mode="r"))
         return replace(measurement, recording=footage)
 
     def ask(self, paths: Sequence[Path], call: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
-        """What `call` gives there, a function of a module with its arguments after the first, the pipe to this process.
+        """What `call` gives there: a function of a module, and its arguments after the first, the pipe to this process.
 
         Raises InputError: as `read`.
         """
@@ -126,12 +122,6 @@ class _Child:
         self.process.kill()
         self.process.join()
         self.pipe.close()
-
-
-def _without_folders(curve: RadiusCurve) -> RadiusCurve:
-    """The curve without the names of the server's folders."""
-    group: dict[str, Any] = {"group_source": curve.group} if "group_source" in curve.meta else {}
-    return curve.labelled(source=Path(curve.source).name, **group)
 
 
 def _serve(pipe: Connection) -> None:

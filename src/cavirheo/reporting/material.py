@@ -249,7 +249,7 @@ def population_record(population: Population | None, column: str = "") -> Popula
 
 def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
     """'with concentration: G rises: 0.20 [0.15, 0.25] decades per unit, a factor of 1.6; ...'."""
-    from cavirheo.io.option_tables import LOG_SIZE
+    from cavirheo.io.shots import LOG_SIZE
 
     changes = [(digits.described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
     if column == LOG_SIZE:

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, require
 from cavirheo.files import sha256
-from cavirheo.io import limits
+from cavirheo.io import hdf5
 from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
@@ -367,8 +367,8 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
             layout, start = layout_of(PROBLEMS[attribute](json.loads(head[attribute]))), head["start"]
             failed = 0 if "status" in layout.columns else int(file.attrs["failed"])
             count = min(layout.per_file, head["total"] - start) - failed
-            items = {name: limits.local_item(file, name) for name in layout.columns}
-            limits.arrays(items.values())
+            items = {name: hdf5.local_item(file, name) for name in layout.columns}
+            hdf5.check_sizes(items.values())
             shapes = {name: (item.dtype, item.shape) for name, item in items.items()}
             needed = {name: (np.dtype(of), (count, *shape)) for name, (of, shape) in layout.columns.items()}
             fine = shapes == needed and path.name == layout.name(start // layout.per_file)

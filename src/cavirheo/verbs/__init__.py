@@ -13,7 +13,7 @@ import typer
 
 import cavirheo
 from cavirheo.errors import InputError, SolverError
-from cavirheo.verbs import companions, curves, documents, histories, machine, networks
+from cavirheo.verbs import companions, curves, documents, histories, machine
 from cavirheo.verbs.options import option
 from cavirheo.verbs.run import Command
 from cavirheo.writing.digits import elide
@@ -26,8 +26,8 @@ _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a
     (documents, "show cite"),
     (machine, "app"),
     (histories, "Simulate laws"),
-    (networks, "models generate train Evaluate"),
-    (machine, "cluster"),
+    (documents, "models"),
+    (machine, "generate train Evaluate cluster"),
 )
 _Usage: Any = typer.BadParameter.__base__  # every mistake in the words of a call; typer has no public name for it
 app = typer.Typer(
@@ -51,7 +51,7 @@ def _options(
     if verbose and not version:
         raise typer.BadParameter("--verbose goes with --version")
     if version:
-        print(machine.report() if verbose else f"cavirheo {cavirheo.__version__}")
+        print(documents.report() if verbose else f"cavirheo {cavirheo.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         context.fail("Missing command.")

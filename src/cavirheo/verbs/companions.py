@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import run_in_thread
-from cavirheo.verbs import completion, options
+from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
@@ -25,7 +25,7 @@ _STRETCH = "R_max/R_0 of curves  [default: their late plateau] and of tables wit
 
 
 @dataclass(kw_only=True)
-class Compare(options.Printing, options.Pictures, options.Trust, options.OneBubble):
+class Compare(options.Printing, options.Pictures, options.OneBubble):
     """Your answers beside published values, with relative errors: those of `infer`, with the field's bubble."""
 
     source: Annotated[Path, argument("FOLDER", _SOURCE)]
@@ -33,6 +33,7 @@ class Compare(options.Printing, options.Pictures, options.Trust, options.OneBubb
     reference_method: Annotated[list[str] | None, option(_REFERENCE, metavar="METHOD")] = None
     model: options.ModelName = "posterior"
     material: options.MaterialOfSets = None
+    trust_input: options.TrustInput = False
     out: options.Out = Path("cavirheo-comparison")
 
     def __call__(self, run: Run) -> None:
@@ -150,7 +151,7 @@ class CollapseTime(options.Printing, options.Pictures, options.Liquid):
 
 
 @dataclass(kw_only=True)
-class Design(options.Printing, options.Seed, options.Liquid, options.OneBubble):
+class Design(options.Printing, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
 
     result: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
@@ -158,7 +159,7 @@ class Design(options.Printing, options.Seed, options.Liquid, options.OneBubble):
     shear_modulus: Annotated[_Range | None, option(_MODULUS, metavar="LOW HIGH")] = None
     viscosity: Annotated[_Range | None, option("Pa s", metavar="LOW HIGH")] = None
     stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
-    material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=completion.sum_names)] = "nhkv"
+    material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=options.sum_names)] = "nhkv"
     rmax_um: Annotated[_Range, option("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
     fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
     frames: Annotated[int, option("of a recording", min=10)] = 128
@@ -170,6 +171,7 @@ class Design(options.Printing, options.Seed, options.Liquid, options.OneBubble):
     sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
     draws: Annotated[int, option("simulated recordings for each setting", SEARCH, min=2)] = 12
     check: Annotated[int, option("recordings of a recommended setting that `infer` answers", SEARCH, min=0)] = 6
+    seed: options.Seed = 0
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo.errors import require
 from cavirheo.parallel import run_in_thread
-from cavirheo.verbs import completion, options
-from cavirheo.verbs.options import INPUT, INTERVAL, argument, option
+from cavirheo.verbs import options
+from cavirheo.verbs.options import BUBBLE, INPUT, INTERVAL, argument, option
 from cavirheo.verbs.run import Run, has_problems
 from cavirheo.writing import digits
 
@@ -22,16 +22,14 @@ _FITTED = "nhkv, newtonian, power-law, ...; auto: the evidence chooses"
 _LAWS = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
 _FREE = "also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"
 _WEIGHTS = "learnt: the residuals tell how much less frames beside collapses count"
+_BUBBLES = option("real, field, or both with a comma", autocompletion=options.bubble_names)
+_DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
 _OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other way round"
 
 
 @dataclass(kw_only=True)
 class _Report(options.Measured):
     """The curves of files answered by one analysis, with a report."""
-
-    def requested(self, files: Sequence[Path]) -> Analysis:
-        """What is asked of each curve. Raises InputError: options that cannot be, or do not go together."""
-        raise NotImplementedError
 
     def __call__(self, run: Run) -> None:
         from cavirheo.reporting import DOCUMENTS, outputs, write_report
@@ -72,14 +70,12 @@ class Infer(_Report, options.Inference):
     """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
     believe them."""
 
-    def requested(self, files: Sequence[Path]) -> Analysis:
-        self.check_verify(files)
-        return self.analysis
-
 
 @dataclass(kw_only=True)
-class _FitOptions:
-    material: Annotated[str, option(_FITTED, autocompletion=completion.law_names)] = "nhkv"
+class Fit(_Report, options.OneBubble):
+    """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
+
+    material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
     stretch: options.Stretch = None
     window: options.Window = None
     window_us: Annotated[float | None, option("end of the window, us after R_max", INPUT)] = None
@@ -88,40 +84,28 @@ class _FitOptions:
     scale_percent: Annotated[float, option("limit of the change of scale and rmax, %", INTERVAL)] = 1.5
     weights: Annotated[Literal["learnt", "equal"], option(_WEIGHTS, INTERVAL)] = "learnt"
     others: Annotated[bool, option(_OTHER_BUBBLE, INTERVAL, "--others/--no-others")] = True
-
-
-@dataclass(kw_only=True)
-class Fit(_Report, options.OneBubble, _FitOptions):
-    """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
-
     out: options.Out = Path("cavirheo-fit")
 
-    def requested(self, files: Sequence[Path]) -> Analysis:
+    def requested(self, files: Iterable[Path]) -> Analysis:
         from cavirheo.inference.analysis import Analysis
 
-        settings: dict[str, Any] = {
-            "method": "fit",
-            "bubble": self.bubbles,
-            "medium": self.liquid,
-            "scale_bound": self.scale_percent / 100,
-        }
+        settings: dict[str, Any] = {"method": "fit", "bubble": self.bubbles, "medium": self.liquid}
+        settings["scale_bound"] = self.scale_percent / 100
         settings["t0_bound"] = None if self.t0_us is None else self.t0_us * 1e-6
         settings["end"] = None if self.window_us is None else self.window_us * 1e-6
         return Analysis(**options.shared(self, Analysis) | settings)
 
 
 @dataclass(kw_only=True)
-class _LawOptions:
-    laws: Annotated[str, option("two or more laws, with commas", autocompletion=completion.many_law_names)] = _LAWS
+class WhichLaw(options.Measured, options.OneBubble):
+    """Which of several laws explains the curves best? Evidence by sampling, 1 to 30 s a curve and law."""
+
+    laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
     stretch: options.Stretch = None
     window: options.Window = None
     exact_law: options.ExactLaw = False
-
-
-@dataclass(kw_only=True)
-class WhichLaw(options.Measured, options.ManyBubbles, _LawOptions):
-    """Which of several laws explains the curves best? Evidence by sampling, 1 to 30 s a curve and law."""
-
+    bubble: Annotated[str, _BUBBLES] = "real"  # type: ignore[assignment]
+    damage: Annotated[str, option(_DAMAGES, BUBBLE, autocompletion=options.damage_names)] = "none"  # type: ignore[assignment]
     out: options.Out = Path("cavirheo-laws")
 
     def __call__(self, run: Run) -> None:
@@ -184,15 +168,14 @@ class Watch(options.Inference):
 
     def __call__(self, run: Run) -> None:
         from cavirheo import watch
-        from cavirheo.io.option_tables import is_size, read_column
+        from cavirheo.io.shots import is_size, read_column
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reporting import html, write_report
         from cavirheo.reporting.table import print_line, print_table
 
         folder, out = self.folder, self.out
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
-        self.check_verify([folder])
-        analysis = self.analysis
+        analysis = self.requested([folder])
         if self.column is not None and not is_size(self.column):
             read_column(self.column)
         names = [field.name for field in fields(options.FileSettings) if field.name != "column"]

@@ -1,18 +1,26 @@
-"""`cavirheo show`: what a file holds, or what a network is; `cavirheo cite`: how a paper describes a result."""
+"""`cavirheo show`, `cite` and `models`: what a file holds, how a paper describes a result, what a network is; and what
+a bug report needs to say (`cavirheo --version --verbose`)."""
 
 from __future__ import annotations
 
+import os
+import platform
+import re
+import sys
+from importlib.metadata import distributions, requires
 from os.path import exists  # False of a name that is too long
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cavirheo.errors import InputError, require
+from cavirheo.parallel import cores
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.writing import digits, terminal
 
 _FILE = "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped "
 _FILE += "network"
+_VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # beginnings of those that change speed or answers
 
 
 def show(
@@ -37,9 +45,7 @@ def show(
     require(shots is None or not (network or document), message, "show.shots")
     require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
     if network:
-        from cavirheo.verbs.networks import explain
-
-        explain(file.with_suffix(".onnx"))
+        _explain(file.with_suffix(".onnx"))
     elif any(file.glob("shard-*.h5")) or any(file.glob("curves-*.h5")):
         _show_training_set(file)
     elif document:
@@ -107,3 +113,102 @@ def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folde
     paragraph, sources = methods(document)
     require(bool(paragraph), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
     print("\n\n".join([paragraph, *(source.bibtex for source in sources)]))
+
+
+def models() -> None:
+    """The shipped models: what they answer, for which materials and ranges, and how well."""
+    from cavirheo.inference.model import card, shipped
+
+    for name, path in shipped().items():
+        print(digits.printable("\n".join(_summary(name, card(path)))))
+
+
+def _summary(name: str, content: dict[str, Any]) -> list[str]:
+    """What a model answers, for which recordings, and how well, by its card. Raises KeyError, TypeError, ValueError:
+    the card lacks something that every card has."""
+    if content["kind"] == "posterior":
+        from cavirheo.inference.model import PosteriorCard
+        from cavirheo.inference.posterior_network import describe
+
+        return [f"{name}: draws of the parameters, for any camera", *describe(PosteriorCard.model_validate(content))]
+    lines = [f"{name}: {content['material']}, one value each without an interval"]
+    for output in content["outputs"]:
+        score = content["metrics"][output["name"]]["r2"]
+        low, high = content["problem"]["prior"][output["name"]]
+        if output["scale"] == "log10":
+            low, high = 10**low, 10**high
+        values = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
+        lines.append(f"  {values:40s} R2 {score:.4f} ({output['scale']} scale, {content['data']['test']} test curves)")
+    return [*lines, f"  trained on {content['data']['train']} simulated curves"]
+
+
+def _explain(path: Path) -> None:
+    """Print a model's summary, who made it with what, and its files. Raises InputError: no model, or its card lacks
+    what every card has."""
+    from cavirheo.inference.model import card
+
+    content = card(path)
+    libraries = content.get("made_with") or content.get("versions") or {}
+    origin = [content.get("date", ""), *(f"{library} {version}" for library, version in libraries.items())]
+    weights = content.get("network", {}).get("parameters")
+    size = f"{path.stat().st_size / 1e6:.3g} MB" + (f", {weights} weights" if weights else "")
+    try:
+        lines = [
+            *_summary(path.stem, content),
+            f"  made {', '.join(filter(None, origin))}; license: {content.get('license', 'not on the card')}",
+            f"  file {path}, {size}, sha256 {_checksum(path)}",
+            f"  card {path.with_suffix('.json')}: priors, training, losses and scores in full",
+        ]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
+    print(digits.printable("\n".join(lines)))
+
+
+def _checksum(path: Path) -> str:
+    """Of a model, and a word if it is not the file that its card describes. Raises InputError: it is too large."""
+    import hashlib
+
+    from cavirheo.files import read_bytes
+    from cavirheo.inference.model import LARGEST, card
+
+    digest: str = hashlib.sha256(read_bytes(path, LARGEST)).hexdigest()
+    same = card(path)["onnx"]["sha256"] == digest
+    return digest + ("" if same else ", which is NOT the file that its card describes")
+
+
+def report() -> str:
+    """Versions, extras, the compiled solver and the shipped models of this installation, a line for each."""
+    import cavirheo
+    from cavirheo.inference.model import shipped
+    from cavirheo.physics import cache, solver
+
+    folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # it is not compiled for that
+    compiled = f"compiled, kept in {', '.join(sorted(folders))}"
+    variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
+    lines = [
+        ("cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"),
+        ("python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"),
+        ("machine", f"{platform.platform()}, {cores()} cores"),
+        *((f"[{extra}]" if extra else "needs", _installed(names)) for extra, names in required().items()),
+        ("solver", compiled if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"),
+        *(("model", f"{name}, sha256 {_checksum(path)}") for name, path in shipped().items()),
+        ("variables", ", ".join(variables) or "none that matter"),
+    ]
+    return "\n".join(f"{name:<10}{text}" for name, text in lines)
+
+
+def required() -> dict[str, list[str]]:
+    """Names of the libraries that the package needs (under "") and that each extra brings, of users' extras alone."""
+    names: dict[str, list[str]] = {"": []}
+    for line in requires("cavirheo") or ():
+        extra = re.search(r"""extra == ["'](\w+)["']""", line)
+        name = re.match(r"[\w.-]+", line)
+        if name and not (extra and extra[1] in ("dev", "docs")):
+            names.setdefault(extra[1] if extra else "", []).append(name[0])
+    return names
+
+
+def _installed(names: list[str]) -> str:
+    """'numpy 2.1, no dask'"""
+    versions = {name: next((library.version for library in distributions(name=name)), "") for name in names}
+    return ", ".join(f"{name} {number}" if number else f"no {name}" for name, number in versions.items())

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo.errors import InputError, SolverError, require
-from cavirheo.verbs import completion, options
+from cavirheo.verbs import options
 from cavirheo.verbs.options import BUBBLE, MATERIAL, OUTPUT, argument, number, option
 from cavirheo.verbs.run import Run
 from cavirheo.writing.terminal import say
@@ -98,7 +98,7 @@ class Simulate(options.Verb, options.Liquid):
 
     rmax_um: Annotated[float, option("largest radius, um")]
     stretch: Annotated[float, option("R_max/R_0")]
-    material: Annotated[str, option(_MATERIAL, autocompletion=completion.any_law_names)] = "nhkv"
+    material: Annotated[str, option(_MATERIAL, autocompletion=options.any_law_names)] = "nhkv"
     shear_modulus: Annotated[float | None, option("Pa")] = None
     viscosity: Annotated[float | None, option("Pa s")] = None
     stiffening: Annotated[float | None, option("alpha of qkv")] = None
@@ -124,7 +124,7 @@ class Simulate(options.Verb, options.Liquid):
     def __call__(self, run: Run) -> None:
         import numpy as np
 
-        from cavirheo.io.option_tables import read_trace
+        from cavirheo.io.curves import read_trace
         from cavirheo.physics import simulate as forward
         from cavirheo.physics.accuracy import DEFAULT, PRECISE
         from cavirheo.physics.driving import Pulse, Trace

@@ -1,20 +1,15 @@
-"""`cavirheo app` and `cluster`, and what a bug report needs to say (`cavirheo --version --verbose`)."""
+"""`cavirheo app`, `generate`, `train`, `evaluate` and `cluster`: long work, on this machine or on others."""
 
 from __future__ import annotations
 
-import os
-import platform
-import re
 import sys
-from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, requires, version
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from typer import Exit
 
 from cavirheo.errors import InputError, require
-from cavirheo.parallel import cores
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
@@ -23,7 +18,6 @@ from cavirheo.writing.digits import MISSING
 
 _HOST = "address to listen on; 0.0.0.0 is open to the network, without a password"
 _LIVE = "folder of results of `cavirheo watch`, whose page is served at /live"
-_VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # beginnings of those that change speed or answers
 
 
 def app(
@@ -79,60 +73,86 @@ def cluster(
         raise Exit(1)
 
 
-def report() -> str:
-    """Versions, extras, the compiled solver and the shipped models of this installation, a line for each."""
-    return "\n".join(f"{name:<10}{text}" for name, text in _lines())
+def generate(
+    recipe: Annotated[Path, argument("RECIPE", "TOML file, see recipes/")],
+    out: options.Growing,
+    n: Annotated[int | None, option("curves; default: as in the recipe", None, "-n", min=1)] = None,
+    seed: Annotated[int | None, option("default: as in the recipe", min=0)] = None,
+    workers: Annotated[int | None, option("threads; default: all cores", min=1)] = None,
+    shard: Annotated[str, option("i/N: make the i-th of N parts only")] = "1/1",
+    scheduler: options.Scheduler = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
+    from cavirheo.physics.simulate import load_solver
+    from cavirheo.training import dataset
+    from cavirheo.training.recipe import read_recipe
+    from cavirheo.workflow.cluster import connected
+
+    content = read_recipe(recipe)
+    try:
+        part, parts = (int(number) for number in shard.split("/"))
+    except ValueError:
+        raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}", "option.shard") from None
+    message = "--workers are threads of this machine, and --scheduler has its own: leave out one of them"
+    require(workers is None or scheduler is None, message, "option.workers")
+    load_solver()
+    run, seed = Run(quiet=quiet), content.data.seed if seed is None else seed
+    how: dict[str, Any] = {"seed": seed, "workers": workers, "shard": (part, parts), "progress": not quiet}
+    with connected(scheduler, run.say) as executor:
+        written = dataset.generate(content.problem, n or content.data.n, out, executor=executor, **how)
+    run.say(f"{written.curves} curves in {out}: {written.written} files written, {written.skipped} already there")
+    if written.simulated:
+        rate = written.simulated / written.seconds
+        run.say(f"{written.simulated} simulated in {written.seconds:.0f} s ({rate:.0f} per s)")
+    for status, count in written.failures.items():
+        run.say(f"{count} failed: {status}")
 
 
-def _lines() -> Iterator[tuple[str, str]]:
-    import cavirheo
-    from cavirheo.inference.model import shipped
-    from cavirheo.physics import cache, solver
+def train(
+    recipe: Annotated[Path, argument("RECIPE", "TOML file, see recipes/")],
+    data: Annotated[Path, argument("DATA", "folder written by `cavirheo generate`")],
+    out: options.Growing,
+    threads: Annotated[int | None, option("threads; default: torch's choice", min=1, max=1024)] = None,
+    device: Annotated[str | None, option("cpu or cuda; default: cuda if there is one")] = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Train a recipe's network (the same call resumes) and export it as NAME.onnx with its card NAME.json."""
+    try:
+        from cavirheo.training import train as training
+    except ModuleNotFoundError as error:
+        raise InputError(f"training needs {error.name}: install cavirheo with the extra [train]") from error
+    from cavirheo.training.recipe import read_recipe
 
-    yield "cavirheo", f"{cavirheo.__version__} in {Path(cavirheo.__file__).parent}"
-    yield "python", f"{platform.python_version()} ({platform.python_implementation()}), {sys.executable}"
-    yield "machine", f"{platform.platform()}, {cores()} cores"
-    libraries = required()
-    yield "needs", _installed(libraries.pop(""))
-    for extra, names in libraries.items():
-        yield f"[{extra}]", _installed(names)
-    folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # it is not compiled for that
-    compiled = f"compiled, kept in {', '.join(sorted(folders))}"
-    yield "solver", compiled if folders else "not compiled yet: the first simulation takes 10 to 30 s longer"
-    for name, path in shipped().items():
-        yield "model", f"{name}, sha256 {checksum(path)}"
-    variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
-    yield "variables", ", ".join(variables) or "none that matter"
-
-
-def required() -> dict[str, list[str]]:
-    """Names of the libraries that the package needs (under "") and that each extra brings, of users' extras alone."""
-    names: dict[str, list[str]] = {"": []}
-    for line in requires("cavirheo") or ():
-        extra = re.search(r"""extra == ["'](\w+)["']""", line)
-        name = re.match(r"[\w.-]+", line)
-        if name and not (extra and extra[1] in ("dev", "docs")):
-            names.setdefault(extra[1] if extra else "", []).append(name[0])
-    return names
+    content = read_recipe(recipe)
+    try:
+        result = training.train(content, data, out, device=device, threads=threads, progress=not quiet)
+        path = training.export(content, out, out)
+    except RuntimeError as error:  # torch's: no memory left, ...
+        raise InputError(f"training stopped: {str(error).partition(chr(10))[0]}", "training.torch") from error
+    if quiet:
+        return
+    for name, score in result.get("metrics", {}).items():
+        print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
+    if "coverage" in result:
+        print(f"loss {result['best_validation_loss']:.3f} on curves that were never shown")
+    print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)
 
 
-def _installed(names: list[str]) -> str:
-    installed = []
-    for name in names:
-        try:
-            installed.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            installed.append(f"no {name}")
-    return ", ".join(installed)
+@dataclass(kw_only=True)
+class Evaluate(options.Verb):
+    """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
 
+    model: Annotated[str, argument("MODEL", "a shipped model or an .onnx file", autocompletion=options.model_names)]
+    data: Annotated[Path, argument("DATA", "folder written by `cavirheo generate`")]
+    out: options.Out = Path("cavirheo-evaluation")
 
-def checksum(path: Path) -> str:
-    """Of a model, and a word if it is not the file that its card describes. Raises InputError: it is too large."""
-    import hashlib
+    def __call__(self, run: Run) -> None:
+        from cavirheo.inference.model import path_of
+        from cavirheo.training.evaluate import evaluate as judge
+        from cavirheo.training.evaluate import markdown
 
-    from cavirheo.files import read_bytes
-    from cavirheo.inference.model import LARGEST, card
-
-    digest: str = hashlib.sha256(read_bytes(path, LARGEST)).hexdigest()
-    same = card(path)["onnx"]["sha256"] == digest
-    return digest + ("" if same else ", which is NOT the file that its card describes")
+        metrics = judge(path_of(self.model), self.data, self.out, command=run.command, date=run.date)
+        if not run.quiet:
+            print(markdown(metrics))
+        run.say(f"written to {self.out}")

@@ -4,17 +4,18 @@ The annotations are objects, not text (no `from __future__ import annotations`):
 verb. Options without a panel are on the first screen of `--help`.
 """
 
+import inspect
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, BadParameter, Option
 
 from cavirheo.errors import require
 from cavirheo.parallel import run_in_thread
-from cavirheo.verbs import completion
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from cavirheo.physics.media import Medium
     from cavirheo.verbs.run import Run
 
+_MODELS = Path(__file__).parents[1] / "models"  # their files: to read their cards takes longer than a key should
 INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for experts"
 INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
 
@@ -63,16 +65,57 @@ def folder(help: str) -> Any:
     return option(help, None, "-o", "--out", parser=_folder, metavar="FOLDER")
 
 
+# What a shell offers for the value of an option; nothing here imports a compiler, a network or the solver.
+
+
+def _completing(words: Callable[[], Iterable[str]], between: str = "") -> Callable[[str], list[str]]:
+    """The words that continue what is typed; where several may be given, from what follows the last separator."""
+
+    def complete(incomplete: str) -> list[str]:
+        start = max((incomplete.rfind(mark) for mark in between), default=-1) + 1
+        prefix, beginning = incomplete[:start], incomplete[start:]
+        prefix += beginning[: len(beginning) - len(beginning.lstrip())]
+        used = prefix.replace(",", " ").split() if "," in between else []
+        return [prefix + word for word in words() if word.startswith(beginning.strip()) and word not in used]
+
+    return complete
+
+
+def _fitted() -> list[str]:
+    """`ABLE` of inference/law, which takes a second to import: parameters have a range or a default."""
+    from cavirheo.parameters import PARAMETERS, inferred_as
+    from cavirheo.physics.materials import LAWS
+
+    def able(name: str) -> bool:
+        parameters = inspect.signature(LAWS[name]).parameters.values()
+        return all(PARAMETERS[inferred_as(p.name)].searched or p.default is not p.empty for p in parameters)
+
+    return [name for name in LAWS if able(name)]
+
+
+bubble_names = _completing(lambda: ("real", "field"), ",")
+damage_names = _completing(lambda: ("none", "first-rebound", "strain"), ",")
+figure_names = _completing(lambda: ("png", "svg", "pdf"), ",")
+model_names = _completing(lambda: sorted(path.stem for path in _MODELS.glob("*.onnx")))
+medium_names = _completing(lambda: resolve_name("cavirheo.physics.media.MEDIA"))
+any_law_names = _completing(lambda: resolve_name("cavirheo.physics.materials.LAWS"), "+")
+sum_names = _completing(_fitted, "+")
+many_law_names = _completing(_fitted, "+,")
+
+
+def law_names(incomplete: str) -> list[str]:
+    """Laws that can be fitted, also as the next part of a sum, and auto."""
+    return [*sum_names(incomplete), *_completing(lambda: ["auto"])(incomplete)]
+
+
 Out = Annotated[Path, folder("folder for the results")]  # of documents: a run holds it, and --replace goes with it
 Growing = Annotated[Path, folder("folder, which may hold a part")]  # of work that another call goes on with
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
 _MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
-ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=completion.model_names)]
+ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
 _LAW = "a law of `cavirheo laws`; auto: four laws, each by its evidence"
-Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=completion.law_names)]
-_LAW_OF_SETS = option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=completion.law_names)
-MaterialOfSets = Annotated[str | None, _LAW_OF_SETS]
-Fps = Annotated[Any, number("frames per second, of videos and of files that number their frames")]
+Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
+MaterialOfSets = Annotated[str | None, option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=law_names)]
 UmPerPx = Annotated[Any, number("micrometres per pixel of a video")]
 Exclude = Annotated[str | None, option("frames of a video to leave out, such as '12,40-45' (the first is 1)", INPUT)]
 Shots = Annotated[str | None, option("shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
@@ -83,21 +126,21 @@ Stretch = Annotated[Any, number(_STRETCH, None, "plateau", "free")]
 _WINDOW = "number of collapses to compare  [default: 3, or all if there are fewer]"
 Window = Annotated[Any, number(_WINDOW, INPUT, "all", kind=int)]
 ExactLaw = Annotated[bool, option("the bubble follows the law exactly (narrower intervals)", INTERVAL, "--exact-law")]
-_HALF_WIDTH = "wanted half-width of the 90 % interval, % of the value"
-WantedPercent = Annotated[float, option(_HALF_WIDTH, min=0.1, max=99.0)]
+WantedPercent = Annotated[float, option("wanted half-width of the 90 % interval, % of the value", min=0.1, max=99.0)]
 _SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, option(_SCHEDULER, CLUSTER)]
 WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead of --confinement-inertia", BUBBLE)]
+_TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
+TrustInput = Annotated[bool, option(_TRUST, INPUT, "--trust-input")]
+Seed = Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)]
 _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; a folder, or - for stdin"
 _COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
 _BLUR = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
-_TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; "
 _BUBBLE += "auto: the evidence chooses"
 _MEDIUM = "named constants: water, bu2026, estrada2018, ..."
 _ACCOMMODATION = "accommodation coefficient of kinetic contents, up to 10"
-_DAMAGES = "softening of the gel: none, first-rebound, strain, with commas"
 _PICTURES = "draw pictures; --no-pictures is faster"
 _STATED = "R_max/R_0; free: without the prior that a file states  [default: with it]"
 _FIGURES = "files of each curve and group for a paper (84 and 174 mm wide): png, svg, pdf, such as 'png,pdf'"
@@ -111,17 +154,11 @@ def shared(options: object, kind: Any) -> dict[str, Any]:
 
 
 @dataclass(kw_only=True)
-class Trust:
-    """Whether input warnings decide the verdict."""
-
-    trust_input: Annotated[bool, option(_TRUST, INPUT, "--trust-input")] = False
-
-
-@dataclass(kw_only=True)
-class FileSettings(Trust):
+class FileSettings:
     """What is known of measured files besides what they hold. Raises InputError: --shots is no list of numbers."""
 
-    fps: Fps = None
+    trust_input: TrustInput = False
+    fps: Annotated[Any, number("frames per second, of videos and of files that number their frames")] = None
     um_per_px: UmPerPx = None
     rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
     shots: Shots = None
@@ -137,10 +174,11 @@ class FileSettings(Trust):
 
 
 @dataclass(kw_only=True)
-class Liquid(Trust):
+class Liquid:
     """The constants of what surrounds the bubble."""
 
-    medium: Annotated[str, option(_MEDIUM, autocompletion=completion.medium_names)] = "water"
+    trust_input: TrustInput = False
+    medium: Annotated[str, option(_MEDIUM, autocompletion=medium_names)] = "water"
     density: Annotated[float | None, option("density of the liquid or gel, kg/m3", MATERIAL)] = None
     sound_speed: Annotated[float | None, option("m/s", MATERIAL)] = None
     surface_tension: Annotated[float | None, option("N/m", MATERIAL)] = None
@@ -189,25 +227,6 @@ class OneBubble:
         return tuple(replace(bubble, **{**values, "damage": damage}) for bubble in bubbles for damage in damages)
 
 
-_BUBBLE_NAMES = option("real, field, or both with a comma", autocompletion=completion.bubble_names)
-_DAMAGE_NAMES = option(_DAMAGES, BUBBLE, autocompletion=completion.damage_names)
-
-
-@dataclass(kw_only=True)
-class ManyBubbles(OneBubble):
-    """Several bubbles, with commas."""
-
-    bubble: Annotated[str, _BUBBLE_NAMES] = "real"  # type: ignore[assignment]
-    damage: Annotated[str, _DAMAGE_NAMES] = "none"  # type: ignore[assignment]
-
-
-@dataclass(kw_only=True)
-class Seed:
-    """Randomness."""
-
-    seed: Annotated[int, option("of the random draws of the intervals", INTERVAL, min=0, max=2**64 - 1)] = 0
-
-
 @dataclass(kw_only=True)
 class Verb:
     """A command that writes documents into a folder, which it holds, with all that was typed; its arguments are its
@@ -245,20 +264,14 @@ class Pictures:
 
 
 @dataclass(kw_only=True)
-class Question:
-    """What a network is asked."""
-
-    material: Material = None
-    stretch: Annotated[Any, number(_STATED, None, "free")] = None
-    verify: Annotated[Literal["auto", "full", "map", "none"], option(_VERIFY)] = "auto"
-    window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
-    model: ModelName = "posterior"
-    exact_law: ExactLaw = False
-
-
-@dataclass(kw_only=True)
-class Answering(Printing, Pictures, Seed, Liquid, FileSettings):
+class Answering(Printing, Pictures, Liquid, FileSettings):
     """What all verbs share that answer measured curves."""
+
+    seed: Seed = 0
+
+    def requested(self, files: Iterable[Path]) -> "Analysis":
+        """What is asked of each curve, where it is one analysis. Raises InputError: options that cannot be."""
+        raise NotImplementedError
 
     def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """`read_shots` with these settings."""
@@ -281,7 +294,7 @@ class Measured(Answering):
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
-    figures: Annotated[str | None, option(_FIGURES, OUTPUT, autocompletion=completion.figure_names)] = None
+    figures: Annotated[str | None, option(_FIGURES, OUTPUT, autocompletion=figure_names)] = None
     scheduler: Scheduler = None
 
     @property
@@ -307,7 +320,7 @@ class Measured(Answering):
         curves = recordings.curves
         run.need(curves, "curve")
         if self.column is not None:
-            from cavirheo.io.option_tables import with_column
+            from cavirheo.io.shots import with_column
 
             curves = with_column(curves, self.column)
         run_in_thread(load_solver)
@@ -315,24 +328,25 @@ class Measured(Answering):
 
 
 @dataclass(kw_only=True)
-class Inference(Answering, OneBubble, Question):
+class Inference(Answering, OneBubble):
     """What `infer` and `watch` share."""
 
-    @property
-    def analysis(self) -> "Analysis":
-        """What is asked of each curve. Raises InputError: settings that cannot be, or do not go together."""
+    material: Material = None
+    stretch: Annotated[Any, number(_STATED, None, "free")] = None
+    verify: Annotated[Literal["auto", "full", "map", "none"], option(_VERIFY)] = "auto"
+    window: Annotated[int | None, option("number of collapses to compare  [default: 3]", INPUT, min=1)] = None
+    model: ModelName = "posterior"
+    exact_law: ExactLaw = False
+
+    def requested(self, files: Iterable[Path]) -> "Analysis":
+        """What is asked of each curve. Raises InputError: settings that cannot be, do not go together, or change
+        nothing, before hours are spent; videos among the files use the exposure without a verification, too."""
         from cavirheo.inference.analysis import Analysis
-
-        settings: dict[str, Any] = {"bubble": self.bubbles, "medium": self.liquid, "discrepancy": not self.exact_law}
-        return Analysis(**shared(self, Analysis) | settings)
-
-    def check_verify(self, files: Iterable[Path]) -> None:
-        """Raises InputError for an option that only --verify would use, before hours are spent.
-
-        Videos among the files use the exposure, too."""
         from cavirheo.video.frames import is_video
 
         exposed = self.exposure_us is not None and not any(map(is_video, files))
         idle = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
         message = f"{' and '.join(idle)} would change nothing without --verify map or full: give that too"
         require(self.verify != "none" or not idle, message)
+        settings: dict[str, Any] = {"bubble": self.bubbles, "medium": self.liquid, "discrepancy": not self.exact_law}
+        return Analysis(**shared(self, Analysis) | settings)

@@ -19,7 +19,7 @@ import typer
 from typer.core import TyperCommand
 
 from cavirheo.errors import InputError, require
-from cavirheo.verbs.options import Verb
+from cavirheo.verbs.options import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT, Verb
 from cavirheo.writing import terminal
 from cavirheo.writing.claim import Claim, claimed, current
 
@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 
 # options that change no answer
 _SHOWING = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
-_LAST = ("out", "replace", "json", "quiet", "help")  # of the first screen
+# of the first screen, with all others in the middle; and of the panels
+_ORDER = ("material", "laws", "stretch", "verify", "bubble", "", "out", "replace", "json", "quiet", "help")
+_PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
 
 
 def command_line() -> str:
@@ -43,14 +45,13 @@ def has_problems(result: Result) -> bool:
 
 
 class Run:
-    """Begins when it is made. `command` and `date` are as documents have them; `unreadable` counts files, named in
-    `notes`."""
+    """Begins when it is made. `command` and `date` are as documents have them."""
 
     def __init__(self, *, json: bool = False, quiet: bool = False) -> None:
         self.began = time.perf_counter()
         self.command = command_line()
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-        self.unreadable = 0
+        self.unreadable = 0  # files, which `notes` name
         self.notes: list[str] = []  # on the run as a whole
         self.refusals: list[str] = []  # those that stderr has
         self.json, self.quiet = json, quiet or json
@@ -143,8 +144,10 @@ class Command(TyperCommand):
                 require(fine, f"--{name.replace('_', '-')} must be a finite number, got {number}", "option.finite")
         try:
             verb = super().invoke(ctx)
-            if isinstance(verb, Verb):
-                with claimed(_claim(verb)):
+            if isinstance(verb, Verb):  # two calls that ask for the same answers make the same claim, from anywhere
+                options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
+                request = json.loads(json.dumps({"verb": type(verb).__name__} | options, default=os.path.realpath))
+                with claimed(Claim(command_line(), request, verb.replace)):
                     verb(Run(json=getattr(verb, "json", False), quiet=verb.quiet))
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
@@ -152,9 +155,9 @@ class Command(TyperCommand):
 
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:
         """(argument or option, its help) of each panel, by title."""
-        panels: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
-        last = {name: place for place, name in enumerate(_LAST)}
-        for parameter in sorted(self.get_params(ctx), key=lambda parameter: last.get(parameter.name, -1)):
+        panels: dict[str, list[tuple[str, str]]] = {title: [] for title in _PANELS}
+        places = {name: place for place, name in enumerate(_ORDER)}
+        for parameter in sorted(self.get_params(ctx), key=lambda parameter: places.get(parameter.name, places[""])):
             if row := parameter.get_help_record(ctx):
                 argument = parameter.param_type_name == "argument"
                 title = getattr(parameter, "rich_help_panel", None) or ("Arguments" if argument else "Options")
@@ -175,10 +178,3 @@ class Command(TyperCommand):
     def get_short_help_str(self, limit: int = 0) -> str:
         """The first paragraph, whole."""
         return " ".join((self.help or "").partition("\n\n")[0].split())
-
-
-def _claim(verb: Verb) -> Claim:
-    """The same for two calls that ask for the same answers, from whichever folder."""
-    options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
-    request = json.loads(json.dumps(options, default=os.path.realpath))
-    return Claim(command_line(), {"verb": type(verb).__name__, **request}, verb.replace)

@@ -10,22 +10,29 @@ with `stretch_std`, what is known of R_max/R_0.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.io import limits
-from cavirheo.io.formats import unit_of
-from cavirheo.io.samples import RADIUS_UNITS, TIME_UNITS, check_units, make_curve
-from cavirheo.io.tables import Column, Name, Table, Term, Vocabulary, read_columns, single
+from cavirheo.io.files import guarded
+from cavirheo.io.tables import LENGTH_UNITS, TIME_UNITS, Column, Name, Table, Term, Vocabulary, read_columns, unit_of
+from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.writing.document import write_rows
 
+RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a stand-in until R_max is given
+_PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most
+_ABSURD = 1e9  # in any unit; larger numbers are damage and would overflow later
+_SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
+_NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (denormals in one published file)
 ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
 _EITHER = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # the unit of another quantity is seen as a mistake
 _SHOT = r"(?:shot|bubble|curve|run|exp|experiment|schuss|blase|kurve|tir|bulle|courbe|essai|disparo|burbuja|curva)"
@@ -83,11 +90,19 @@ CURVES = Vocabulary(
 )
 
 
-def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
-    """The curves of a text table, or of the first sheet of a workbook; the options are those of `read_curves`.
+_TRACE = Vocabulary(
+    {
+        "time": Term("t time zeit temps tiempo 時間 时间", TIME_UNITS),
+        "pressure": Term("p pressure druck pression presion 圧力 压力 壓力", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}),
+    },
+    "expected a pressure trace with the columns time_us,pressure_kPa",
+    ("time", "pressure"),
+    dict.fromkeys(("columns", "empty", "no_unit", "unit"), "trace.header") | {"twice": "trace.twice"},
+)
 
-    Raises InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
-    """
+
+def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
+    """The curves of a table. Raises InputError: no layout that can be told, a column missing, or a cell no number."""
     (table,) = read_columns(path, CURVES)
     curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
     return [curve.with_notes("read from the first sheet of the workbook") if table.sheet else curve for curve in curves]
@@ -140,14 +155,13 @@ def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCur
 
 
 def _stated_stretch(columns: list[Column | None], rows: list[int], notes: list[str]) -> dict[str, Any]:
-    """What columns state of the stretch of one curve, after these notes; one that changes from frame to frame is
-    another quantity."""
+    """What columns state of the stretch of one curve, after these notes."""
     meta: dict[str, Any] = {"notes": [*notes]}
     for column in filter(None, columns):
         values = {float(value) for value in column.numbers[rows] if np.isfinite(value)}
         if len(values) == 1:
             meta[column.name.kind] = values.pop()
-        elif values:
+        elif values:  # another quantity
             meta["notes"].append(f"the column {column.title!r} is not used: it changes from frame to frame")
     if "stretch" in meta:
         spread = meta.get("stretch_std", np.nan)
@@ -168,7 +182,7 @@ def _radii(table: Table) -> list[Column]:
         titles = " and ".join(repr(column.title) for column in radii[:2])
         message = f"{titles}: two readings of one bubble, or two shots? keep one column, or number all of them"
         raise InputError(message, "table.twice")
-    single(unnumbered)
+    table.single(unnumbered)
     message = f"two columns {radii[0].title!r}; number them"
     require(len({column.title for column in radii}) == len(radii), message, "table.twice")
     if len(radii) > 1:
@@ -178,10 +192,7 @@ def _radii(table: Table) -> list[Column]:
 
 
 def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
-    """((rows,) times, their unit), of the times in the file, or its frame numbers and the frame rate.
-
-    Raises InputError: two columns of times, or no frame rate.
-    """
+    """((rows,) times, their unit), of the times in the file, or its frame numbers and the frame rate."""
     time, frame = table.only("time"), table.only("frame")
     if time:
         table.notes.extend(["the frame rate that is given is not used: the file has times"] if frame_rate else [])
@@ -198,12 +209,13 @@ def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
 def _without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
     """Curves separated by rows of -1000; else a column of times and one of radii whose units prove themselves."""
     width = max(len(row.texts) for row in table.rows)
-    values = [Column(table, at, "", Name()).numbers for at in range(width)]
+    values = [Column(table, at, "", Name(), Term("")).numbers for at in range(width)]
     while len(values) > 2 and np.isnan(values[-1]).all():  # each line ends with a separator
         values.pop()
-    columns, numbers = len(values), np.column_stack(values)
+    require(len(values) == 2, f"{len(values)} columns and no header; {_ADVICE}", "table.header")
+    numbers = np.column_stack(values)
     separators = np.flatnonzero(np.all(numbers == _SEPARATOR, axis=1))
-    if len(separators) and columns == 2:
+    if len(separators):
         limits.few(len(separators), limits.CURVES, "curves")
         blocks = [block[np.any(block != _SEPARATOR, axis=1)] for block in np.split(numbers, separators)]
         filled = [block for block in blocks if (block[:, 1] > 1e-9).any()]
@@ -213,13 +225,23 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
         note += f"; {without} blocks of the file hold no radius and were left out" if without else ""
         curves = (make_curve(block[:, 0], block[:, 1], meta={"notes": (note,)}) for block in filled)
         return [curve.with_notes(*table.notes) for curve in curves]
-    require(columns == 2, f"{columns} columns and no header; {_ADVICE}", "table.header")
     meta = {"notes": ("no header: columns taken as time and radius",)}
     curve = make_curve(values[0], values[1], meta=meta).with_notes(*table.notes)
     ratio = curve.rayleigh_ratio(density, pressure)
     proven = ratio is not None and _PROVEN[0] <= ratio <= _PROVEN[1]
     require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
     return [curve]
+
+
+def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
+    """(n,) times in s, (n,) pressures above the ambient one in Pa, and notes of what was recognised or left out, from
+    the columns time_us and pressure_kPa (or in other units, which must be named).
+
+    Raises InputError: the file cannot be read, has no such columns, or a cell that is no number.
+    """
+    with guarded(path):
+        (table,) = read_columns(path, _TRACE)
+        return table.column("time").si, table.column("pressure").si, table.notes
 
 
 def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
@@ -233,3 +255,113 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     rows = zip(*columns.values(), strict=True)
     texts = ({name: f"{value:.10g}" for name, value in zip(columns, row, strict=True)} for row in rows)
     write_rows(path, list(columns), texts, remark)
+
+
+def check_units(where: str, time: str | None, radius: str | None, radius_std: str | None) -> None:
+    """Raises InputError: a unit is that of another quantity, or radii and their deviations are in two units."""
+    fine = time in (None, *TIME_UNITS) and radius in (None, *RADIUS_UNITS)
+    message = f"{where} gives time in {time} and radius in {radius}; expected units of time and of length"
+    require(fine, message, "table.units")
+    message = f"radius is in {radius} but radius_std in {radius_std}; give both in one unit"
+    require(radius_std in (None, radius), message, "table.units")
+
+
+def unusable(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
+    """A curve without samples that says why. fields: its other fields."""
+    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, **fields, unusable=reason)
+
+
+def make_curve(
+    time: ArrayLike,
+    radius: ArrayLike,
+    radius_std: ArrayLike | None = None,
+    time_unit: str | None = None,
+    radius_unit: str | None = None,
+    meta: Mapping[str, Any] | None = None,
+    **fields: Any,
+) -> RadiusCurve:
+    """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
+
+    Frames with NaN or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left out; frames
+    are sorted by time; frames of one time are averaged. Each is counted in the notes, after those in `meta`; times out
+    of order are among the curve's `warnings` too. A unit that the size contradicts is no scale. fields: other fields of
+    the curve.
+
+    Raises InputError: no unit of time is given and it cannot be told.
+    """
+    t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
+    std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
+    meta = dict(meta or {})
+    if len(t) != len(r) or len(std) != len(r):
+        return unusable(f"{len(t)} times but {len(r)} radii", meta, **fields)
+    timed = np.abs(t) < _ABSURD
+    t, r, std = t[timed], np.where(np.abs(r) < _ABSURD, r, np.nan)[timed], std[timed]
+    n, missing = len(t), np.count_nonzero(np.isnan(r))
+    per_time, time_hint = _time_scale(t, time_unit)
+    per_radius, radius_hint, unscaled = _radius_scale(r, radius_unit)
+    t, r, std = t * per_time, r * per_radius, std * per_radius
+    empty = r < _NO_BUBBLE
+    r[empty], std[~(std > 0)] = np.nan, np.nan
+    backwards = np.count_nonzero(np.diff(t) < 0)
+    order = np.argsort(t, kind="stable")
+    first = np.flatnonzero(np.diff(t[order], prepend=-np.inf) > _SAME_TIME)
+    t, r, std = t[order][first], _averaged(r[order], first), _averaged(std[order], first)
+    warnings = (Message("check_input.time_order", {"steps": int(backwards)}),) if backwards else ()
+    remarks = {
+        f"{len(timed) - n} of {len(timed)} frames without a time left out": n < len(timed),
+        time_hint: time_hint,
+        radius_hint: radius_hint,
+        f"{missing} of {n} frames without a radius (NaN)": missing,
+        f"{empty.sum()} frames with radius <= 0 marked as not measured": empty.any(),
+        **{warning.text: True for warning in warnings},
+        f"{n - len(t)} frames repeat a time: the radii of one time averaged": len(t) < n,
+        unscaled: unscaled,
+    }
+    steps = np.diff(t)
+    step = float(np.median(steps)) if len(steps) > 1 else 0.0
+    if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:
+        meta.setdefault("frame_rate_hz", 1.0 / step)
+    meta["notes"] = (*meta.get("notes", ()), *(remark for remark, applies in remarks.items() if applies))
+    if hints := (*meta.pop("hints", ()), *filter(None, (time_hint, radius_hint))):
+        meta["hints"] = hints
+    try:
+        return RadiusCurve(t, r, std, meta, **{"unscaled": unscaled, **fields}, warnings=warnings)
+    except InputError as error:  # of no bubble: the others of its file are answered
+        return unusable(str(error), meta, **fields)
+
+
+def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
+    """The mean of what is known of each run of values that begins at one of the indices `first`."""
+    finite = np.isfinite(values)
+    count = np.add.reduceat(finite.astype(int), first)
+    total = np.add.reduceat(np.where(finite, values, 0.0), first)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
+    """(metres per number, a note, why there is no scale) from the largest radius and the unit given, if any."""
+    finite = np.sort(r[np.isfinite(r)])
+    largest = float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))  # two frames may be wrong ones
+    if unit == "px":
+        return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"
+    fits = [u for u in ("m", "mm", "um") if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
+    if largest <= 0.0 or unit in fits:
+        return RADIUS_UNITS[unit or "um"], "", ""
+    words = f"the radius is given in {unit}" if unit else "no unit is given for the radius"
+    if 0.8 < largest < 1.25:  # rather R/R_max than a bubble of 1 mm
+        return 1e-6, "", f"{words}, but its largest value {largest:.4g} looks like R/R_max"
+    if unit or not fits:
+        only = f"; it only makes sense in {fits[0]}" if fits else ""
+        return 1e-4 / largest, "", f"{words}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm{only}"
+    return RADIUS_UNITS[fits[0]], f"{words}: taken as {fits[0]} from its size", ""
+
+
+def _time_scale(t: Floats, unit: str | None) -> tuple[float, str]:
+    """(seconds per number, a note). Recordings of collapsing bubbles last 1 us to 5 ms: such spans are s or us."""
+    if unit:
+        return TIME_UNITS[unit], ""
+    span = float(np.ptp(t)) if len(t) else 0.0
+    unit = "s" if len(t) < 2 or 5e-7 <= span <= 5e-3 else "us"
+    message = f"the unit of time cannot be told from its span ({span:.4g}); name it in the header, e.g. time_us"
+    require(unit == "s" or 1.0 <= span <= 5e3, message, "table.time")
+    return TIME_UNITS[unit], f"no unit given for time: taken as {unit} from its span"
