@@ -182,9 +182,8 @@ class Page:
     # which handler answers what
 
     def _on(self, event: Any, handler: _Handler, sources: Any, out: Any, *, works: bool = False, **options: Any) -> Any:
-        """The event, or each of a list, calls the handler with the session of who asks and the values of components.
-        The session is locked; not for a handler that `works` for a while, which gets `progress` to show a bar. What it
-        fails of is said on the page."""
+        """The event, or each of a list, calls the handler with the locked session of who asks and values of components;
+        one that `works` for a while gets `progress` instead of the lock. What it fails of is said on the page."""
 
         def handle(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> list[Any]:  # noqa: B008
             session = self.visitors.of(request.session_hash)

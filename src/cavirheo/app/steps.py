@@ -82,9 +82,8 @@ def confirm(session: Session) -> None:
 
 
 def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[RadiusCurve, Posterior | None]]:
-    """Each chosen curve with its answer, which is in `session.previews` as soon as it is there; None where a stop left
-    it out. verify: as in `infer_many`; an answer at another level than the settings' is not trusted. Raises
-    InputError."""
+    """Each chosen curve with its answer, which goes into `session.previews` at once; None where a stop left it out. An
+    answer at another level of verification than that of the settings is not trusted. Raises InputError."""
     with session.lock:
         settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
         analyses = {curve.name: replace(session.settings_of(curve.name), verify=verify).analysis for curve in chosen}

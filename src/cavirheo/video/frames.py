@@ -136,8 +136,7 @@ def _movie(path: Path) -> Footage:
 
 
 def _joined(frames: Iterable[Pixels]) -> Pixels:
-    """(n, height, width) of frames that come one by one, each held once. Raises InputError for more than LARGEST, or
-    another size."""
+    """(n, height, width) of frames that come one by one, each held once. Raises InputError: too large, or mixed."""
     held, like = bytearray(), np.empty((0, 0))
     for frame in frames:
         like = like if held else frame
@@ -251,10 +250,8 @@ def _single(images: list[Path]) -> bool:
 
 
 def _cine(path: Path) -> Footage:
-    """Phantom: pixels by FFmpeg; rate, exposure and a stamp of every frame from the header.
-
-    Layout: Vision Research, Cine File Format (2011). The stamps are what the camera did, the rate what it was told.
-    """
+    """Phantom: pixels by FFmpeg; the header (Vision Research, Cine File Format, 2011) has the rate that the camera was
+    told, and exposure and stamp of every frame, which is what it did."""
     movie = _movie(path)
     with path.open("rb") as file:
         head = file.read(44)
