@@ -237,7 +237,7 @@ class Page:
         self._on(self.shown.change, self._view, [self.shown], [self.prepared], works=True, **_LATEST)
         # a reload sets one by one, which is no input; a text that is pasted is none either
         kinds = [setting.change if isinstance(setting, gr.Textbox) else setting.input for setting in settings]
-        wrong = self._validated(lambda _, shown, *values: ["", *_wrong(values)])
+        wrong = self._validated(lambda _, name, *values: ["", *_wrong(values)])
         prepared = [self.prepared, self.found, *self.state]
         self._on(kinds, self._changed, [self.shown, *settings], prepared, validator=wrong, **_LATEST)
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):

@@ -360,8 +360,7 @@ class Session:
         for density in set((densities or {}).values()):
             _ = settings.with_density(density).liquid
         densities = self.densities if densities is None else dict(densities)
-        changed = settings.read_options != self.settings.read_options or densities != self.densities
-        if self.files and changed:
+        if self.files and (settings.read_options != self.settings.read_options or densities != self.densities):
             self.curves, _ = self._read(self.files, settings, densities)
         self.settings, self.densities = settings, densities
 

@@ -159,8 +159,8 @@ def name_materials(session: Session, names: Sequence[str], densities: Sequence[s
     shots = [curve.name for curve in session.curves]
     if densities:
         numbers = {shot: number_of(text, "density") for shot, text in zip(shots, densities, strict=True)}
-        typed = {shot: density for shot, density in numbers.items() if density is not None}
-        session.prepare(session.settings, typed)
+        by_shot = {shot: density for shot, density in numbers.items() if density is not None}
+        session.prepare(session.settings, by_shot)
     groups = zip(session.curves, map(str.strip, names), strict=True)
     session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:
