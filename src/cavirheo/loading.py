@@ -26,7 +26,7 @@ KINDS = {
         "cavirheo.companions.collapse_times.CollapseTimes",
         "cavirheo.companions.collapse_times.print_table",
     ),
-    "measure": ("cavirheo.video.document.Measured", "cavirheo.video.document.print_table"),
+    "measure": ("cavirheo.video.measurement.Measured", "cavirheo.video.measurement.print_table"),
     "design": ("cavirheo.companions.design.Design", "cavirheo.companions.design.print_table"),
     "metrics": ("cavirheo.training.evaluate.Metrics", "cavirheo.training.evaluate.print_metrics"),
     "training": ("cavirheo.training.evaluate.TrainingRun", "cavirheo.training.evaluate.print_run"),

@@ -23,9 +23,9 @@ from conftest import refused, until
 from recordings import RATE, SCALE, film
 
 from cavirheo import InputError, RadiusCurve, read_curves
-from cavirheo.app import film as step
+from cavirheo.app import steps as step
 from cavirheo.app import words
-from cavirheo.app.events import uploaded
+from cavirheo.app.page import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, preview, sliders, what_if
 from cavirheo.app.words import files_table
@@ -297,7 +297,7 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path, monkeypatch):
         name_materials(session, blank, ["", "1.05", *blank[2:]])
     monkeypatch.setattr(session.reader, "read", lambda *_, **__: require(False, "too slow", "app.reading_too_slow"))
     with refused("app.reading_too_slow"):
-        session.weigh({"dense": 1070.0})
+        session.prepare(session.settings, {"dense": 1070.0})
     assert session.densities == {"dense": 1060.0}
 
 
@@ -502,7 +502,7 @@ def test_the_confirmed_curve_is_that_of_the_command_line(filming, tmp_path):
     with refused("app.not_measured"):
         step.confirm(filming)
     step.measure(filming, CAMERA, print)
-    step.unlisted(filming.current, "6, 12-14")
+    filming.current.leave_out("6, 12-14")
     step.confirm(filming)
     (mine,) = filming.curves
     (theirs,) = read_curves(tmp_path / "shot.tif", frame_rate_hz=RATE, um_per_px=SCALE, exclude="6,12-14")
@@ -517,7 +517,7 @@ def test_a_confirmed_curve_is_replaced_and_stands_beside_others(filming, seen, t
     (tmp_path / "other.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(8)))
     step.confirm(filming)
     filming.add([tmp_path / "other.csv"], PageSettings())
-    step.unlisted(filming.current, "20")
+    filming.current.leave_out("20")
     step.confirm(filming)
     assert [one.name for one in filming.curves] == ["shot", "other"]
     assert np.isnan(filming.curves[0].radius[19])
@@ -529,35 +529,35 @@ def test_a_confirmed_curve_is_replaced_and_stands_beside_others(filming, seen, t
 
 def test_frames_are_left_out_and_brought_back(seen):
     seen.frame = 12
-    step.toggle(seen)
+    seen.toggle()
     assert seen.exclude == "12"
-    assert np.isnan(step.curve(seen).radius[11])
-    assert step.unlisted(seen, "12, 3-5,") == [""]  # while it is typed
-    assert np.flatnonzero(step.excluded(seen)).tolist() == [2, 3, 4, 11]
-    step.toggle(seen)
+    assert np.isnan(seen.history().radius[11])
+    assert seen.leave_out("12, 3-5,") == [""]  # while it is typed
+    assert np.flatnonzero(seen.excluded).tolist() == [2, 3, 4, 11]
+    seen.toggle()
     for wrong, why in (("3, 99", "1 to 34"), ("1-34", "all measured frames")):
-        assert why in step.unlisted(seen, wrong)[0]
+        assert why in seen.leave_out(wrong)[0]
         assert seen.exclude == "3-5"
-    assert step.unlisted(seen, "") == [""]
-    assert not step.excluded(seen).any()
+    assert seen.leave_out("") == [""]
+    assert not seen.excluded.any()
 
 
 def test_what_is_missing_or_must_be_measured_again_is_said_at_its_field(filming, seen):
-    assert step.camera_of(seen, TEXTS) == (CAMERA, ["", "", ""])
+    assert seen.camera_of(TEXTS) == (CAMERA, ["", "", ""])
     for texts, field, why in (
         (("", "5.5", ""), 0, "missing"),
         (("500,000", "5.5", ""), 0, "two ways"),
         (("5e5", "-1", ""), 1, "positive"),
         (("5e5", "5.5", "x"), 2, "number"),
     ):
-        wrong = step.camera_of(seen, texts)[1]
+        wrong = seen.camera_of(texts)[1]
         assert why in wrong[field]
         assert [bool(one) for one in wrong] == [k == field for k in range(3)]
-    assert step.unready(seen, *TEXTS, "6") == ["", "", "", ""]
-    assert "measure again" in step.unready(seen, str(RATE), "6", "", "")[1]
-    assert "1 to 34" in step.unready(seen, *TEXTS, "0")[3]
+    assert seen.unready(*TEXTS, "6") == ["", "", "", ""]
+    assert "measure again" in seen.unready(str(RATE), "6", "", "")[1]
+    assert "1 to 34" in seen.unready(*TEXTS, "0")[3]
     step.measure(filming, Camera(RATE), print)  # a .tif may have a scale; this one has none
-    assert "missing" in step.unready(filming.current, str(RATE), "", "", "")[1]
+    assert "missing" in filming.current.unready(str(RATE), "", "", "")[1]
 
 
 def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(filming, tmp_path):

@@ -1,20 +1,23 @@
-"""The page: what stands where in the five steps, and which handler answers what. None of these is public."""
+"""The page: what stands where in the five steps, which handler answers what (none of these is public), and the endpoint
+`/infer` (docs/how-to/app.md)."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import fields
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import gradio as gr
+from gradio.components.api_component import Api
+from gradio.utils import get_upload_folder
 
-from cavirheo.app import film, steps, words
-from cavirheo.app.events import AT_ONCE, LATEST, Served, button, html, line, public, uploaded
+from cavirheo.app import steps, words
 from cavirheo.app.session import PageSettings, Session, Visitors
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference import DEFAULT
 from cavirheo.io.videos import Camera
 from cavirheo.physics.media import MEDIA
@@ -24,12 +27,30 @@ _FOCUS = "() => setTimeout(() => document.querySelector('#{}')?.focus(), 100)"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
 _PREVIEWS: dict[str, Any] = {"concurrency_id": "previews", "concurrency_limit": 2, "show_progress": "hidden"}
 _RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # of all visitors together
+_AT_ONCE: dict[str, Any] = {"queue": False, "show_progress": "hidden"}
+_LATEST: dict[str, Any] = {"trigger_mode": "always_last", "show_progress": "hidden"}
+_CAMERA = {"Frames per second": "as the camera was set", "µm per pixel": "4.0", "Exposure of a frame (µs)": "if known"}
+_line = partial(gr.Textbox, max_lines=1)
+_button = partial(gr.Button, variant="primary")
+_html = partial(gr.HTML, apply_default_css=False)
 _small = partial(gr.Button, size="sm", min_width=120)
 _stop = partial(gr.Button, "Stop", variant="stop")  # is seen while there is anything to stop: app.css
+_Handler = Callable[..., Any]
 
 
-class Page(film.FilmPart):
-    """The five steps in `blocks`, with their handlers, not yet served; a component has its attribute's name as id."""
+class _Served(gr.Blocks):
+    """A page whose programs need not give what has a default."""
+
+    def validate_inputs(self, block_fn: Any, inputs: list[Any]) -> None:
+        inputs += [block.value for block in block_fn.inputs[len(inputs) :] if isinstance(block, Api)]
+        super().validate_inputs(block_fn, inputs)
+
+
+class Page:
+    """The five steps in `blocks`, with their handlers, not yet served; a component has its attribute's name as id.
+
+    `wrong` is the component that says what was not done, and why.
+    """
 
     def __init__(self, visitors: Visitors) -> None:
         self.visitors = visitors  # gradio would keep figures and tables of every page that ever was
@@ -38,17 +59,17 @@ class Page(film.FilmPart):
         self.tabs: list[Any] = []
         tabs = {"Data": self._data, "Prepare": self._prepare, "Infer": self._infer}
         tabs |= {"Check": self._check, "Export": self._export}
-        self.blocks = Served(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
+        self.blocks = _Served(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
         with self.blocks:
-            self.top = html(words.part("top", words.VERSION))
-            self.wrong, self.link = html(), gr.Textbox(visible="hidden", label="Address")
+            self.top = _html(words.part("top", words.VERSION))
+            self.wrong, self.link = _html(), gr.Textbox(visible="hidden", label="Address")
             with gr.Tabs(selected=1) as self.steps:
                 for number, (name, part) in enumerate(tabs.items(), 1):
                     with gr.Tab(f"{number} {name}", id=number, interactive=number == 1) as tab:
                         part()
                     self.tabs.append(tab)
             self._wire([self.fields[field.name] for field in fields(PageSettings)])
-            gr.api(public(visitors), api_name="infer", concurrency_limit=4)
+            gr.api(_public(visitors), api_name="infer", concurrency_limit=4)
         for name, part in (vars(self) | self.fields).items():
             if isinstance(part, gr.blocks.Block):
                 part.elem_id = name.replace("_", "-")
@@ -59,23 +80,44 @@ class Page(film.FilmPart):
         with gr.Row():
             with gr.Column(scale=3, min_width=300):
                 self.upload = gr.File(label="Measured R(t), or recordings", file_count="multiple", height=160)
-                html(words.part("kinds", self.visitors.limits.file_mb))
+                _html(words.part("kinds", self.visitors.limits.file_mb))
             with gr.Column(scale=2, min_width=260):
-                html(words.part("quiet", "or look at a shipped example first:"))
+                _html(words.part("quiet", "or look at a shipped example first:"))
                 with gr.Row():
                     self.examples = {name: _small(name) for name in steps.examples()}
                 with gr.Row():
                     self.clear, self.to_prepare = _small("Start over"), _small("Prepare first", interactive=False)
-                self.infer_now = button("Infer all shots", interactive=False)
+                self.infer_now = _button("Infer all shots", interactive=False)
         with gr.Column(visible=False) as self.sure:
-            self.lost = html()
+            self.lost = _html()
             with gr.Row():
                 self.keep, self.delete = gr.Button("Keep them"), gr.Button("Delete them", variant="stop")
-        self.refused = html()
-        self.welcome = html(words.welcome())
+        self.refused = _html()
+        self.welcome = _html(words.welcome())
         self._film()
-        self.overview = html(visible=False)
-        self.warned, self.found = html(), html(js_on_load=words.script("materials.js"))
+        self.overview = _html(visible=False)
+        self.warned, self.found = _html(), _html(js_on_load=words.script("materials.js"))
+
+    def _film(self) -> None:
+        with gr.Column(visible=False) as self.film_step:
+            self.film = gr.Dropdown(label="Recording")
+            with gr.Row():
+                boxes = [_line(label=label, placeholder=hint, min_width=160) for label, hint in _CAMERA.items()]
+                self.film_rate, self.film_scale, self.film_exposure = self.film_typed = boxes
+                self.measure = _button("Measure the bubble", min_width=160)
+            self.film_told = _html(min_height=60)
+            with gr.Column(visible=False) as self.film_seen:
+                with gr.Row():
+                    with gr.Column(min_width=300):
+                        self.film_frame = _html()
+                    self.film_plot = _html(min_width=300)
+                wide: dict[str, Any] = {"scale": 3, "min_width": 220}
+                with gr.Row():
+                    self.film_number = gr.Slider(label="Frame shown", step=1, buttons=[], **wide)
+                    self.film_toggle = gr.Button("Exclude this frame", scale=1, min_width=140)
+                with gr.Row():
+                    self.film_excluded = _line(label="Frames to exclude", placeholder="12, 40-45", **wide)
+                    self.confirm = _button("Confirm this curve", scale=1, min_width=140)
 
     def _prepare(self) -> None:
         with gr.Row():
@@ -94,14 +136,14 @@ class Page(film.FilmPart):
                     self._numbers("pressure", "temperature")
             with gr.Column(scale=3, min_width=300):
                 self.shown = gr.Dropdown(label="Shot shown")
-                self.prepared = html()
-        self.to_infer = button("Go on")
+                self.prepared = _html()
+        self.to_infer = _button("Go on")
 
     def _numbers(self, *names: str) -> None:  # in fields for text: an empty gr.Number stalls the page
         with gr.Row():
             for name in names:
                 label, empty = words.NUMBERS[name]
-                self.fields[name] = line(label=label, placeholder=empty, min_width=120)
+                self.fields[name] = _line(label=label, placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
         self.fields["material"] = gr.Radio(words.materials(), value="auto", label="Law of the material")
@@ -110,10 +152,10 @@ class Page(film.FilmPart):
             self.fields["bubble"] = gr.Radio(words.BUBBLES, value="real", label="Bubble")
             self.fields["verify"] = gr.Radio(words.LEVELS, value="auto", label="Uncertainty")
         with gr.Row():
-            self.infer, self.stop = button("Infer all chosen shots"), _stop()
+            self.infer, self.stop = _button("Infer all chosen shots"), _stop()
         self.which = gr.Button("Most shots ask for another law: let the evidence choose it", visible=False)
-        self.answers = html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
-        self.groups, self.timer = html(visible=False), gr.Timer(1.0, active=False)
+        self.answers = _html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
+        self.groups, self.timer = _html(visible=False), gr.Timer(1.0, active=False)
         values = "Published values or a rheometer's sweeps beside them"
         self.published = gr.UploadButton(values, file_count="multiple", visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
@@ -123,67 +165,99 @@ class Page(film.FilmPart):
             self.checked = gr.Dropdown(label="Shot", scale=3, min_width=200)
             self.fit = gr.Button("Fit conventionally (seconds)", scale=1, min_width=180)
             self.stop_fit = _stop(scale=1, min_width=100)
-        self.check_plot = html()
+        self.check_plot = _html()
         with gr.Row():
             sliders = steps.SLIDERS.items()
             self.sliders = [gr.Slider(label=word, elem_id=f"slider-{key}", min_width=200) for key, (word, _) in sliders]
-        self.trial = html()
-        self.facts = html()
+        self.trial = _html()
+        self.facts = _html()
         self.to_export = gr.Button("Export")
 
     def _export(self) -> None:
-        html(words.part("export"))
-        self.make = button("Download cavirheo-result.zip")
+        _html(words.part("export"))
+        self.make = _button("Download cavirheo-result.zip")
         self.files = gr.File(label="File by file", file_count="multiple", interactive=False, visible=False)
         self.download = gr.DownloadButton()  # never seen: pressed when the zip is made
 
     # which handler answers what
+
+    def _on(self, event: Any, handler: _Handler, sources: Any, out: Any, *, works: bool = False, **options: Any) -> Any:
+        """The event, or each of a list, calls the handler with the locked session of who asks and values of components;
+        one that `works` for a while gets `progress` instead of the lock. What it fails of is said on the page."""
+
+        def handle(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> list[Any]:  # noqa: B008
+            session = self.visitors.of(request.session_hash)
+            lock: Any = nullcontext() if works else session.lock
+            bar = {"progress": progress} if works else {}
+            try:
+                with lock:
+                    session.refusal, result = "", handler(session, *values, **bar)
+            except (InputError, SolverError) as error:
+                session.refusal = words.for_page(error)
+                raise gr.Error(session.refusal, visible=False, print_exception=False) from None
+            return [*(result if isinstance(result, list) else [] if result is None else [result]), ""]
+
+        def why(request: gr.Request) -> str:  # on the page, where it covers nothing and goes with the next success
+            return words.part("wrong", self.visitors.of(request.session_hash).refusal)
+
+        begins = partial(gr.on, event) if isinstance(event, list) else event
+        handled = begins(handle, sources, [*out, self.wrong], api_visibility="private", **options)
+        handled.failure(why, None, [self.wrong], api_visibility="private", **_AT_ONCE)
+        return handled
+
+    def _validated(self, wrong: Callable[..., list[str]]) -> _Handler:
+        """Shows at each field what is `wrong` with its value, and stops the event then."""
+
+        def validate(request: gr.Request, *values: Any) -> Any:
+            session = self.visitors.of(request.session_hash)
+            with session.lock:
+                results = [gr.validate(not why, why) for why in wrong(session, *values)]
+            return results if len(results) > 1 else results[0]  # as gradio takes those of several fields, and of one
+
+        return validate
 
     def _wire(self, settings: list[Any]) -> None:
         of_answers = [self.answers, self.to_check, self.which, self.groups, self.published]
         self.state = [*self.tabs[1:], self.to_prepare, self.infer_now, *of_answers]
         loaded = [self.refused, self.sure, self.found, self.welcome, self.overview, self.chosen, self.shown, self.link]
         outputs = [*loaded, *self.state, *self._wire_film()]
-        wrong = self.validated(lambda session, *texts: film.unready(session.current, *texts))
+        wrong = self._validated(lambda session, *texts: session.current.unready(*texts))
         checked: dict[str, Any] = {"validator": wrong, "show_progress_on": [self.film_told]}
-        self.on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], outputs, **checked)
+        self._on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], outputs, **checked)
         check = [self.check_plot, self.facts, self.trial, *self.sliders]
-        many = partial(self.on, trigger_mode="multiple")  # also while another loads
-        sent = many(self.upload.upload, self._sent, [self.upload], [self.upload], works=True, **AT_ONCE)
+        many = partial(self._on, trigger_mode="multiple")  # also while another loads
+        sent = many(self.upload.upload, self._sent, [self.upload], [self.upload], works=True, **_AT_ONCE)
         many(sent.then, self._load, settings, outputs, show_progress_on=[self.found])
         for name, example in self.examples.items():
-            self.on(example.click, partial(self._example, name), settings, outputs)
-        question = self.on(self.clear.click, partial(self._ask, len(outputs)), [], [*outputs, self.lost])
+            self._on(example.click, partial(self._example, name), settings, outputs)
+        question = self._on(self.clear.click, partial(self._ask, len(outputs)), [], [*outputs, self.lost])
         question.success(None, js=_FOCUS.format("keep"), api_visibility="private")
-        self.on(self.keep.click, lambda _: gr.Column(visible=False), [], [self.sure])
-        self.on(self.delete.click, self._clear, [], outputs)
-        viewed = [self.prepared]
-        self.on(self.shown.change, self._view, [self.shown], viewed, works=True, **LATEST)
+        self._on(self.keep.click, lambda _: gr.Column(visible=False), [], [self.sure])
+        self._on(self.delete.click, self._clear, [], outputs)
+        self._on(self.shown.change, self._view, [self.shown], [self.prepared], works=True, **_LATEST)
         # a reload sets one by one, which is no input; a text that is pasted is none either
         kinds = [setting.change if isinstance(setting, gr.Textbox) else setting.input for setting in settings]
-        checked = {"validator": self.validated(lambda _, outputs, *values: ["", *_wrong(values)]), **LATEST}
-        out = [*viewed, self.found, *self.state]
-        self.on(kinds, self._changed, [self.shown, *settings], out, **checked)
+        wrong = self._validated(lambda _, name, *values: ["", *_wrong(values)])
+        prepared = [self.prepared, self.found, *self.state]
+        self._on(kinds, self._changed, [self.shown, *settings], prepared, validator=wrong, **_LATEST)
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
         self._wire_runs([self.chosen, *settings], check)
-        latest: Any = partial(self.on, **LATEST)
-        js = "() => [document.body.dataset.{}]".format
-        out = [self.steps, self.checked, *check]
-        latest(self.answers.click, self._picked, [self.checked], out, js=js("picked"))
+        out, js = [self.steps, self.checked, *check], "() => [document.body.dataset.picked]"
+        self._on(self.answers.click, self._picked, [self.checked], out, js=js, **_LATEST)
         # what compares with simulations comes later: the table need not wait for the solver
-        latest(self.found.change, lambda session, **_: words.warned(session), [], [self.warned], works=True)
-        out, materials = [self.found, *viewed, *self.state], "(_, shown) => [document.body.dataset.materials, shown]"
-        latest(self.found.submit, self._name, [self.link, self.shown], out, js=materials)
-        self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
+        self._on(self.found.change, words.warned, [], [self.warned], works=True, **_LATEST)
+        js = "(_, shown) => [document.body.dataset.materials, shown]"
+        self._on(self.found.submit, self._name, [self.link, self.shown], prepared, js=js, **_LATEST)
+        self._on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
         fitted: dict[str, Any] = {"works": True, "show_progress_on": [self.check_plot], **_RUNS}
-        self.on(self.fit.click, self._fit, [self.checked], [self.check_plot, self.facts], **fitted)
-        self.on([self.stop.click, self.stop_fit.click], lambda session: session.runs.stopped.set(), [], [], queue=False)
+        self._on(self.fit.click, self._fit, [self.checked], [self.check_plot, self.facts], **fitted)
+        stops = [self.stop.click, self.stop_fit.click]
+        self._on(stops, lambda session: session.runs.stopped.set(), [], [], queue=False)
         moved = [slider.input for slider in self.sliders]
-        self.on(moved, self._try, [self.checked, *self.sliders], [self.check_plot, self.trial], queue=False, **LATEST)
-        out = [self.files, self.download]
+        self._on(moved, self._try, [self.checked, *self.sliders], [self.check_plot, self.trial], queue=False, **_LATEST)
         single: dict[str, Any] = {"concurrency_limit": 1, "show_progress_on": [self.make]}
-        zipped = self.on(self.make.click, self._zip, [], out, works=True, **single)
+        zipped = self._on(self.make.click, self._zip, [], [self.files, self.download], works=True, **single)
         zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
         # choices first
@@ -192,26 +266,42 @@ class Page(film.FilmPart):
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
 
+    def _wire_film(self) -> list[Any]:
+        """What shows the film that is looked at."""
+        look = [self.film_told, self.film_frame, self.film_plot, self.film_toggle]
+        view = [self.film_seen, self.film_number, self.film_excluded]
+        parts = [self.film_step, self.film, *self.film_typed, *view, *look]
+        self._on(self.film.input, self._pick, [self.film], parts)
+        starts = [self.measure.click, *(box.submit for box in self.film_typed)]
+        wrong = self._validated(lambda session, *texts: session.current.camera_of(texts)[1])
+        checked: dict[str, Any] = {"validator": wrong, "show_progress_on": [self.film_told]}
+        self._on(starts, self._measure, self.film_typed, parts, works=True, concurrency_limit=1, **checked)
+        self._on(self.film_number.input, self._look, [self.film_number], look, queue=False, **_LATEST)
+        self._on(self.film_toggle.click, self._toggle, [], [self.film_excluded, *look], **_AT_ONCE)
+        listed = self._validated(lambda session, text: session.current.leave_out(text))
+        self._on(self.film_excluded.change, self._look, [self.film_excluded], look, validator=listed, **_LATEST)
+        return parts
+
     def _wire_runs(self, inputs: list[Any], check: list[Any]) -> None:
         """Answers of all chosen shots: previews at once, then each answer as it is there."""
         chosen, run_outputs = [self.chosen], [self.checked, *self.state]
-        which = self.which.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **AT_ONCE)
+        which = self.which.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **_AT_ONCE)
         which.then(None, js=_PRESS.format("infer"), api_visibility="private")
         starts, out = [self.infer_now.click, self.infer.click], [self.steps, self.timer, self.answers]
-        begin = self.on(starts, self._begin, inputs, out, **AT_ONCE)
-        begin = self.on(begin.success, self._preview, chosen, [self.answers], works=True, **_PREVIEWS)
-        run = self.on(begin.then, self._answer, chosen, run_outputs, works=True, show_progress="hidden", **_RUNS)
-        self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
-        self.on(self.timer.tick, self._tick, [], [self.timer, self.answers], **AT_ONCE)
-        self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
+        begin = self._on(starts, self._begin, inputs, out, **_AT_ONCE)
+        begin = self._on(begin.success, self._preview, chosen, [self.answers], works=True, **_PREVIEWS)
+        run = self._on(begin.then, self._answer, chosen, run_outputs, works=True, show_progress="hidden", **_RUNS)
+        self._on(run.success, self._show, [self.checked], check, show_progress="hidden")
+        self._on(self.timer.tick, self._tick, [], [self.timer, self.answers], **_AT_ONCE)
+        self._on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
 
     def _leave(self, request: gr.Request) -> None:
         self.visitors.leave(request.session_hash or "")
 
     def _back(self, request: gr.Request) -> Any:
         """A page that is loaded again, or by its link, shows what was there."""
-        link = request.query_params.get("session", "")
-        if (session := self.visitors.back(request.session_hash or "", link)) is None:
+        session = self.visitors.back(request.session_hash or "", request.query_params.get("session", ""))
+        if session is None:
             return gr.skip()  # of all
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
@@ -281,8 +371,43 @@ class Page(film.FilmPart):
             gr.UploadButton(visible=current),
         ]
 
+    def _filmed(self, session: Session) -> list[Any]:
+        clip = session.current
+        names = [(f"{name}: {'not ' * (name in session.waiting)}confirmed", name) for name in session.recordings]
+        camera = ["" if value is None else f"{value:.10g}" for value in clip.camera]
+        first, last = (clip.measurement.first, clip.measurement.last) if clip.measurement else (1, 2)
+        return [
+            gr.Column(visible=bool(names)),
+            gr.Dropdown(names, value=session.film or None, visible=len(names) > 1),
+            *(camera if any(camera) else [gr.skip()] * 3),
+            gr.Column(visible=clip.measurement is not None),
+            gr.Slider(first, last, clip.frame),
+            clip.exclude,
+            *self._look(session),
+        ]
+
+    def _look(self, session: Session, number: int | str = "") -> list[Any]:
+        clip = session.current
+        clip.frame = number if isinstance(number, int) else clip.frame
+        if clip.measurement is None:
+            return [words.film(clip), gr.skip(), gr.skip(), gr.skip()]
+        label = "Bring this frame back" if clip.excluded[clip.index] else "Exclude this frame"
+        return [words.film(clip), words.frame(clip), words.radii(clip), label]
+
+    def _pick(self, session: Session, name: str) -> list[Any]:
+        session.film = name
+        return self._filmed(session)
+
+    def _measure(self, session: Session, *texts: str, progress: gr.Progress) -> list[Any]:
+        steps.measure(session, session.current.camera_of(texts)[0], progress)
+        return self._filmed(session)
+
+    def _toggle(self, session: Session) -> list[Any]:
+        session.current.toggle()
+        return [session.current.exclude, *self._look(session)]
+
     def _confirm(self, session: Session, *_: str) -> list[Any]:
-        film.confirm(session)
+        steps.confirm(session)
         session.film = next(iter(session.waiting), session.film)
         return self._loaded(session)
 
@@ -318,7 +443,7 @@ class Page(film.FilmPart):
         steps.name_materials(session, edits["names"], edits["densities"])
         same = words.table(session) == earlier  # then the focus stays where it is
         table = gr.skip() if same else words.files_table(session)
-        return [table, *self._view(session, name), *self._state(session, draw=True)]
+        return [*self._view(session, name), table, *self._state(session, draw=True)]
 
     def _publish(self, session: Session, files: list[str]) -> list[Any]:
         with uploaded(files) as paths:
@@ -364,3 +489,54 @@ def _wrong(values: Sequence[Any]) -> list[str]:
     """What is said at each of them."""
     wrong = PageSettings.of(values)[1]
     return [words.for_page(wrong.get(field.name, "")) for field in fields(PageSettings)]
+
+
+@contextmanager
+def uploaded(files: Sequence[str]) -> Iterator[list[Path]]:
+    """What the browser sent, and no other file of this machine: what is not taken over is removed."""
+    folder = Path(get_upload_folder()).resolve()
+    paths = [Path(file).resolve() for file in files]
+    if not all(path.is_relative_to(folder) and path.is_file() for path in paths):
+        raise InputError("only uploaded files are read", "app.not_uploaded")
+    try:
+        yield paths
+    finally:
+        for path in paths:
+            path.unlink(missing_ok=True)
+
+
+def _public(visitors: Visitors) -> Callable[..., Any]:
+    """The function that programs may call; nothing of a call is kept."""
+
+    def infer(
+        files: list[gr.FileData],
+        model: str = DEFAULT,
+        medium: str = "water",
+        density: float | None = None,
+        rmax_um: float | None = None,
+        stretch: float | str | None = None,
+        window: int | None = None,
+        verify: str = "auto",
+        material: str | None = None,
+        bubble: str = "real",
+        trust_input: bool = False,
+    ) -> dict[str, Any]:
+        """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
+        values: dict[str, Any] = {**locals()}
+        options = {name: value for name, value in values.items() if hasattr(PageSettings, name) and value is not None}
+        session = Session(visitors.limits, visitors.reader, store=visitors.store)
+        try:
+            with uploaded([str(dict(file)["path"]) for file in files or []]) as paths:
+                session.add(paths, PageSettings(**options))
+                require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
+                problem = "; ".join(session.problems) or "no curve could be read"
+                require(bool(session.curves), problem, "app.no_curve")
+                document = steps.infer(session, [curve.name for curve in session.curves]).document
+                document.notes.extend(session.problems)
+                return document.model_dump(by_alias=True, mode="json")
+        except (InputError, SolverError) as error:
+            raise gr.Error(words.for_page(error), title="Not done", print_exception=False) from None
+        finally:
+            visitors.end(session)
+
+    return infer

@@ -33,11 +33,10 @@ from cavirheo.parallel import call_glibc
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting.html import LIVE, live_page
 
-_FONTS = ["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "Arial", "sans-serif"]
 _THEME = gr.themes.Default(
     primary_hue=gr.themes.colors.blue,
     neutral_hue=gr.themes.colors.slate,
-    font=_FONTS,
+    font=["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "Arial", "sans-serif"],
     font_mono=["ui-monospace", "Menlo", "Consolas", "DejaVu Sans Mono", "monospace"],
 ).set(
     button_primary_background_fill="#0b4f7d",

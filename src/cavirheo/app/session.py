@@ -14,6 +14,9 @@ from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
 from typing import Any, TypeVar
 
+import numpy as np
+
+from cavirheo.arrays import Bools
 from cavirheo.companions.published_values import add_to_groups, published, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
@@ -21,9 +24,9 @@ from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.inference.what_if import Band
-from cavirheo.io.shots import check_max_radius
+from cavirheo.io.shots import check_max_radius, with_maximum_notes
 from cavirheo.io.subprocess_reader import Reader
-from cavirheo.io.videos import Camera
+from cavirheo.io.videos import Camera, history, parse_camera
 from cavirheo.parallel import Stoppable
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Checks, Posterior
@@ -34,6 +37,7 @@ from cavirheo.reporting.record import Pairs, Result
 from cavirheo.video.frames import is_video
 from cavirheo.video.measurement import Measurement
 from cavirheo.workflow.store import Store
+from cavirheo.writing import digits
 from cavirheo.writing.document import short_name
 
 _Value = TypeVar("_Value")
@@ -135,20 +139,77 @@ class PageSettings:
 
 @dataclass(eq=False)
 class Clip:
-    """A recording."""
+    """A recording.
+
+    measurement: with all frames. used: without those that are left out. frame: the number of that which is looked at.
+    curve, command: the history that is confirmed, and the options of the command line that it has then.
+    """
 
     path: Path
     camera: Camera = field(default_factory=Camera)
-    measurement: Measurement | None = None  # as the camera says
-    used: Measurement | None = None  # that without the frames that are left out
-    frame: int = 1  # number of the frame that is looked at
-    curve: RadiusCurve | None = None  # once it is confirmed
-    command: str = ""  # the options of the command line, then
+    measurement: Measurement | None = None
+    used: Measurement | None = None
+    frame: int = 1
+    curve: RadiusCurve | None = None
+    command: str = ""
+
+    @property
+    def measured(self) -> Measurement:
+        """With all frames. Raises InputError: it is not measured."""
+        if self.measurement is None:
+            raise InputError("measure the recording first (step 1)", "app.not_measured")
+        return self.measurement
 
     @property
     def exclude(self) -> str:
         """The frames that are left out: "12, 40-45"."""
         return str(self.used.options.get("exclude", "")) if self.used else ""
+
+    @property
+    def excluded(self) -> Bools:
+        """(n,) frames that are left out."""
+        return np.asarray((self.used or self.measured).track.flags == "excluded")
+
+    @property
+    def index(self) -> int:
+        """Of the frame that is looked at, in arrays."""
+        return self.frame - self.measured.first
+
+    @property
+    def options(self) -> str:
+        """Of `cavirheo infer`, that mean the same."""
+        return self.camera.options + f" --exclude {self.exclude.replace(' ', '')}" * bool(self.exclude)
+
+    def history(self, *, sheet: bool = False) -> RadiusCurve:
+        """As `read_curves` gives it. Raises InputError: not measured."""
+        return with_maximum_notes(history(self.used or self.measured, self.path, sheet=sheet))
+
+    def camera_of(self, texts: Sequence[str]) -> tuple[Camera, list[str]]:
+        """Frame rate, scale and exposure; why it cannot be measured so, field by field, empty where it can."""
+        unscaled = self.measurement is not None and self.measurement.um_per_px.value is None
+        return parse_camera(texts, self.path.suffix.lower(), unscaled=unscaled)
+
+    def unready(self, *texts: str) -> list[str]:
+        """Why its curve cannot be confirmed so, field by field: numbers of the camera, then the list of frames."""
+        new, wrong = self.camera_of(texts[:3])
+        changed = ["changed since: measure again" * (now != old) for now, old in zip(new, self.camera, strict=True)]
+        return [mistake or change for mistake, change in zip(wrong, changed, strict=True)] + self.leave_out(texts[3])
+
+    def leave_out(self, listed: str) -> list[str]:
+        """These frames, "12, 40-45", and no others; or say why not. A list half typed counts so far."""
+        listed = listed.strip(" ,-–")
+        try:
+            self.used = self.measurement and self.measurement.without(listed) if listed else self.measurement
+        except InputError as error:
+            return [str(error)]
+        return [""]
+
+    def toggle(self) -> None:
+        """Leave the shown frame out, or bring it back. Raises InputError: no frame would be left."""
+        excluded = self.excluded
+        excluded[self.index] ^= True
+        (wrong,) = self.leave_out(digits.ranges((np.flatnonzero(excluded) + self.measured.first).tolist()))
+        require(not wrong, wrong, "video.exclude")
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +258,7 @@ class Session:
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
         self.materials: dict[str, str] = {}  # by shot, as the visitor typed them
-        self.densities: dict[str, float] = {}  # kg/m3 by shot, as the visitor typed them
+        self.densities: Mapping[str, float] = {}  # kg/m3 by shot, as the visitor typed them
         self.published: list[dict[str, Published]] = []  # values of other methods, by set, of each upload
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
@@ -293,19 +354,15 @@ class Session:
         messages = [film.command if len(self.files) == 1 else f" ({film.path.name}:{film.command})" for film in films]
         return shlex.join(words) + "".join(messages)
 
-    def prepare(self, settings: PageSettings) -> None:
-        """Read the files again if these settings change what they mean. Raises InputError."""
-        if self.files and settings.read_options != self.settings.read_options:
-            self.curves, _ = self._read(self.files, settings, self.densities)
-        self.settings = settings
-
-    def weigh(self, densities: Mapping[str, float]) -> None:
-        """The files are read again if the density of a shot is another. Raises InputError: one that no medium has."""
-        for density in set(densities.values()):
-            _ = self.settings.with_density(density).liquid
-        if densities != self.densities:
-            self.curves, _ = self._read(self.files, self.settings, densities)
-            self.densities = dict(densities)
+    def prepare(self, settings: PageSettings, densities: Mapping[str, float] | None = None) -> None:
+        """Read the files again if these settings, or the densities of shots, change what they mean. Raises InputError:
+        also a density that no medium has."""
+        for density in set((densities or {}).values()):
+            _ = settings.with_density(density).liquid
+        densities = self.densities if densities is None else dict(densities)
+        if self.files and (settings.read_options != self.settings.read_options or densities != self.densities):
+            self.curves, _ = self._read(self.files, settings, densities)
+        self.settings, self.densities = settings, densities
 
     def publish(self, paths: Sequence[Path]) -> None:
         """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
@@ -357,9 +414,10 @@ class Visitors:
         self._requests = Counter[str]()  # how often each page asked for anything
         self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
 
-    def of(self, name: str) -> Session:
+    def of(self, name: str | None) -> Session:
         """The session of this name, new if there is none; the one unused for longest makes room. Raises InputError."""
-        require(bool(name), "no session: reload the page")
+        if not name:
+            raise InputError("no session: reload the page")
         with self._lock:
             earlier = self._sessions.pop(self._links.get(name, ""), None)
             session = earlier or Session(self.limits, self.reader, self.measurer, self.store, self.zips)

@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from secrets import token_hex
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -23,6 +24,7 @@ from cavirheo.inference import DEFAULT
 from cavirheo.inference.what_if import checks_with, compared_window, slider
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Report
+from cavirheo.io.videos import Camera
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import file_names, result, write_report
 from cavirheo.reporting.answer import curve_record
@@ -48,10 +50,40 @@ def examples() -> dict[str, Path]:
     return {path.name: path for kind in ("*gel.*", "*.mp4") for path in sorted(folder.glob(kind))}
 
 
+def measure(session: Session, camera: Camera, say: Report) -> None:
+    """Measure the film in the process for it; excluded frames stay excluded. Raises InputError."""
+    film, (rate, scale, us) = session.current, camera
+    images, most = session.folder / f"{token_hex(8)}.npy", session.limits.film_mb * 1e6
+    numbers = {"frame_rate": rate, "um_per_px": scale, "exposure": us and us * 1e-6}
+    try:
+        measurement = session.measurer.measure(film.path, images, most, say, **numbers)
+    finally:
+        with suppress(OSError):  # on a system that keeps a file that is mapped
+            images.unlink(missing_ok=True)
+    with session.lock:
+        require(film in session.films.values(), "the recording was removed while it was measured", "app.changed")
+        listed = film.exclude
+        for clip in session.films.values():
+            clip.measurement = clip.used = None  # frames are kept of one film
+        film.camera, film.measurement, film.used = camera, measurement, measurement
+        film.frame = measurement.first + int(np.nanargmax(measurement.track.radius))
+        film.leave_out(listed)
+
+
+def confirm(session: Session) -> None:
+    """Its curve becomes one of the next steps, instead of what it was there before. Raises InputError: too much."""
+    film = session.current
+    session.films[session.film] = replace(film, curve=film.history(sheet=True), command=film.options)
+    try:
+        session.take([*session.files, *({film.path} - {*session.files})], session.settings)
+    except InputError:
+        session.films[session.film] = film
+        raise
+
+
 def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[RadiusCurve, Posterior | None]]:
-    """Each chosen curve with its answer, which is in `session.previews` as soon as it is there; None where a stop left
-    it out. verify: as in `infer_many`; an answer at another level than the settings' is not trusted. Raises
-    InputError."""
+    """Each chosen curve with its answer, which goes into `session.previews` at once; None where a stop left it out. An
+    answer at another level of verification than that of the settings is not trusted. Raises InputError."""
     with session.lock:
         settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
         analyses = {curve.name: replace(session.settings_of(curve.name), verify=verify).analysis for curve in chosen}
@@ -127,7 +159,8 @@ def name_materials(session: Session, names: Sequence[str], densities: Sequence[s
     shots = [curve.name for curve in session.curves]
     if densities:
         numbers = {shot: number_of(text, "density") for shot, text in zip(shots, densities, strict=True)}
-        session.weigh({shot: density for shot, density in numbers.items() if density is not None})
+        by_shot = {shot: density for shot, density in numbers.items() if density is not None}
+        session.prepare(session.settings, by_shot)
     groups = zip(session.curves, map(str.strip, names), strict=True)
     session.materials = {curve.name: name[:60] for curve, name in groups if name not in ("", curve.group)}
     if old := session.answers:

@@ -7,7 +7,9 @@ from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
-from cavirheo.app.session import YOURS, Answers, PageSettings, Session
+import numpy as np
+
+from cavirheo.app.session import YOURS, Answers, Clip, PageSettings, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
@@ -17,10 +19,11 @@ from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
 from cavirheo.reporting.input_remarks import causes, notes, pooled, summary_cells, warnings
-from cavirheo.reporting.panels import curve_panels, overview_panels, preview_panels
+from cavirheo.reporting.panels import Axis, Layer, Panel, curve_panels, overview_panels, preview_panels
 from cavirheo.reporting.record import result_of
 from cavirheo.reporting.svg import curve_svg, overlay_svg
-from cavirheo.video.picture import COLOURS
+from cavirheo.video.picture import COLOURS, GREY, frame_address
+from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import by_message
 
@@ -147,6 +150,43 @@ def pictures(svgs: Sequence[str]) -> str:
     return part("pictures", svgs) if svgs else ""
 
 
+def film(clip: Clip) -> str:
+    """What to do with a recording; its warnings and what was found."""
+    if clip.measurement is None:
+        return part("film", (), {}, {}, "")
+    curve = clip.history()
+    cut = f"{clip.measurement.cut}: the radius rests on that part alone" * bool(clip.measurement.cut)
+    by_text = by_message((clip.path.name, for_page(text)) for text in (cut, *(text for _, text in warnings([curve]))))
+    state = "" if clip.curve is None else "confirmed" if clip.command == clip.options else "changed"
+    return part("film", summary_cells(curve), by_text, notes([curve]), state)
+
+
+def radii(clip: Clip) -> str:
+    """Radii by the flags of their frames, those without one at zero; a line marks the shown frame."""
+    measurement = clip.measured
+    unit, scale = ("µm", measurement.um_per_px.value) if measurement.um_per_px.value else ("px", 1.0)
+    flags = np.where(clip.excluded, "excluded", measurement.track.flags)
+    time, radius = 1e6 * measurement.time, np.nan_to_num(scale * measurement.track.radius)
+    top, layers = 1.05 * float(radius.max()) or 1.0, list[Layer]()
+    for flag in dict.fromkeys(flags.tolist()):
+        layers.append(Layer("dots", f"flag-{flag}", time[flags == flag], radius[flags == flag], flag))
+    layers.append(Layer("line", "frame", np.full(2, time[clip.index]), np.array([0.0, top])))
+    x = Axis("time (µs)", float(time[0]), float(time[-1]))
+    return pictures([curve_svg([Panel(x, Axis(f"R ({unit})", 0.0, top), tuple(layers))])])
+
+
+def frame(clip: Clip) -> str:
+    """The shown frame of a recording with its circle, what it is, and how many there are."""
+    measurement, i = clip.measured, clip.index
+    track, scale = measurement.track, measurement.um_per_px.value
+    radius, sigma = (f"{float(x[i]) * (scale or 1.0):.{n}g}" for x, n in ((track.radius, 4), (track.sigma, 1)))
+    size = f"R = {radius} ± {sigma} {'µm' if scale else 'px'}" if np.isfinite(track.radius[i]) else ""
+    where = f"Frame {clip.frame} of {measurement.last}, {1e6 * measurement.time[i]:.4g} µs"
+    flag = str(track.flags[i])
+    look = flag, COLOURS.get(flag, GREY), FLAGS[flag], bool(clip.excluded[i])
+    return part("frame", frame_address(measurement, i, 560), where, size, *look)
+
+
 def overview(session: Session) -> str:
     """All curves over each other."""
     media = [session.settings_of(curve.name).liquid for curve in session.curves]
@@ -168,7 +208,7 @@ def checked(session: Session, name: str) -> str:
     return pictures([curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
 
 
-def warned(session: Session) -> str:
+def warned(session: Session, **_: Any) -> str:
     """The warnings on all shots, in full."""
     return part("warned", _warnings_for_page(session.curves))
 
@@ -178,8 +218,7 @@ def _warnings_for_page(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
 
 
 def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
-    """A curve with the frames that are compared, or why it cannot be shown; the warnings on it, and what was done to
-    it."""
+    """A curve with the frames that are compared, or why it cannot be shown; its warnings, and what was done to it."""
     picture, remarks = "", _warnings_for_page([curve])
     try:
         picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))

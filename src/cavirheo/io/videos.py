@@ -53,9 +53,9 @@ def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> Rad
     digest = None if path.is_dir() else sha256(path)
     origin = {"name": path.stem, "group": path.stem, "source": file_label(path), "source_sha256": digest}
     if sheet:
-        from cavirheo.video.picture import sheet_address
+        from cavirheo.video.picture import address, contact_sheet
 
-        origin["contact_sheet"] = sheet_address(measurement)
+        origin["contact_sheet"] = address(contact_sheet(measurement))
     return measurement.curve(**origin)
 
 

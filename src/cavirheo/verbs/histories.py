@@ -56,8 +56,8 @@ class Measure(options.Printing):
         from cavirheo.inference import input_checks
         from cavirheo.io.videos import examine
         from cavirheo.physics.media import WATER
-        from cavirheo.video import document
         from cavirheo.video.frames import need
+        from cavirheo.video.measurement import describe, write_csv
         from cavirheo.writing.document import Outputs
 
         need("PIL")  # the pictures' library, of the extra [video]
@@ -77,10 +77,10 @@ class Measure(options.Printing):
 
             measurement, curve = examine(path, begin=begin, **settings)
         warnings = [warning.text for warning in input_checks.curve_warnings(curve, WATER)]
-        record = document.describe(
+        record = describe(
             measurement, curve, warnings, command=run.command, date=run.date, notes=list(measurement.notes)
         )
-        outputs.write("measured.csv", document.write_csv, measurement)
+        outputs.write("measured.csv", write_csv, measurement)
         record.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
         if self.overlay:
             outputs.write("overlay.mp4", picture.write_overlay, measurement)

@@ -61,15 +61,6 @@ class Footage:
     notes: tuple[str, ...] = ()
     warnings: tuple[Message, ...] = ()
 
-    def part(self, first: int, last: int) -> Footage:
-        """Frames `first` to `last`, counted from 1. Raises InputError: there are none."""
-        count = len(self.frames)
-        message = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
-        require(1 <= first < last <= count, message, "video.frames")
-        chosen = slice(first - 1, last)
-        arrays = {name: getattr(self, name) for name in ("frames", "time", "damaged")}
-        return replace(self, **{name: array[chosen] for name, array in arrays.items() if array is not None})
-
 
 def is_video(path: Path) -> bool:
     """Whether the name is that of a recording: a video, or a folder with images."""
@@ -125,8 +116,10 @@ def _movie(path: Path) -> Footage:
                 lasts = (container.duration or 0) / av.time_base * float(stream.average_rate or 0)
                 stated = stream.frames or 0.98 * lasts - 1.0
                 for frame in container.decode(stream):
-                    if not damaged and _coloured(frame.to_ndarray(format="rgb24")):
-                        notes.append(_IN_COLOUR)
+                    if not damaged:
+                        ranges = np.ptp(frame.to_ndarray(format="rgb24")[::2, ::2].astype(np.int16), axis=2)
+                        if np.percentile(ranges, 90) > _COLOURED:
+                            notes.append(_IN_COLOUR)
                     image = frame.to_ndarray(format="gray16le" if deep else "gray")
                     damaged.append(bool(frame.is_corrupt))
                     yield image
@@ -143,8 +136,7 @@ def _movie(path: Path) -> Footage:
 
 
 def _joined(frames: Iterable[Pixels]) -> Pixels:
-    """(n, height, width) of frames that come one by one, each held once. Raises InputError for more than LARGEST, or
-    another size."""
+    """(n, height, width) of frames that come one by one, each held once. Raises InputError: too large, or mixed."""
     held, like = bytearray(), np.empty((0, 0))
     for frame in frames:
         like = like if held else frame
@@ -159,10 +151,6 @@ def _joined(frames: Iterable[Pixels]) -> Pixels:
 def _fits(size: float) -> None:
     why = f"its frames are more than {LARGEST / 1e9:g} GB; cut the recording to the bubble and save that"
     require(size <= LARGEST, why, "video.too_large")
-
-
-def _coloured(rgb: Pixels) -> bool:
-    return bool(np.percentile(np.ptp(rgb[::2, ::2].astype(np.int16), axis=2), 90) > _COLOURED)
 
 
 def _grey(image: Pixels) -> Pixels:
@@ -184,15 +172,16 @@ def _stack(path: Path) -> Footage:
         pages, first = len(file.pages), file.pages[0]
         _fits(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
         imagej = file.imagej_metadata or {}
-        scale, notes = _tiff_scale(first, imagej)
-        notes += (_IN_COLOUR,) if getattr(first, "samplesperpixel", 1) > 2 else ()
+        scale = _tiff_scale(first, imagej)
+        notes = [f"{scale:.4g} um per pixel, as ImageJ stored it"] if scale else []
+        notes += [_IN_COLOUR] if getattr(first, "samplesperpixel", 1) > 2 else []
         try:
             at_once = imagej.get("images", 1) > pages
             images = file.asarray() if at_once else _joined(_grey(page.asarray()) for page in file.pages)
         except (ValueError, ImportError):  # a compression that needs another library
             images = _joined(_by_pillow(path))
     images = images.reshape(-1, *images.shape[-2:])
-    return Footage(_unsigned(images), um_per_px=scale, notes=notes)
+    return Footage(_unsigned(images), um_per_px=scale, notes=tuple(notes))
 
 
 def _by_pillow(path: Path, most: int | None = None) -> Iterator[Pixels]:
@@ -205,14 +194,10 @@ def _by_pillow(path: Path, most: int | None = None) -> Iterator[Pixels]:
             yield _grey(np.asarray(page.convert("RGB") if page.mode in ("P", "CMYK", "YCbCr") else page))
 
 
-def _tiff_scale(page: Any, imagej: dict[str, Any]) -> tuple[float | None, tuple[str, ...]]:
-    """(um per pixel, notes) where ImageJ states a length per pixel; the resolution of others is that of printing."""
-    per = _LENGTHS.get(str(imagej.get("unit", "")))
-    tag = page.tags.get("XResolution")
-    if not per or not tag or not tag.value[0]:
-        return None, ()
-    scale = per * tag.value[1] / tag.value[0]
-    return scale, (f"{scale:.4g} um per pixel, as ImageJ stored it",)
+def _tiff_scale(page: Any, imagej: dict[str, Any]) -> float | None:
+    """um per pixel where ImageJ states a length per pixel; the resolution of others is that of printing."""
+    per, tag = _LENGTHS.get(str(imagej.get("unit", ""))), page.tags.get("XResolution")
+    return per * tag.value[1] / tag.value[0] if per and tag and tag.value[0] else None
 
 
 def _unsigned(images: Pixels) -> Pixels:
@@ -244,11 +229,11 @@ def _images(folder: Path) -> list[Path]:
     endings = [path.suffix.lower() for path in paths]
     most = max(set(endings), key=endings.count, default="")
     chosen = [path for path in paths if path.suffix.lower() == most and path.is_file()]
-    return sorted(chosen, key=_natural) if _single(chosen) else []
 
+    def natural(path: Path) -> list[tuple[str, int]]:
+        return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", path.name)]
 
-def _natural(path: Path) -> list[tuple[str, int]]:
-    return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", path.name)]
+    return sorted(chosen, key=natural) if _single(chosen) else []
 
 
 def _single(images: list[Path]) -> bool:
@@ -265,10 +250,8 @@ def _single(images: list[Path]) -> bool:
 
 
 def _cine(path: Path) -> Footage:
-    """Phantom: pixels by FFmpeg; rate, exposure and a stamp of every frame from the header.
-
-    Layout: Vision Research, Cine File Format (2011). The stamps are what the camera did, the rate what it was told.
-    """
+    """Phantom: pixels by FFmpeg; the header (Vision Research, Cine File Format, 2011) has the rate that the camera was
+    told, and exposure and stamp of every frame, which is what it did."""
     movie = _movie(path)
     with path.open("rb") as file:
         head = file.read(44)

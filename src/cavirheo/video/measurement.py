@@ -1,14 +1,13 @@
-"""A recording measured: the bubble's history in seconds and metres, and where every number came from."""
+"""A recording measured: radii in seconds and metres, where every number came from, and the files that say so."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from itertools import starmap
 from math import isfinite
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
@@ -21,16 +20,29 @@ from cavirheo.video import frames
 from cavirheo.video.frames import Footage
 from cavirheo.video.stage import set_stage
 from cavirheo.video.track import FLAGS, USED, Track, follow
-from cavirheo.writing import digits
-from cavirheo.writing.document import Finite, Record
+from cavirheo.writing import digits, document, terminal
+from cavirheo.writing.document import Document, Finite, Record
 
 _PIXEL = 1e-6  # m, that stands in for a pixel until there is a scale
 _DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean different ones
 _TWINS = 0.2  # of the measured frames
 _CUT = 0.9  # of the outline at R_max: seen less far, it is said
 _BURNT = 0.3  # of the background, at the brightest value
-_HOW = "give it (--fps; in Python frame_rate=)"
-_NO_RATE = f"how fast it was recorded is not known, for a video file states how fast it is played; {_HOW}"
+_NO_RATE = "how fast it was recorded is not known, for a video file states how fast it is played; give it (--fps; in "
+_NO_RATE += "Python frame_rate=)"
+COLUMNS = {
+    "time_us": "from the first frame of the recording on",
+    "radius_um": "mean over the exposure; empty where the frame is not used",
+    "radius_std_um": "standard deviation of the radius, from frame to frame",
+    "systematic_um": "what may move the radii of all frames alike",
+    "x_px": "centre, from the middle of the leftmost pixel",
+    "y_px": "centre, from the middle of the topmost pixel",
+    "asphericity": "amplitude of the outline's second mode over the radius",
+    "edge_width_px": "from a quarter to three quarters of the edge",
+    "arc": "part of the outline that is seen",
+    "flag": "; ".join(f"{flag}: {meaning}" for flag, meaning in FLAGS.items()),
+    "frame": "number of the frame, from 1",
+}
 
 
 class StatedNumber(Record):
@@ -64,6 +76,11 @@ class Measurement:
     corner: tuple[int, int] = (0, 0)
 
     @property
+    def last(self) -> int:
+        """Number of the last frame here, from 1."""
+        return self.first + len(self.time) - 1
+
+    @property
     def counts(self) -> dict[str, int]:
         """Frames by flag, in the order of `FLAGS`."""
         counter = Counter(self.track.flags.tolist())
@@ -94,9 +111,8 @@ class Measurement:
     def without(self, frames: str | Iterable[int]) -> Measurement:
         """The same with these frames left out: "12,40-45" or numbers, from 1 in the recording. The others stay as they
         are. Raises InputError: there are no such frames, or no measured one is left."""
-        last = self.first + len(self.time) - 1
-        listed = numbered(frames, "frames to exclude", "video.exclude", self.first, last)
-        left = np.isin(np.arange(self.first, last + 1), listed)
+        listed = numbered(frames, "frames to exclude", "video.exclude", self.first, self.last)
+        left = np.isin(np.arange(self.first, self.last + 1), listed)
         arrays = {name: array for name, array in vars(self.track).items() if isinstance(array, np.ndarray)}
         out = {name: np.where(left, "excluded" if name == "flags" else np.nan, each) for name, each in arrays.items()}
         track: Track = replace(self.track, **out)  # type: ignore[arg-type]
@@ -152,25 +168,26 @@ def measure(
     counted = whole.frame_rate, "the camera's header"
     if whole.time is not None:
         counted = float(1.0 / np.median(np.diff(whole.time))), "the camera's time stamps"
-    by_camera = {
-        "frames per second": (frame_rate, *counted),
-        "seconds of exposure": (exposure, whole.exposure, "the camera's header"),
-        "um per pixel": (um_per_px, whole.um_per_px, "the resolution stored by ImageJ"),
-    }
-    rate, shutter, scale = starmap(_stated, by_camera.values())
-    differ = [
-        Message("check_input.camera_differs", {"given": stated, "what": what, "origin": origin, "value": value})
-        for what, (stated, value, origin) in by_camera.items()
-        if stated and value and abs(stated / value - 1.0) > _DIFFERS
-    ]
+    warnings, numbers = [*whole.warnings], list[StatedNumber]()
+    for what, stated, value, origin in (
+        ("frames per second", frame_rate, *counted),
+        ("seconds of exposure", exposure, whole.exposure, "the camera's header"),
+        ("um per pixel", um_per_px, whole.um_per_px, "the resolution stored by ImageJ"),
+    ):
+        if stated and value and abs(stated / value - 1.0) > _DIFFERS:
+            differ = {"given": stated, "what": what, "origin": origin, "value": value}
+            warnings.append(Message("check_input.camera_differs", differ))
+        by_file = StatedNumber(value=value, origin=origin) if value else StatedNumber()
+        numbers.append(by_file if stated is None else StatedNumber(value=stated, origin="the user"))
+    rate, shutter, scale = numbers
     if rate.value is None:
         raise InputError(_NO_RATE, "video.frame_rate")
     FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
     count, height, width = whole.frames.shape
     time = np.arange(count) / rate.value if whole.time is None or frame_rate else whole.time
     first, last = span or (1, count)
-    footage, region = whole.part(first, last), roi or (0, 0, width, height)
-    footage = replace(footage, frames=_region(footage.frames, region))
+    region = roi or (0, 0, width, height)
+    footage = _part(whole, first, last, region)
     fine = reference_frame is None or first <= reference_frame <= last
     require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
     between = float(np.median(np.diff(time)))
@@ -186,27 +203,131 @@ def measure(
         "reference_frame": reference_frame,
         "frames_without_bubble": stage.empty,
     }
-    warnings = [*whole.warnings, *differ]
     measured = int(np.isfinite(track.radius).sum())
     if track.twins >= _TWINS * measured:
         warnings.append(Message("check_input.two_bubbles", {"frames": track.twins, "measured": measured}))
     if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT:
         warnings.append(Message("check_input.overexposed"))
-    numbers = time[first - 1 : last], rate, scale, shutter
-    measurement = Measurement(track, footage, *numbers, options, tuple(warnings), first, region[:2])
+    time, corner = time[first - 1 : last], region[:2]
+    measurement = Measurement(track, footage, time, rate, scale, shutter, options, tuple(warnings), first, corner)
     return measurement if exclude is None else measurement.without(exclude)
 
 
-def _stated(stated: float | None, value: float | None, origin: str) -> StatedNumber:
-    """The number that counts, the user's before the camera's."""
-    if stated is not None:
-        return StatedNumber(value=stated, origin="the user")
-    return StatedNumber(value=value, origin=origin) if value else StatedNumber()
-
-
-def _region(images: frames.Pixels, roi: tuple[int, int, int, int]) -> frames.Pixels:
-    (x, y, width, height), (high, wide) = roi, images.shape[1:]
+def _part(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int]) -> Footage:
+    """A region of the frames `first` to `last`, counted from 1."""
+    (x, y, width, height), (count, high, wide) = roi, whole.frames.shape
+    message = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
+    require(1 <= first < last <= count, message, "video.frames")
     inside = min(x, y) >= 0 and min(width, height) >= 16 and x + width <= wide and y + height <= high
     message = f"region {x},{y},{width},{height} of frames of {wide} x {high} pixels"
     require(inside, f"{message}; give x,y,width,height within them, at least 16 x 16", "video.roi")
-    return images[:, y : y + height, x : x + width]
+    chosen = slice(first - 1, last)
+    frames = whole.frames[chosen, y : y + height, x : x + width]
+    return replace(whole, frames=frames, time=None, damaged=whole.damaged[chosen])
+
+
+class Measured(Document):
+    """What was found in a recording, and where every number came from.
+
+    Attributes:
+        name: of the recording.
+        source: the file, as it was given.
+        source_sha256: its SHA-256.
+        width: of a frame, pixels.
+        height: of a frame, pixels.
+        bits: of a pixel.
+        frame_rate_hz: frames per second.
+        um_per_px: micrometres per pixel.
+        exposure_s: of a frame, s.
+        measured_with: the settings.
+        optics_sigma_px: standard deviation of the blur at rest, pixels.
+        flags: frames with each flag.
+        max_radius_px: largest radius of a frame, pixels.
+        max_radius_m: R_max, m; null where there is no scale, or no maximum.
+        time_of_max_s: time of R_max, s from the first frame; null as `max_radius_m`.
+        collapse_times_s: times of the collapses, s from the first frame.
+        unusable: why there is no R_max; else empty.
+        warnings: about the recording and its settings.
+        columns: of measured.csv, with what each holds.
+    """
+
+    kind: Literal["measure"] = "measure"
+    name: str
+    source: str
+    source_sha256: str | None
+    width: int
+    height: int
+    bits: int
+    frame_rate_hz: StatedNumber
+    um_per_px: StatedNumber
+    exposure_s: StatedNumber
+    measured_with: dict[str, Any]
+    optics_sigma_px: Finite
+    flags: dict[str, int]
+    max_radius_px: Finite
+    max_radius_m: Finite = None
+    time_of_max_s: Finite = None
+    collapse_times_s: list[float] = []
+    unusable: str = ""
+    warnings: list[str]
+    columns: dict[str, str] = COLUMNS
+
+
+def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:
+    """The document of a measurement; `warnings`: of the curve in its medium."""
+    try:
+        head |= {"max_radius_m": curve.max_radius, "time_of_max_s": curve.time_of_max}
+        head["collapse_times_s"] = curve.collapse_times().tolist()
+    except InputError as error:
+        head["unusable"] = str(error)
+    footage, track = measurement.recording, measurement.track
+    return Measured(
+        **head,
+        name=curve.name,
+        source=curve.source,
+        source_sha256=curve.source_sha256,
+        width=footage.frames.shape[2],
+        height=footage.frames.shape[1],
+        bits=8 * footage.frames.dtype.itemsize,
+        frame_rate_hz=measurement.frame_rate,
+        um_per_px=measurement.um_per_px,
+        exposure_s=measurement.exposure,
+        measured_with=measurement.options,
+        optics_sigma_px=track.optics,
+        flags=measurement.counts,
+        max_radius_px=float(np.nanmax(track.radius)),
+        warnings=warnings,
+    )
+
+
+def write_csv(path: Path, measurement: Measurement) -> None:
+    """A row per frame; radii in pixels (radius_px, ...) where there is no scale."""
+    track, scale, (left, top) = measurement.track, measurement.um_per_px.value, measurement.corner
+    names = list(COLUMNS) if scale else [name.replace("_um", "_px") for name in COLUMNS]
+    lengths = [(scale or 1.0) * values for values in (track.radius, track.sigma, track.systematic)]
+    columns = (*lengths, track.x + left, track.y + top, track.asphericity, track.width, track.arc)
+    numbers = ([f"{value:.6g}" if np.isfinite(value) else "" for value in values] for values in columns)
+    times = [f"{time:.10g}" for time in 1e6 * measurement.time]
+    rows = zip(times, *numbers, track.flags, range(measurement.first, measurement.first + len(times)), strict=True)
+    document.write_rows(path, names, (dict(zip(names, row, strict=True)) for row in rows))
+
+
+def print_table(record: Measured) -> None:
+    """Frames by flag, the maximum, where rate and scale are from, and the input warnings."""
+    console = terminal.console()
+    frames = sum(record.flags.values())
+    size = f"{record.width} x {record.height} pixels, {record.bits} bits"
+    console.print(f"{record.name}: {frames} frames of {size}")
+    table = terminal.table("flag", ["frames"], left=["meaning"])
+    for flag, count in record.flags.items():
+        table.add_row(flag, str(count), FLAGS[flag])
+    console.print(table)
+    top = f"R_max {record.max_radius_px:.2f} px" if record.max_radius_px else "no R_max"
+    if record.max_radius_m:
+        top += f", {1e6 * record.max_radius_m:.2f} um; {len(record.collapse_times_s)} collapses"
+    console.print(top)
+    for what, number in (("frames per second", record.frame_rate_hz), ("um per pixel", record.um_per_px)):
+        console.print(f"{what}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
+    terminal.print_warnings(console, ((record.name, warning) for warning in record.warnings))
+    notes = [note for note in (record.unusable, *record.notes) if note]
+    terminal.print_remarks(console, terminal.by_message((record.name, note) for note in notes))

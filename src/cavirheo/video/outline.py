@@ -207,8 +207,7 @@ def _crossings(along: NDArray[np.floating], away: Floats, level: float) -> Float
 def _lag(
     along: NDArray[np.floating], away: Floats, wall: Floats, outside_level: float, contrast: float, distance: float
 ) -> Floats:
-    """(rays,) by how much the mean of the wall over the exposure is beyond its half level: all that the profile covers
-    within `distance` of it, which motion and optics do not change."""
+    """(rays,) how far the wall's mean over the exposure is beyond its half level: from all that the profile covers."""
     within = np.abs(away - wall[:, None]) <= distance
     begin = away[within.argmax(1)] - _STEP / 2
     covered = np.where(within, (along - outside_level) / contrast, 0.0).sum(1) * _STEP

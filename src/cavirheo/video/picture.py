@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor, ImageDraw
 
-from cavirheo.video.film import write_movie
+from cavirheo.video import write_movie
 from cavirheo.video.measurement import Measurement
 
 COLOURS = {  # Okabe and Ito's; what is not named is grey
@@ -53,18 +53,14 @@ def save_sheet(path: Path, sheet: Image.Image) -> None:
     sheet.quantize(palette=palette, dither=Image.Dither.NONE).save(path, "png", optimize=True)
 
 
-def sheet_address(measurement: Measurement) -> str:
-    """The sheet itself, as an address that a page can show."""
-    return _address(contact_sheet(measurement), 60)
-
-
 def frame_address(measurement: Measurement, i: int, across: int) -> str:
-    """Frame i with its circle, about so many px across, as such an address."""
+    """Frame i with its circle, about so many px across, as an address."""
     scale = min(across / measurement.recording.frames.shape[2], _LARGEST)
-    return _address(frame_picture(measurement, i, scale, shown_levels(measurement)), 80)
+    return address(_frame(measurement, i, scale, _levels(measurement)), 80)
 
 
-def _address(picture: Image.Image, quality: int) -> str:
+def address(picture: Image.Image, quality: int = 60) -> str:
+    """A picture itself (JPEG), as an address that a page can show."""
     file = io.BytesIO()
     picture.save(file, "jpeg", quality=quality)
     return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
@@ -74,13 +70,13 @@ def write_overlay(path: Path, measurement: Measurement) -> None:
     """The recording as a film (H.264), every frame with its circle."""
     scale = max(1.0, _FILM / measurement.recording.frames.shape[2])
     film = (np.asarray(picture) for picture in _pictures(measurement, scale, np.arange(len(measurement.time))))
-    write_movie(path, film, "rgb24", "libx264", "yuv420p", {"crf": "20"})
+    write_movie(path, film, 20)
 
 
 def _pictures(measurement: Measurement, scale: float, chosen: np.ndarray) -> Iterator[Image.Image]:
-    levels = shown_levels(measurement)
+    levels = _levels(measurement)
     for i in chosen:
-        picture = frame_picture(measurement, int(i), scale, levels)
+        picture = _frame(measurement, int(i), scale, levels)
         flag, radius = str(measurement.track.flags[i]), measurement.track.radius[i]
         words = f"{measurement.first + i} {flag}" + (f" {radius:.1f}" if np.isfinite(radius) else "")
         labelled = Image.new("RGB", (picture.width, picture.height + 13), "#222222")
@@ -89,7 +85,7 @@ def _pictures(measurement: Measurement, scale: float, chosen: np.ndarray) -> Ite
         yield labelled
 
 
-def shown_levels(measurement: Measurement) -> tuple[float, float]:
+def _levels(measurement: Measurement) -> tuple[float, float]:
     """The pixel values that are shown as black and nearly white."""
     images = measurement.recording.frames
     usual = np.flatnonzero(np.isin(measurement.track.flags, ("flash", "dark"), invert=True))
@@ -98,14 +94,13 @@ def shown_levels(measurement: Measurement) -> tuple[float, float]:
     return float(low), max(float(high), float(low) + 1.0)
 
 
-def frame_picture(measurement: Measurement, i: int, scale: float, levels: tuple[float, float]) -> Image.Image:
+def _frame(measurement: Measurement, i: int, scale: float, levels: tuple[float, float]) -> Image.Image:
     """Frame i with its circle, in the colour of its flag; with a border of it where there is no radius."""
     image, (low, high) = measurement.recording.frames[i].astype(np.float32), levels
     grey = Image.fromarray(np.clip((image - low) * (235.0 / (high - low)), 0, 255).astype(np.uint8))
     size = int(grey.width * scale), int(grey.height * scale)
-    picture = grey.resize(size, Image.Resampling.BILINEAR).convert("RGB")
-    draw, colour = ImageDraw.Draw(picture), COLOURS.get(str(measurement.track.flags[i]), GREY)
-    track = measurement.track
+    picture, track = grey.resize(size, Image.Resampling.BILINEAR).convert("RGB"), measurement.track
+    draw, colour = ImageDraw.Draw(picture), COLOURS.get(str(track.flags[i]), GREY)
     x, y, r = scale * float(track.x[i] + 0.5), scale * float(track.y[i] + 0.5), scale * float(track.radius[i])
     if np.isfinite(r):
         box = [floor(end) for end in (x - r, y - r, x + r, y + r)]

@@ -109,8 +109,7 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
 
 
 def _gain(frame: Pixels, reference: Image, pixels: Bools, depth: float | None = None) -> float:
-    """Brightness of a frame over that of the background, by the middle of the pixels that are seen; of these that the
-    bubble may cover only those that are nearer to light than to dark."""
+    """Brightness of a frame over that of the background: the median of pixels, with `depth` of those near the light."""
     chosen = pixels[::3, ::3]
     ratio = frame[::3, ::3][chosen] / reference[::3, ::3][chosen]
     if depth is not None and ratio.size:
@@ -136,8 +135,7 @@ def _kinds(small: Image, recording: Footage) -> tuple[NDArray[np.str_], Floats]:
 def _first_background(
     frames: Pixels, normal: Indices, gain: Floats, empty: Indices, swing: float, usual: float
 ) -> Image:
-    """The mean of the frames without a bubble; without them the bright side of each pixel, and where the bubble never
-    goes away a smooth surface. swing: by how much a bubble darkens a pixel."""
+    """The mean of frames without a bubble; or else the bright side of each pixel, and a surface where it is covered."""
 
     def light(chosen: Indices) -> Image:
         return np.stack([frames[i] / np.float32(gain[i]) for i in chosen])

@@ -242,11 +242,8 @@ def _reversals(radius: Floats, exposure: float) -> list[int]:
 
 
 def _turn(radius: Floats, measured: list[int], k: int) -> float:
-    """When the wall turns near the smallest radius, that of frame measured[k], in frames.
-
-    Between the lowest point of the parabola through three frames, which a gentle turn has, and where the branches of
-    R^(5/2) meet, which in a collapse are straight.
-    """
+    """When (in frames) the wall turns near frame measured[k], the smallest: between the lowest point of the parabola
+    through three frames (a gentle turn) and where the branches of R^(5/2) meet (straight in a collapse)."""
     before, i, after = measured[k - 1 : k + 2]
     falls, rises = (radius[before] - radius[i]) / (i - before), (radius[after] - radius[i]) / (after - i)
     lowest = i + 0.5 * (falls - rises) / max(falls + rises, 1e-9)
