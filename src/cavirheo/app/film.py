@@ -20,9 +20,9 @@ from cavirheo.errors import InputError, require
 from cavirheo.io.shots import with_maximum_notes
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.io.videos import Camera, history, parse_camera
-from cavirheo.reporting.input_remarks import notes, summary_cells, warnings
 from cavirheo.reporting.panels import Axis, Layer, Panel
-from cavirheo.reporting.svg import curve_svg
+from cavirheo.reporting.pictures import curve_svg
+from cavirheo.reporting.table import curve_warnings, notes, summary_cells
 from cavirheo.video.measurement import Measurement
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
@@ -138,7 +138,7 @@ def summary(film: Clip) -> str:
         return words.part("film", (), {}, {}, "")
     radii = curve(film)
     cut = f"{film.measurement.cut}: the radius rests on that part alone" * bool(film.measurement.cut)
-    texts = [cut, *(text for _, text in warnings([radii]))]
+    texts = [cut, *(text for _, text in curve_warnings([radii]))]
     by_text = by_message((film.path.name, words.for_page(text)) for text in texts)
     state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
     return words.part("film", summary_cells(radii), by_text, notes([radii]), state)

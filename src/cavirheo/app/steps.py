@@ -26,8 +26,8 @@ from cavirheo.io.subprocess_reader import Report
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import file_names, result, write_report
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.input_remarks import unexplained
 from cavirheo.reporting.record import Pairs
+from cavirheo.reporting.table import unexplained
 from cavirheo.workflow.analyse import of_file
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST

@@ -16,10 +16,10 @@ from cavirheo.inference.what_if import band, compared_window
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
-from cavirheo.reporting.input_remarks import causes, notes, pooled, summary_cells, warnings
 from cavirheo.reporting.panels import curve_panels, overview_panels, preview_panels
+from cavirheo.reporting.pictures import curve_svg, overlay_svg
 from cavirheo.reporting.record import result_of
-from cavirheo.reporting.svg import curve_svg, overlay_svg
+from cavirheo.reporting.table import causes, curve_warnings, notes, pooled, summary_cells
 from cavirheo.video.picture import COLOURS
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import by_message
@@ -174,7 +174,7 @@ def warned(session: Session) -> str:
 
 
 def _warnings_for_page(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    return by_message((name, for_page(text)) for name, text in warnings(curves))
+    return by_message((name, for_page(text)) for name, text in curve_warnings(curves))
 
 
 def prepared(curve: RadiusCurve, settings: PageSettings) -> str:

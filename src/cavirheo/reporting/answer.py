@@ -312,7 +312,7 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
 
 
 def _model_record(answer: OtherAnswer) -> OtherModel:
-    names = dict.fromkeys((*answer.intervals, *(name for name in BUBBLE if answer.best.get(name))))
+    names = (*answer.intervals, *(name for name in BUBBLE if answer.best.get(name)))
     values = {name: Quantity(median=finite(answer.best.get(name))) for name in names}
     for name, (low, median, high) in answer.intervals.items():
         if np.all(np.isfinite((low, median, high))):
@@ -353,15 +353,11 @@ def evidence(model: OtherModel) -> float:
 
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
-    """The law's that some of these have, G and the viscosity first; a reference viscosity only where it is not the
-    viscosity at that rate."""
-    names = dict.fromkeys(
-        ["shear_modulus", "viscosity", *(name for record in records for name in record.other_parameters)]
-    )
+    """The law's that some of these have, G and µ first; a reference viscosity where it is not that at this rate."""
+    names = dict.fromkeys([*KEYS, *(name for record in records for name in record.other_parameters)])
     inferred = [name for name in names if any(record.value(name).median is not None for record in records)]
-    return [
-        name for name in inferred if of_the_law(name) and (name != "reference_viscosity" or "yield_stress" in inferred)
-    ]
+    excluded = () if "yield_stress" in inferred else ("reference_viscosity",)
+    return [name for name in inferred if of_the_law(name) and name not in excluded]
 
 
 def _measured(curve: RadiusCurve, name: str) -> float | None:

@@ -50,8 +50,6 @@ class Slope(Quantity):
 
     Attributes:
         median: over all pairs of shots.
-        q05: lower end of its 90 % interval.
-        q95: its upper end.
         n: shots that it is over.
         n_trusted: how many of them are trusted (`TRUSTED` of cavirheo.posterior).
     """
@@ -188,8 +186,7 @@ class GroupRecord(Record, ParameterValues[Spread]):
 
     @property
     def remarks(self) -> list[str]:
-        """On the models that are mixed, on the slopes of the answers, on the scale that G rests on, and on what each
-        other model answers."""
+        """On models that are mixed, on slopes, on the scale that G rests on, and on what each other model answers."""
         lines = [self.warning] if self.warning and not self.material else []
         if len(self.models) > 1:
             models = ", ".join(f"{count} {model}" for model, count in self.models.items())
@@ -320,13 +317,11 @@ def in_words(slopes: dict[str, Slope]) -> str:
 
 
 def group_of(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
-    """The material, the mean of each parameter over the trusted curves that determine it, their slopes, and how many
-    have which verdict."""
+    """The record of a group of these rows and of their material."""
     trusted, followed = [record for record in members if record.trusted], sloped(members)
     n = sum(record.has_answer for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
     firm = [record.diagnostics.modulus_over_scale for record in trusted if record.determined("shear_modulus")]
-    slopes_of_scale = [change for change in firm if change is not None]
     return GroupRecord(
         name=name,
         n=n,
@@ -339,13 +334,12 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         slopes=slopes(followed, followed),
         other_models=_other_models(trusted, followed),
         population=population,
-        modulus_over_scale=float(np.median(slopes_of_scale)) if slopes_of_scale else None,
+        modulus_over_scale=spread_of(firm).median,
     )
 
 
 def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> list[GroupModel]:
-    """Of each model that a trusted shot has besides its answer, of each shot the mode with the largest evidence; the
-    slopes are over those that are followed."""
+    """Of each model that a trusted shot has besides its answer; the slopes are over the shots of `followed`."""
     alternatives = [(record, _by_model(record.other_models)) for record in trusted]
     of_followed = [_by_model(record.other_models) for record in followed]
     first_answers = _by_model(answer for _, models in alternatives for answer in models.values())

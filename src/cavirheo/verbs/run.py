@@ -21,11 +21,10 @@ from typer.core import TyperCommand
 from cavirheo.errors import InputError, require
 from cavirheo.verbs.options import Verb
 from cavirheo.writing import terminal
-from cavirheo.writing.claim import Claim, claimed, current
 
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
-    from cavirheo.writing.document import Document, Outputs
+    from cavirheo.writing.document import Claim, Document, Outputs
 
 # options that change no answer
 _SHOWING = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
@@ -70,12 +69,13 @@ class Run:
         """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""
         from cavirheo.files import sha256
         from cavirheo.io.files import expand
+        from cavirheo.writing.document import CLAIM
 
         files: list[Path] = []
         for pattern in patterns:
             try:
                 files += expand([pattern], self.say)
-                if str(pattern) == "-" and (claim := current()):
+                if str(pattern) == "-" and (claim := CLAIM.get()):
                     claim.inputs.append(sha256(files[-1]))
             except InputError as error:
                 self.refuse([str(error)])
@@ -144,6 +144,8 @@ class Command(TyperCommand):
         try:
             verb = super().invoke(ctx)
             if isinstance(verb, Verb):
+                from cavirheo.writing.document import claimed
+
                 with claimed(_claim(verb)):
                     verb(Run(json=getattr(verb, "json", False), quiet=verb.quiet))
         except KeyboardInterrupt:
@@ -179,6 +181,8 @@ class Command(TyperCommand):
 
 def _claim(verb: Verb) -> Claim:
     """The same for two calls that ask for the same answers, from whichever folder."""
+    from cavirheo.writing.document import Claim
+
     options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
     request = json.loads(json.dumps(options, default=os.path.realpath))
     return Claim(command_line(), {"verb": type(verb).__name__, **request}, verb.replace)
