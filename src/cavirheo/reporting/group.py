@@ -1,8 +1,7 @@
 """The shots of one file or folder: their means, and whether a constant of the material changes with the bubble's size.
 
-The slope d ln(value)/d ln R_max is the median of the slopes of all pairs of shots, its 90 % interval that of Kendall's
-rank correlation (Sen 1968, doi:10.1080/01621459.1968.10480934): nothing is assumed of the scatter but that it is the
-same at all sizes, and a few shots in a false mode do not move it.
+The slope d ln(value)/d ln R_max is that of Theil and Sen (Sen 1968, doi:10.1080/01621459.1968.10480934): nothing is
+assumed of the scatter but that it is the same at all sizes, and a few shots in a false mode do not move it.
 """
 
 from __future__ import annotations
@@ -169,12 +168,10 @@ class GroupRecord(Record, ParameterValues[Spread]):
     def add_published(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
         """Add values of other methods, and the errors of all methods to those of the references."""
         self.published |= {method: dict(values) for method, values in published.items()}
-        for reference in references:
-            if not (of_reference := self.published.get(reference)):
-                continue
-            self.errors[reference] = {}
+        for reference in [name for name in references if self.published.get(name)]:
+            expected, self.errors[reference] = self.published[reference], {}
             for method, values in self.by_method.items():
-                errors = {name: error_of(value, of_reference.get(name, Spread())) for name, value in values.items()}
+                errors = {name: error_of(value, expected.get(name, Spread())) for name, value in values.items()}
                 finite_errors = {name: error for name, error in errors.items() if error is not None}
                 if finite_errors and method != reference:
                     self.errors[reference][method] = finite_errors
@@ -293,8 +290,8 @@ def slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str,
 
 
 def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
-    """Median slope of all pairs, and the ends of its 90 % interval (Sen 1968); x and y: (n,). As theilslopes of
-    scipy.stats, which takes 20 MB and half a second to load."""
+    """Median slope of all pairs, and the ends of its 90 % interval, that of Kendall's rank correlation; x and y: (n,).
+    As theilslopes of scipy.stats, which takes 20 MB and half a second to load."""
     from scipy.special import ndtri
 
     across = np.subtract.outer(x, x)
@@ -342,9 +339,8 @@ def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> li
     """Of each model that a trusted shot has besides its answer; the slopes are over the shots of `followed`."""
     alternatives = [(record, _by_model(record.other_models)) for record in trusted]
     of_followed = [_by_model(record.other_models) for record in followed]
-    first_answers = _by_model(answer for _, models in alternatives for answer in models.values())
     summaries = []
-    for model, first in first_answers.items():
+    for model, first in _by_model(answer for _, models in alternatives for answer in models.values()).items():
         if {record.model for record in trusted} == {model}:  # another mode of the model itself
             continue
         pairs = [(record, models[model]) for record, models in alternatives if model in models]
@@ -352,18 +348,17 @@ def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> li
         logs = [(answer.log_evidence, record.evidence) for record, answer in pairs]
         gains = [log - evidence.log for log, evidence in logs if log is not None and evidence is not None]
         complete = all(model in models for models in of_followed)
-        summaries.append(
-            GroupModel(
-                material=first.material,
-                bubble=first.bubble.name,
-                n=len(pairs),
-                shear_modulus_Pa=spread_over(answers, "shear_modulus"),
-                viscosity_Pa_s=spread_of([answer.viscosity.determined for answer in answers]),
-                log_evidence=float(np.sum(gains)) if gains else None,
-                weight=float(np.mean([answer.weight for answer in answers])),
-                slopes=slopes(followed, [models[model] for models in of_followed]) if complete else {},
-            )
+        summary = GroupModel(
+            material=first.material,
+            bubble=first.bubble.name,
+            n=len(pairs),
+            shear_modulus_Pa=spread_over(answers, "shear_modulus"),
+            viscosity_Pa_s=spread_of([answer.viscosity.determined for answer in answers]),
+            log_evidence=float(np.sum(gains)) if gains else None,
+            weight=float(np.mean([answer.weight for answer in answers])),
+            slopes=slopes(followed, [models[model] for models in of_followed]) if complete else {},
         )
+        summaries.append(summary)
     return summaries
 
 

@@ -46,11 +46,9 @@ def write(
     group_pictures: Sequence[str] = (),
     sheets: Sequence[str] = (),
 ) -> None:
-    """The page of a result, curve by curve; `pictures`: SVG of each curve, or in plain words why there is none.
-
-    `group_pictures`: those that stand before the curves. `sheets`: of each curve all frames of its recording, or "".
-    What is the same for all curves is said once; of more than DETAILED curves each has its row, message and picture.
-    """
+    """The page of a result: before the curves `group_pictures`, of each curve its picture (SVG, or in plain words why
+    there is none) and its sheet (all frames of its recording, or ""). What is the same for all curves is said once; of
+    more than DETAILED curves each has its row, message and picture."""
     curves = result.curves
     answers = [curve for curve in curves if curve.has_answer]
     facts = [
@@ -103,12 +101,9 @@ def live_page(
     answer: Posterior | None = None,
     half_width: float = HALF_WIDTH,
 ) -> str:
-    """The page for the wall at the bench: the latest shot, the material so far, and how many shots are still needed. It
-    loads itself anew every two seconds, without a script.
-
-    Without a result it waits for the first. latest: index of the shot that is shown large, with its curve and answer.
-    half_width: that of the 90 % interval over the value, by which shots that are still needed are counted.
-    """
+    """The page for the wall at the bench: the latest shot (its index, curve and answer), the material so far, and how
+    many shots are still needed until the 90 % interval is +- `half_width` of the value. It loads itself anew every two
+    seconds, without a script; without a result it waits for the first."""
     result = result or Result(command="", curves=[], groups=[])
     group, members = next((row for row in result.members() if latest in row[1]), (None, []))
     record, picture = result.curves[latest] if group else None, ""

@@ -111,11 +111,9 @@ def curve_panels(
 ) -> list[Panel]:
     """The radius, measured and simulated, then what is left between, if anything was compared.
 
-    checks: what was found when its answer was simulated; a failed one leaves the measured points alone. simulated_as:
-    the name of the line. fit and what_if: the simulations of a conventional fit and of other values. draws: the band in
-    which those of the draws run: times (s), lower and upper radius (m). Raises ValueError: times and values of a line
-    are not as many.
-    """
+    checks: of its answer; failed ones leave the measured points alone. simulated_as: the name of the line. fit and
+    what_if: the simulations of a conventional fit and of other values. draws: the band in which those of the draws run:
+    times (s), lower and upper radius (m). Raises ValueError: times and values of a line are not as many."""
     has_answer = checks.verdict != "failed"
     checks = checks if has_answer else Checks("failed")
     units, rmse = _Units.of(curve), 100.0 * (checks.rmse_over_rmax or 0.0)
@@ -261,8 +259,8 @@ def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> l
 
 
 def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float = np.inf, *, scaled: bool) -> Panel:
-    """The curves over each other, darker where R_max is smaller. units: of the time of each curve, s. scaled: radii
-    over R_max (else µm), and times (t*) from shortly before R_max to `end`."""
+    """The curves over each other. units: of the time of each, s. scaled: radii over R_max (else µm), times (t*) to
+    `end`."""
     sizes = np.array([curve.max_radius for curve in curves])
     layers = []
     for curve, unit, size, tone in zip(curves, units, sizes, _tones(sizes), strict=True):
@@ -353,8 +351,7 @@ def _ends(values: Sequence[Quantity], factor: float = 1.0) -> Floats:
 
 
 def _around(parts: Sequence[Floats], *, close: bool = False) -> tuple[float, float]:
-    """Limits about all of these positive numbers: from zero where the smallest is far below the largest, else close, so
-    that what differs by little lies apart. close: in any case."""
+    """Limits about these positive numbers: from zero where the smallest is far below the largest, unless `close`."""
     numbers = np.concatenate([np.ravel(part) for part in parts])
     numbers = numbers[np.isfinite(numbers)]
     if not len(numbers) or numbers.max() <= 0.0:

@@ -162,8 +162,7 @@ class Frame:
         return "".join(f"M{across} {down}v{-7 * PX}" for across, down in zip(*self.place(x, y), strict=True))
 
     def _thinned(self, x: Floats, y: Floats, most: int) -> np.ndarray:
-        """Indices of at most about so many points, equally far from each other along a line, and of its turning points,
-        so that a collapse stays sharp."""
+        """Indices of about `most` points, equally far along a line, and of its turns: a collapse stays sharp."""
         if len(x) <= most:
             return np.arange(len(x))
         steps = np.hypot(np.diff(x / (self.x.high - self.x.low)), np.diff(y / (self.y.high - self.y.low)))
@@ -175,10 +174,7 @@ class Frame:
 
 def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS) -> Markup:
     """The picture of a curve: measured points, the simulation over them, and below what is left between, with a band of
-    ± RMSE. Without an answer it says so.
-
-    width and height: px; type keeps its size. points: about so many are drawn.
-    """
+    ± RMSE. width and height: px; type keeps its size. points: about so many are drawn."""
     radius, *residual = panels
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
     key = _key(radius, without="outside" if width < WIDTH else "")  # there is no room
@@ -265,10 +261,8 @@ def file_names(names: Sequence[str]) -> list[str]:
 def write_figures(
     folder: Outputs, pairs: Pairs, document: Result, figures: Sequence[str], advance: Callable[[], None] | None = None
 ) -> list[str]:
-    """Write the figures of all curves and groups; return the reasons of those that failed. advance: called after each.
-
-    There is no figure of a curve without an answer, and none of a group of a single answer.
-    """
+    """Write the figures of all curves with an answer and groups of several; return the reasons of those that failed.
+    advance: called after each."""
     if not style.available():
         return [style.NO_PICTURES]
     rows, failed = document.curves, list[str]()

@@ -378,11 +378,9 @@ class Outputs:
 
 
 def try_to_draw(name: str, failed: list[str], draw: Callable[..., Picture], *content: Any) -> Picture | None:
-    """`draw(*content)`, of a picture or its file: where it cannot be drawn None, `failed` has a sentence more, and the
-    run goes on.
+    """`draw(*content)`, of a picture or its file: where it cannot be drawn None, and `failed` has a sentence more.
 
-    Raises InputError of `Outputs`: the folder cannot be written, or a file of the user's would be replaced.
-    """
+    Raises InputError of `Outputs`: the folder cannot be written, or a file of the user's would be replaced."""
     try:
         with np.errstate(all="ignore"):  # of numbers near the largest there is
             return draw(*content)
@@ -429,10 +427,6 @@ def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str
     (`files.as_cell`). remark: a line above them, after "# "."""
     with Path(path).open("w", newline="", encoding="utf-8") as file:
         file.write(f"# {as_remark(printable(remark))}\n" if remark else "")
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(map(_cell, head))
-        writer.writerows([_cell(row.get(key)) for key in head] for row in rows)
-
-
-def _cell(value: Any) -> Any:
-    return as_cell(digits.printable(value)) if isinstance(value, str) else _printable(value)
+        for cells in (head, *([row.get(key) for key in head] for row in rows)):
+            texts = [as_cell(cell) if isinstance(cell, str) else cell for cell in map(_printable, cells)]
+            csv.writer(file, lineterminator="\n").writerow(texts)
