@@ -9,7 +9,7 @@ its caption.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any
@@ -74,56 +74,54 @@ _LOOKS: dict[str, dict[str, Any]] = {  # of the layers of a panel; one without i
 
 @dataclass(frozen=True)
 class Frame:
-    """Axes in a box of a picture: where points lie, and the paths of layers. box: left, top, width and height."""
+    """A panel in a box of a picture: where points lie, and the paths of layers. box: left, top, width and height."""
 
+    panel: Panel
     box: tuple[int, int, int, int]
-    x: Axis
-    y: Axis
 
-    def place(self, x: Any, y: Any) -> tuple[np.ndarray, np.ndarray]:
-        """In whole units of the picture."""
-        left, top, width, height = self.box
-        across = left + width * (np.asarray(x, dtype=float) - self.x.low) / (self.x.high - self.x.low)
-        down = top + height * (self.y.high - np.asarray(y, dtype=float)) / (self.y.high - self.y.low)
+    def place(self, x: Any, y: Any, axis: Axis | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """In whole units of the picture. axis: along which x is counted, if not that of the panel."""
+        (left, top, width, height), along, up = self.box, axis or self.panel.x, self.panel.y
+        across = left + width * (np.asarray(x, dtype=float) - along.low) / (along.high - along.low)
+        down = top + height * (up.high - np.asarray(y, dtype=float)) / (up.high - up.low)
         return np.rint(across).astype(int), np.rint(down).astype(int)
 
-    def axes(self, second: Axis | None, *, along: bool) -> tuple[str, list[Word], list[Word]]:
-        """The path of the axes, their ticks and names; second: an axis along the top. along: with ticks of `x`."""
-        left, top, width, height = self.box
+    def axes(self, *, along: bool) -> tuple[str, list[Word], list[Word]]:
+        """The path of the axes, their ticks and names. along: with ticks of `x`."""
+        (left, top, width, height), panel = self.box, self.panel
         right, bottom = left + width, top + height
-        rows, columns = self.y.ticks(max(height // (36 * PX), 4)), self.x.ticks(max(width // (55 * PX), 2))
-        places = self.place(self.x.low, rows)[1]
+        rows, columns = panel.y.ticks(max(height // (36 * PX), 4)), panel.x.ticks(max(width // (55 * PX), 2))
+        places = self.place(panel.x.low, rows)[1]
         path = "".join(f"M{left} {down}h{width}" for down in places) + f"M{left} {top}v{height}h{width}"
         ticks = [("end", left - 5 * PX, down + 4 * PX, f"{n:g}") for down, n in zip(places, rows, strict=True)]
-        names = [("name", 2 * PX, top - 6 * PX, self.y.label)]
+        names = [("name", 2 * PX, top - 6 * PX, panel.y.label)]
         if along:
-            places = self.place(columns, self.y.low)[0]
+            places = self.place(columns, panel.y.low)[0]
             path += "".join(f"M{across} {bottom}v{_TICK}" for across in places)
             ticks += [("middle", x, bottom + 15 * PX, f"{n:g}") for x, n in zip(places, columns, strict=True)]
-            names.append(("name end", right, bottom + 31 * PX, self.x.title))
-        if second:
+            names.append(("name end", right, bottom + 31 * PX, panel.x.title))
+        if second := panel.top:
             columns = second.ticks(max(width // (45 * PX), 2))
-            for across, n in zip(replace(self, x=second).place(columns, self.y.low)[0], columns, strict=True):
+            for across, n in zip(self.place(columns, panel.y.low, second)[0], columns, strict=True):
                 path += f"M{across} {top}v{-_TICK}"
                 if left + 30 * PX < across < right - 25 * PX:  # the ends are those of the axes' names
                     ticks.append(("middle", across, top - 6 * PX, f"{n:g}"))
             names.append(("name end", right, top - 6 * PX, second.label))
         return path, ticks, names
 
-    def paths(self, layer: Layer, points: int) -> list[tuple[str, str, str]]:
-        """(look, path, colour) of a layer. points: of the picture, of which it has its share. Those of one tone, of the
-        few that are told apart, are one path."""
-        most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
-        path: Any = getattr(self, f"_{layer.shape}")
-        tones = style.shades([] if layer.tones is None else np.rint(_TONES * layer.tones) / _TONES)
-        rgb = np.rint(255 * tones).astype(int).tolist()
-        colours = np.array(["#{:02x}{:02x}{:02x}".format(*tone) for tone in rgb] or [""])
-        paths = []
-        for colour in dict.fromkeys(colours.tolist()):
-            some = colours == colour if len(colours) == len(layer.x) else slice(None)
-            if data := path(layer.x[some], layer.y[some], most):
-                paths.append((layer.look, data, colour))
-        return paths
+    def paths(self, points: int) -> Iterator[tuple[str, str, str]]:
+        """(look, path, colour) of each layer. points: of the picture, of which each has its share. Those of one tone,
+        of the few that are told apart, are one path."""
+        for layer in self.panel.layers:
+            most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
+            path: Any = getattr(self, f"_{layer.shape}")
+            tones = style.shades([] if layer.tones is None else np.rint(_TONES * layer.tones) / _TONES)
+            rgb = np.rint(255 * tones).astype(int).tolist()
+            colours = np.array(["#{:02x}{:02x}{:02x}".format(*tone) for tone in rgb] or [""])
+            for colour in dict.fromkeys(colours.tolist()):
+                some = colours == colour if len(colours) == len(layer.x) else slice(None)
+                if data := path(layer.x[some], layer.y[some], most):
+                    yield layer.look, data, colour
 
     def _dots(self, x: Floats, y: Floats, most: int) -> str:
         """A dot for each point, or for every k-th of more than `most`."""
@@ -165,7 +163,8 @@ class Frame:
         """Indices of about `most` points, equally far along a line, and of its turns: a collapse stays sharp."""
         if len(x) <= most:
             return np.arange(len(x))
-        steps = np.hypot(np.diff(x / (self.x.high - self.x.low)), np.diff(y / (self.y.high - self.y.low)))
+        width, height = (axis.high - axis.low for axis in (self.panel.x, self.panel.y))
+        steps = np.hypot(np.diff(x / width), np.diff(y / height))
         along = np.concatenate([[0.0], np.cumsum(steps)])
         even = np.searchsorted(along, np.linspace(0.0, along[-1], most))
         turns = np.flatnonzero(np.diff(np.sign(np.diff(y))) != 0) + 1
@@ -212,13 +211,11 @@ def _picture(
     begin = view[1] - _BELOW - below
     between = _ROW + 4 * PX if below else 0
     boxes = (_LEFT, top, across, inner - below - between), (_LEFT, begin, across, below)
-    frames = [Frame(box, panel.x, panel.y) for panel, box in zip(panels, boxes, strict=False)]  # one, or both
-    parts = [frame.axes(panel.top, along=panel is panels[-1]) for frame, panel in zip(frames, panels, strict=True)]
-    axes, ticks, names = zip(*parts, strict=True)
+    frames = [Frame(panel, box) for panel, box in zip(panels, boxes, strict=False)]  # one, or both
+    axes, ticks, names = zip(*(frame.axes(along=frame is frames[-1]) for frame in frames), strict=True)
     notes = [("residual end", view[0] - _RIGHT, begin - 6 * PX, panel.note) for panel in panels[1:]]
-    layers = [(frame, layer) for frame, panel in zip(frames, panels, strict=True) for layer in panel.layers]
     content = {"axes": axes, "ticks": [*chain(*ticks)], "words": [*chain(*names), *notes], "key": key}
-    content["layers"] = [path for frame, layer in layers for path in frame.paths(layer, points)]
+    content["layers"] = [*chain(*(frame.paths(points) for frame in frames))]
     return Markup(template("picture.svg").render(view=view, label=label, left=_LEFT, row=_ROW - 5 * PX, **content))
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 MOST = 10  # lines on groups and curves below the table, but at least half as many on curves
 FITS = ("least_squares", "laplace")  # methods whose answer is a maximum
-TRUSTED, ALL = f"{OURS}, trusted", f"{OURS}, all"  # how our two means are called where they differ
+OURS_TRUSTED, OURS_ALL = f"{OURS}, trusted", f"{OURS}, all"  # how our two means are called where they differ
 WIDE_SCATTER = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has less
 _WINDOWS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
 _WIDE = 110  # columns; below this an interval stands under its median, and only those of G and mu are shown
@@ -352,8 +352,8 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
 
 
 class ComparedParameter(NamedTuple):
-    """A parameter of a group: name: natural, "" for a group without any. values: by method, ours under TRUSTED (the
-    mean over the trusted shots that determine it) and ALL."""
+    """A parameter of a group (name: natural, "" for a group without any), and its values by method and of ours: of the
+    trusted shots that determine it (OURS_TRUSTED), and of all."""
 
     group: GroupRecord
     shots: Sequence[CurveRecord]
@@ -365,10 +365,10 @@ class ComparedParameter(NamedTuple):
         """What our means are called: one name where all answered shots are trusted, nothing without a recording."""
         if not self.shots or self.name not in (*KEYS, ""):
             return []
-        return [OURS] if self.values[ALL].n == self.values[TRUSTED].n else [TRUSTED, ALL]
+        return [OURS] if self.values[OURS_ALL].n == self.values[OURS_TRUSTED].n else [OURS_TRUSTED, OURS_ALL]
 
     def value(self, method: str) -> Spread:
-        return self.values.get(TRUSTED if method == OURS else method, Spread())
+        return self.values.get(OURS_TRUSTED if method == OURS else method, Spread())
 
     def error(self, reference: str, method: str) -> float | None:
         """|mean - mean of the reference| / mean of the reference."""
@@ -391,7 +391,7 @@ def compared_parameters(result: Result) -> list[ComparedParameter]:
         published = [name for values in group.published.values() for name in values]
         for name in sorted({*inferred, *published}, key=[*KEYS, *published].index) or [""]:
             values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
-            values |= {TRUSTED: group.value(name), ALL: spread_over(answers, name)}
+            values |= {OURS_TRUSTED: group.value(name), OURS_ALL: spread_over(answers, name)}
             rows.append(ComparedParameter(group, shots, name, values))
     return rows
 
@@ -416,8 +416,8 @@ def print_comparison(result: Result) -> None:
     console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
     means = "mean ± standard deviation over the trusted shots that determine it. "
     several = any(len(row.answers) > 1 for row in compared_parameters(result))
-    also = f"{ALL}: over all answered shots, those with an input warning included. "
-    means = f"{TRUSTED}: {means}{also}" if several else means.capitalize()
+    also = f"{OURS_ALL}: over all answered shots, those with an input warning included. "
+    means = f"{OURS_TRUSTED}: {means}{also}" if several else means.capitalize()
     references = " or ".join(_references(result))
     errors = f"Error to {references}: |mean − its mean| / its mean, in %. " if references else ""
     misfits = "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
@@ -455,12 +455,12 @@ def comparison_table(result: Result, *, wide: bool) -> Table:
         middle, low, high = map(digits.percent, row.misfits)
         misfit = middle if middle == digits.MISSING else f"{middle}{' ' if wide else chr(10)}({low}–{high})"
         counts = [*shots, misfit]
-        for method in [method for method in row.values if method not in (TRUSTED, ALL)] + row.answers:
+        for method in [method for method in row.values if method not in (OURS_TRUSTED, OURS_ALL)] + row.answers:
             texts = [*head, method, digits.spread(row.value(method), factor)]
             errors = {to: digits.percent(row.error(to, method)) for to in references if to != method}
             texts += [errors.get(to, "") for to in references]  # no method is its own reference
             ours = method in row.answers
-            table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != ALL else None)
+            table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != OURS_ALL else None)
             head, counts = ["", ""], [] if ours else counts
         before = row.group
         table.add_section()
@@ -470,8 +470,8 @@ def comparison_table(result: Result, *, wide: bool) -> Table:
 def write_comparison(path: Path, result: Result) -> None:
     """One line for each group and parameter, SI, errors as fractions; empty where there is no number."""
     lines, methods = list[dict[str, Any]](), [method for group in result.groups for method in group.published]
-    parts = dict.fromkeys(methods, ("mean", "std")) | dict.fromkeys((TRUSTED, ALL), ("mean", "std", "n"))
-    names = {method: method.replace(", ", "_") if method in (TRUSTED, ALL) else method for method in parts}
+    parts = dict.fromkeys(methods, ("mean", "std")) | dict.fromkeys((OURS_TRUSTED, OURS_ALL), ("mean", "std", "n"))
+    names = {method: method.replace(", ", "_") if method in (OURS_TRUSTED, OURS_ALL) else method for method in parts}
     for row in compared_parameters(result):
         line: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
         for method, name in names.items():
