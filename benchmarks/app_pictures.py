@@ -17,7 +17,7 @@ from cavirheo.app import steps
 from cavirheo.app.server import running
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.panels import answer_panels
-from cavirheo.reporting.svg import curve_svg
+from cavirheo.reporting.pictures import curve_svg
 
 ROOT = Path(__file__).parents[1]
 ANSWER = ROOT / "src" / "cavirheo" / "app" / "examples" / "answer.svg"

@@ -24,11 +24,10 @@ from cavirheo.io import write_csv
 from cavirheo.parallel import Threads, one_blas_thread
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
-from cavirheo.reporting import figures, read_json, write_report
+from cavirheo.reporting import pictures, read_json, write_report
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.store import Store, keep, read_kept
-from cavirheo.writing.claim import LOCK, Claim, claimed
-from cavirheo.writing.document import LIST, Outputs
+from cavirheo.writing.document import LIST, LOCK, Claim, Outputs, claimed
 
 EXAMPLES = ROOT / "examples"
 VERBS = {  # what each writes first, and a call that is complete but for -o
@@ -142,7 +141,7 @@ def test_another_report_or_an_interruption_while_a_page_is_written_leaves_the_ol
     for given in ((solved[:1], "second"), (solved[1:], "first")):
         assert code_of(write_report, tmp_path, *given, ("png",)) == "document.other_run"
     assert contents(tmp_path) == before
-    monkeypatch.setattr(figures, "curve_figure", stopped)
+    monkeypatch.setattr(pictures, "curve_figure", stopped)
     with pytest.raises(KeyboardInterrupt):
         write_report(tmp_path, solved[:1], "second", ("png",), replace=True)
     after = contents(tmp_path)

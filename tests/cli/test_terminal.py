@@ -14,7 +14,7 @@ from cavirheo.companions import collapse_times, rheometer
 from cavirheo.inference.model import card, path_of
 from cavirheo.io import write_csv
 from cavirheo.posterior import WindowAnswer
-from cavirheo.reporting import comparison, laws, result, table, write_report
+from cavirheo.reporting import laws, result, table, write_report
 from cavirheo.reporting.group import PublishedValue
 from cavirheo.training import dataset
 from cavirheo.training.recipe import read_recipe
@@ -46,7 +46,7 @@ TABLES = {
     "infer": (lambda names: result(answers(names, "bdt"), ""), table.print_table),
     "fit": (lambda names: result(answers(names), ""), table.print_table),
     "which-law": (laws_of, laws.print_table),
-    "compare": (of_comparison, comparison.print_comparison),
+    "compare": (of_comparison, table.print_comparison),
     "rheometer": (sweeps_of, rheometer.print_rheometry),
     "collapse-time": (times_of, collapse_times.print_table),
 }

@@ -23,14 +23,13 @@ from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer
 from cavirheo.reporting import group, html, result, table, write_report
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.figures import stems_of
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.panels import answer_panels, group_panels, preview_panels
+from cavirheo.reporting.pictures import stems_of
 from cavirheo.reporting.record import CurveAnswers
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Quantity, Spread
 
-KILOPASCAL = (1e-3, "kPa")
 KINETIC = Bubble("kinetic")
 
 
@@ -292,9 +291,7 @@ def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
 
 
 def panels_of_group(pairs, made):
-    about, members = made.members()[0]
-    shots = [(pairs[i][0], pairs[i][1].checks, made.curves[i]) for i in members if made.curves[i].has_answer]
-    return group_panels(shots, about, KILOPASCAL)
+    return group_panels(pairs, made, *made.members()[0])
 
 
 def test_panels_are_the_measurement_the_simulation_and_the_residual(pairs):

@@ -28,8 +28,8 @@ from cavirheo.io.videos import Camera
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import file_names, result, write_report
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.input_remarks import unexplained
 from cavirheo.reporting.record import Pairs
+from cavirheo.reporting.table import unexplained
 from cavirheo.workflow.analyse import of_file
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST

@@ -18,10 +18,10 @@ from cavirheo.inference.what_if import band, compared_window
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
-from cavirheo.reporting.input_remarks import causes, notes, pooled, summary_cells, warnings
 from cavirheo.reporting.panels import Axis, Layer, Panel, curve_panels, overview_panels, preview_panels
+from cavirheo.reporting.pictures import curve_svg, overlay_svg
 from cavirheo.reporting.record import result_of
-from cavirheo.reporting.svg import curve_svg, overlay_svg
+from cavirheo.reporting.table import causes, curve_warnings, notes, pooled, summary_cells
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
@@ -156,7 +156,9 @@ def film(clip: Clip) -> str:
         return part("film", (), {}, {}, "")
     curve = clip.history()
     cut = f"{clip.measurement.cut}: the radius rests on that part alone" * bool(clip.measurement.cut)
-    by_text = by_message((clip.path.name, for_page(text)) for text in (cut, *(text for _, text in warnings([curve]))))
+    by_text = by_message(
+        (clip.path.name, for_page(text)) for text in (cut, *(text for _, text in curve_warnings([curve])))
+    )
     state = "" if clip.curve is None else "confirmed" if clip.command == clip.options else "changed"
     return part("film", summary_cells(curve), by_text, notes([curve]), state)
 
@@ -214,7 +216,7 @@ def warned(session: Session, **_: Any) -> str:
 
 
 def _warnings_for_page(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    return by_message((name, for_page(text)) for name, text in warnings(curves))
+    return by_message((name, for_page(text)) for name, text in curve_warnings(curves))
 
 
 def prepared(curve: RadiusCurve, settings: PageSettings) -> str:

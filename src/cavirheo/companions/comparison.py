@@ -20,7 +20,6 @@ from cavirheo.parallel import run_in_thread
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import DOCUMENTS, html, outputs, read_json, result, table, write_report
-from cavirheo.reporting import comparison as tables
 from cavirheo.reporting.group import REFERENCES
 from cavirheo.reporting.record import Result
 from cavirheo.workflow.analyse import Unfinished
@@ -154,7 +153,7 @@ def compare(
 
 def _write_table(outputs: Outputs, document: Result) -> None:
     """The comparison, beside result.json."""
-    outputs.write(_TABLE, tables.write_csv, document)
+    outputs.write(_TABLE, table.write_comparison, document)
     outputs.finish()
 
 

@@ -34,7 +34,6 @@ from cavirheo.reporting.material import KEYS, ParameterValues
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
 
-_DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
 _AS_MEASURED = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}  # of which nothing is said
 Unit = tuple[float, str]  # of G: factor from Pa, name
 
@@ -255,15 +254,15 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     """The row of one curve."""
     posterior = _sound(posterior)
     checks, prior = posterior.checks, posterior.stretch_prior
-    names = ("shear_modulus", "viscosity", "stretch", *posterior.parameters)
-    values = {name: posterior.quantity(name) if name in posterior.parameters else Quantity() for name in names}
-    assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in posterior.parameters}
+    values = dict.fromkeys((*KEYS, "stretch"), Quantity())
+    values |= {name: posterior.quantity(name) for name in posterior.parameters}
+    assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in values}
     values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _at_rate(posterior)
     if values["stretch"].median is None:  # not the network's own, but fitted after it or given
         values["stretch"] = Quantity(median=finite(posterior.stretch))
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
-        **{name: getattr(checks, name) for name in _DIFFERENCES},
+        **{name: getattr(checks, name) for name in ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")},
         **{name: getattr(posterior, name) for name in ("material", "method", "bubble", "medium", "evidence")},
         max_radius_m=_measured(curve, "max_radius"),
         time_of_max_s=_measured(curve, "time_of_max"),
@@ -312,7 +311,7 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
 
 
 def _model_record(answer: OtherAnswer) -> OtherModel:
-    names = dict.fromkeys((*answer.intervals, *(name for name in BUBBLE if answer.best.get(name))))
+    names = (*answer.intervals, *(name for name in BUBBLE if answer.best.get(name)))
     values = {name: Quantity(median=finite(answer.best.get(name))) for name in names}
     for name, (low, median, high) in answer.intervals.items():
         if np.all(np.isfinite((low, median, high))):
@@ -353,15 +352,11 @@ def evidence(model: OtherModel) -> float:
 
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
-    """The law's that some of these have, G and the viscosity first; a reference viscosity only where it is not the
-    viscosity at that rate."""
-    names = dict.fromkeys(
-        ["shear_modulus", "viscosity", *(name for record in records for name in record.other_parameters)]
-    )
+    """The law's that some of these have, G and µ first; a reference viscosity where it is not that at this rate."""
+    names = dict.fromkeys([*KEYS, *(name for record in records for name in record.other_parameters)])
     inferred = [name for name in names if any(record.value(name).median is not None for record in records)]
-    return [
-        name for name in inferred if of_the_law(name) and (name != "reference_viscosity" or "yield_stress" in inferred)
-    ]
+    excluded = () if "yield_stress" in inferred else ("reference_viscosity",)
+    return [name for name in inferred if of_the_law(name) and name not in excluded]
 
 
 def _measured(curve: RadiusCurve, name: str) -> float | None:

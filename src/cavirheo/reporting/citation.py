@@ -86,7 +86,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     sources = [references()[word] for word in words if word in references()]
     sentences += [_group(group, shots, result) for group, shots in result.shots()]
     verdicts = Counter("ok" if curve.verdict == "undetermined" else curve.verdict for curve in result.curves)
-    failures = [f"{n} {digits.VERDICTS[verdict]}" for verdict, n in verdicts.items() if verdict != "ok"]
+    failures = [f"{n} {digits.LOOKS[verdict].words}" for verdict, n in verdicts.items() if verdict != "ok"]
     wrong = f"; verdicts of the others: {', '.join(failures)}" * bool(failures)
     count = digits.counting(sum(curve.trusted for curve in result.curves), len(result.curves))
     sentences += [
@@ -181,13 +181,11 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
 
 
 def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
-    """Its material with the interval, which is the line of the table; of a single trusted shot its values; else the
-    mean and the standard deviation of the trusted ones. Nothing where none is trusted."""
+    """Its material; else its one trusted shot, or the mean and the standard deviation of several; or nothing."""
     if group.headline:
         return f"{group.name}: {group.headline}."
     trusted = [member for member in members if member.trusted]
-    n = group.n_trusted
-    values = []
+    n, values = group.n_trusted, []
     for name in parameters_of(trusted):
         symbol, factor, unit = in_unit(name, result.modulus_unit)
         text = digits.quantity(trusted[0].value(name), factor, unit=unit)

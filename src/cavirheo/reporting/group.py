@@ -1,8 +1,7 @@
 """The shots of one file or folder: their means, and whether a constant of the material changes with the bubble's size.
 
-The slope d ln(value)/d ln R_max is the median of the slopes of all pairs of shots, its 90 % interval that of Kendall's
-rank correlation (Sen 1968, doi:10.1080/01621459.1968.10480934): nothing is assumed of the scatter but that it is the
-same at all sizes, and a few shots in a false mode do not move it.
+The slope d ln(value)/d ln R_max is that of Theil and Sen (Sen 1968, doi:10.1080/01621459.1968.10480934): nothing is
+assumed of the scatter but that it is the same at all sizes, and a few shots in a false mode do not move it.
 """
 
 from __future__ import annotations
@@ -50,8 +49,6 @@ class Slope(Quantity):
 
     Attributes:
         median: over all pairs of shots.
-        q05: lower end of its 90 % interval.
-        q95: its upper end.
         n: shots that it is over.
         n_trusted: how many of them are trusted (`TRUSTED` of cavirheo.posterior).
     """
@@ -171,12 +168,10 @@ class GroupRecord(Record, ParameterValues[Spread]):
     def add_published(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
         """Add values of other methods, and the errors of all methods to those of the references."""
         self.published |= {method: dict(values) for method, values in published.items()}
-        for reference in references:
-            if not (of_reference := self.published.get(reference)):
-                continue
-            self.errors[reference] = {}
+        for reference in [name for name in references if self.published.get(name)]:
+            expected, self.errors[reference] = self.published[reference], {}
             for method, values in self.by_method.items():
-                errors = {name: error_of(value, of_reference.get(name, Spread())) for name, value in values.items()}
+                errors = {name: error_of(value, expected.get(name, Spread())) for name, value in values.items()}
                 finite_errors = {name: error for name, error in errors.items() if error is not None}
                 if finite_errors and method != reference:
                     self.errors[reference][method] = finite_errors
@@ -188,8 +183,7 @@ class GroupRecord(Record, ParameterValues[Spread]):
 
     @property
     def remarks(self) -> list[str]:
-        """On the models that are mixed, on the slopes of the answers, on the scale that G rests on, and on what each
-        other model answers."""
+        """On models that are mixed, on slopes, on the scale that G rests on, and on what each other model answers."""
         lines = [self.warning] if self.warning and not self.material else []
         if len(self.models) > 1:
             models = ", ".join(f"{count} {model}" for model, count in self.models.items())
@@ -296,8 +290,8 @@ def slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str,
 
 
 def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
-    """Median slope of all pairs, and the ends of its 90 % interval (Sen 1968); x and y: (n,). As theilslopes of
-    scipy.stats, which takes 20 MB and half a second to load."""
+    """Median slope of all pairs, and the ends of its 90 % interval, that of Kendall's rank correlation; x and y: (n,).
+    As theilslopes of scipy.stats, which takes 20 MB and half a second to load."""
     from scipy.special import ndtri
 
     across = np.subtract.outer(x, x)
@@ -320,13 +314,11 @@ def in_words(slopes: dict[str, Slope]) -> str:
 
 
 def group_of(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
-    """The material, the mean of each parameter over the trusted curves that determine it, their slopes, and how many
-    have which verdict."""
+    """The record of a group of these rows and of their material."""
     trusted, followed = [record for record in members if record.trusted], sloped(members)
     n = sum(record.has_answer for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
     firm = [record.diagnostics.modulus_over_scale for record in trusted if record.determined("shear_modulus")]
-    slopes_of_scale = [change for change in firm if change is not None]
     return GroupRecord(
         name=name,
         n=n,
@@ -339,18 +331,16 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         slopes=slopes(followed, followed),
         other_models=_other_models(trusted, followed),
         population=population,
-        modulus_over_scale=float(np.median(slopes_of_scale)) if slopes_of_scale else None,
+        modulus_over_scale=spread_of(firm).median,
     )
 
 
 def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> list[GroupModel]:
-    """Of each model that a trusted shot has besides its answer, of each shot the mode with the largest evidence; the
-    slopes are over those that are followed."""
+    """Of each model that a trusted shot has besides its answer; the slopes are over the shots of `followed`."""
     alternatives = [(record, _by_model(record.other_models)) for record in trusted]
     of_followed = [_by_model(record.other_models) for record in followed]
-    first_answers = _by_model(answer for _, models in alternatives for answer in models.values())
     summaries = []
-    for model, first in first_answers.items():
+    for model, first in _by_model(answer for _, models in alternatives for answer in models.values()).items():
         if {record.model for record in trusted} == {model}:  # another mode of the model itself
             continue
         pairs = [(record, models[model]) for record, models in alternatives if model in models]
@@ -358,18 +348,17 @@ def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> li
         logs = [(answer.log_evidence, record.evidence) for record, answer in pairs]
         gains = [log - evidence.log for log, evidence in logs if log is not None and evidence is not None]
         complete = all(model in models for models in of_followed)
-        summaries.append(
-            GroupModel(
-                material=first.material,
-                bubble=first.bubble.name,
-                n=len(pairs),
-                shear_modulus_Pa=spread_over(answers, "shear_modulus"),
-                viscosity_Pa_s=spread_of([answer.viscosity.determined for answer in answers]),
-                log_evidence=float(np.sum(gains)) if gains else None,
-                weight=float(np.mean([answer.weight for answer in answers])),
-                slopes=slopes(followed, [models[model] for models in of_followed]) if complete else {},
-            )
+        summary = GroupModel(
+            material=first.material,
+            bubble=first.bubble.name,
+            n=len(pairs),
+            shear_modulus_Pa=spread_over(answers, "shear_modulus"),
+            viscosity_Pa_s=spread_of([answer.viscosity.determined for answer in answers]),
+            log_evidence=float(np.sum(gains)) if gains else None,
+            weight=float(np.mean([answer.weight for answer in answers])),
+            slopes=slopes(followed, [models[model] for models in of_followed]) if complete else {},
         )
+        summaries.append(summary)
     return summaries
 
 

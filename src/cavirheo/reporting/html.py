@@ -21,9 +21,9 @@ from markupsafe import Markup
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import svg
 from cavirheo.reporting.answer import CurveRecord, in_unit, meaning_of, parameter_key
 from cavirheo.reporting.panels import answer_panels
+from cavirheo.reporting.pictures import curve_svg
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import FITS, model_rows, windows
 from cavirheo.writing import digits
@@ -46,13 +46,11 @@ def write(
     group_pictures: Sequence[str] = (),
     sheets: Sequence[str] = (),
 ) -> None:
-    """The page of a result, curve by curve; `pictures`: SVG of each curve, or in plain words why there is none.
-
-    `group_pictures`: those that stand before the curves. `sheets`: of each curve all frames of its recording, or "".
-    What is the same for all curves is said once; of more than DETAILED curves each has its row, message and picture.
-    """
-    curves, unit = result.curves, result.modulus_unit
-    answers, brief = [curve for curve in curves if curve.has_answer], len(curves) > DETAILED
+    """The page of a result: before the curves `group_pictures`, of each curve its picture (SVG, or in plain words why
+    there is none) and its sheet (all frames of its recording, or ""). What is the same for all curves is said once; of
+    more than DETAILED curves each has its row, message and picture."""
+    curves = result.curves
+    answers = [curve for curve in curves if curve.has_answer]
     facts = [
         {
             "material": digits.MATERIALS.get(curve.material, curve.material),
@@ -64,17 +62,10 @@ def write(
         for curve in answers
     ]
     shared = {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
-    page = template("report.html").render(
-        result=result,
-        unit=unit,
-        group_pictures=group_pictures,
-        pictures=pictures,
-        sheets=sheets,
-        shared=shared,
-        origin=_text(_common([curve.provenance for curve in (answers if shared else curves)])),
-        brief=brief,
-    )
-    Path(path).write_text(page, encoding="utf-8")
+    content = {"result": result, "unit": result.modulus_unit, "shared": shared, "brief": len(curves) > DETAILED}
+    content |= {"pictures": pictures, "group_pictures": group_pictures, "sheets": sheets}
+    content["origin"] = _text(_common([curve.provenance for curve in (answers if shared else curves)]))
+    Path(path).write_text(template("report.html").render(**content), encoding="utf-8")
 
 
 def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -110,18 +101,15 @@ def live_page(
     answer: Posterior | None = None,
     half_width: float = HALF_WIDTH,
 ) -> str:
-    """The page for the wall at the bench: the latest shot, the material so far, and how many shots are still needed. It
-    loads itself anew every two seconds, without a script.
-
-    Without a result it waits for the first. latest: index of the shot that is shown large, with its curve and answer.
-    half_width: that of the 90 % interval over the value, by which shots that are still needed are counted.
-    """
+    """The page for the wall at the bench: the latest shot (its index, curve and answer), the material so far, and how
+    many shots are still needed until the 90 % interval is +- `half_width` of the value. It loads itself anew every two
+    seconds, without a script; without a result it waits for the first."""
     result = result or Result(command="", curves=[], groups=[])
     group, members = next((row for row in result.members() if latest in row[1]), (None, []))
     record, picture = result.curves[latest] if group else None, ""
     if curve and answer and record:
         with suppress(InputError):
-            picture = svg.curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
+            picture = curve_svg(answer_panels(curve, answer.checks, record), *_LIVE_SIZE)
     material = group.material if group else None
     needed = material.still_needed([result.curves[i] for i in members], half_width) if material else None
     content = {"record": record, "group": group, "material": material, "more": needed, "percent": 100.0 * half_width}

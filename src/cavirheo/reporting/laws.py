@@ -96,16 +96,10 @@ def records(
 
 def _record_of(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> WeighedLaws:
     """The document's record of a ranking. fields: by law, what its record has besides the evidence."""
-    laws = {
-        law: WeighedLaw(
-            log_evidence=value,
-            standard_error=ranking.error[law],
-            probability=ranking.probability.get(law),
-            **fields[law],
-        )
-        for law, value in ranking.log_evidence.items()
-    }
-    names = ("name", "shots", "chosen", "contenders", "pairs")
+    laws, names = {}, ("name", "shots", "chosen", "contenders", "pairs")
+    for law, value in ranking.log_evidence.items():
+        error, probability = ranking.error[law], ranking.probability.get(law)
+        laws[law] = WeighedLaw(log_evidence=value, standard_error=error, probability=probability, **fields[law])
     return WeighedLaws(**{name: getattr(ranking, name) for name in names}, laws=laws)
 
 
@@ -131,7 +125,7 @@ def print_table(document: Laws) -> None:
     lines = firmly(document)
     for group in document.groups:
         lines += [f"{group.name}, {law}: {in_words(laws.slopes)}" for law, laws in group.laws.items() if laws.slopes]
-        lines += [f"{group.name}, one material, {law}: {line}" for law, line in _materials(group)]
+        lines += _materials(group)
     terminal.print_remarks(console, {}, [*lines, *document.notes])
 
 
@@ -145,8 +139,8 @@ def firmly(document: Laws) -> list[str]:
     ]
 
 
-def _materials(group: WeighedLaws) -> list[tuple[str, str]]:
-    """(law, its log evidence with one material below the best, and the line of that material), the best first."""
+def _materials(group: WeighedLaws) -> list[str]:
+    """Of each law its log evidence with one material below the best, and the line of that material; the best first."""
     materials = {law: entry.population for law, entry in group.laws.items() if entry.population}
     whole = {law: material for law, material in materials.items() if not material.left_out}  # the same shots for all
     heights = {law: material.log_evidence for law, material in whole.items() if material.log_evidence is not None}
@@ -155,7 +149,7 @@ def _materials(group: WeighedLaws) -> list[tuple[str, str]]:
         material = materials[law]
         error = "" if material.log_evidence_error is None else f" ± {material.log_evidence_error:.1f}"
         height = f"log evidence {heights[law] - top:.1f}{error}; " if law in heights else ""
-        lines.append((law, height + material.line))
+        lines.append(f"{group.name}, one material, {law}: {height}{material.line}")
     return lines
 
 

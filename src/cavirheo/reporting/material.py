@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cavirheo.reporting.answer import CurveRecord
 
 KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # in documents, by parameter
-FLAT = 1.0  # power of R_max: an interval within +- this is flatter than proportional; a wider one tells nothing
+_FLAT = 1.0  # power of R_max: an interval within +- this is flatter than proportional; a wider one tells nothing
 _WAYS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
 _MOST = 6  # groups that are compared, each with each
 Value = TypeVar("Value", Quantity, Spread)
@@ -148,8 +148,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         return shots_wanted(inliers / len(shots) * information, covariance, float(np.log10(1.0 + half_width)))
 
     def contour(self, level: float = 0.9) -> Floats | None:
-        """(n, 2) mu and G, SI, around this part of all shots that belong, at the medians of centre, spread and
-        correlation; None unless both are determined."""
+        """(n, 2) mu and G, SI, around this part of all shots, at the medians; None unless both are determined."""
         names = ("viscosity", "shear_modulus")
         if any(self.value(name).determined is None or name not in self.spreads_decades for name in names):
             return None
@@ -192,20 +191,17 @@ class GroupDifference(Record):
         """'gel B over gel A: G 1.32 [1.05, 1.65], larger with probability 0.98; ...'."""
         clauses = []
         for name, difference in self.parameters.items():
-            higher = difference.probability_higher
+            higher, ratio = difference.probability_higher, digits.quantity(difference.ratio)
             way, sure = ("larger", higher) if higher >= 0.5 else ("smaller", 1.0 - higher)
             probable = "> 0.99" if sure > 0.99 else f"{sure:.2f}"
-            clauses.append(
-                f"{digits.described(name)[0]} {digits.quantity(difference.ratio)}, {way} with probability {probable}"
-            )
+            clauses.append(f"{digits.described(name)[0]} {ratio}, {way} with probability {probable}")
         return f"{self.first} over {self.second}: {'; '.join(clauses)}"
 
 
 def material_of(
     answers: tuple[Posterior, ...], names: tuple[str, ...], along: tuple[float, ...] | None = None
 ) -> Population | None:
-    """The population of a group, with the slope `along` a column if that has several values; None for a single shot, or
-    where no answer has an interval."""
+    """The population of a group, as `with_slope_if_any`; None for a single shot, or where none has an interval."""
     if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
         return None
     from cavirheo.inference.population import with_slope_if_any
@@ -268,7 +264,7 @@ def over_size(symbol: str, power: Quantity, words: str) -> str:
     """'µ rises as R_max^0.30 [0.10, 0.50]', of a power of R_max and its words; what it says where it may be nothing."""
     if power.sign:
         return f"{symbol} {_WAYS[power.sign]} as R_max^{words}"
-    if max(-(power.q05 or 0.0), power.q95 or 0.0) < FLAT:
+    if max(-(power.q05 or 0.0), power.q95 or 0.0) < _FLAT:
         return f"no change of {symbol} with R_max is seen (as R_max^{words})"
     return f"whether {symbol} changes with R_max cannot be told (as R_max^{words})"
 

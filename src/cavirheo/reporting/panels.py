@@ -1,6 +1,5 @@
 """What pictures show, in the units of their axes: the same panels for the report, the page for the wall, the app and
-the files that are asked for. Of a curve: its radius, and what a simulation leaves. Of a group: its shots over each
-other, their answers, and what these say of the material.
+the files that are asked for.
 """
 
 from __future__ import annotations
@@ -20,17 +19,14 @@ from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
 from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.group import CONSTANTS, GroupRecord
-from cavirheo.reporting.record import Pairs
+from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Spread
 
 FAR = 3.0  # largest over smallest, above which axes begin at zero
 RMAX = "Rₘₐₓ"
 _SIZE = "R_max"  # in place of a parameter's name
-Shot = tuple[RadiusCurve, Checks, CurveRecord]
 Mark = tuple[str, str, Floats | None, Floats]  # look, name, and (3,) lower end, value and upper end along both axes
-
-_STEPS = (1.0, 2.0, 5.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -53,7 +49,7 @@ class Axis:
         if not np.isfinite(rough) or rough <= 0.0:
             return []
         ten = 10.0 ** np.floor(np.log10(rough))
-        step = next(factor * ten for factor in _STEPS if factor * ten >= rough * (1.0 - 1e-9))
+        step = next(factor * ten for factor in (1.0, 2.0, 5.0, 10.0) if factor * ten >= rough * (1.0 - 1e-9))
         first, last = np.ceil(self.low / step - 1e-9), np.floor(self.high / step + 1e-9)
         return [float(f"{number * step:.10g}") + 0.0 for number in np.arange(first, last + 1.0)]
 
@@ -115,17 +111,14 @@ def curve_panels(
 ) -> list[Panel]:
     """The radius, measured and simulated, then what is left between, if anything was compared.
 
-    checks: what was found when its answer was simulated; a failed one leaves the measured points alone. simulated_as:
-    the name of the line. fit and what_if: the simulations of a conventional fit and of other values. draws: the band in
-    which those of the draws run: times (s), lower and upper radius (m). Raises ValueError: times and values of a line
-    are not as many.
-    """
-    if checks.verdict == "failed":
-        checks = Checks("failed")
-    units = _Units.of(curve)
+    checks: of its answer; failed ones leave the measured points alone. simulated_as: the name of the line. fit and
+    what_if: the simulations of a conventional fit and of other values. draws: the band in which those of the draws run:
+    times (s), lower and upper radius (m). Raises ValueError: times and values of a line are not as many."""
+    has_answer = checks.verdict != "failed"
+    checks = checks if has_answer else Checks("failed")
+    units, rmse = _Units.of(curve), 100.0 * (checks.rmse_over_rmax or 0.0)
     time, radius = units.points(curve.time, curve.radius)
     line, difference = units.simulation(checks, "simulated", simulated_as)
-    has_answer, rmse = checks.verdict != "failed", 100.0 * (checks.rmse_over_rmax or 0.0)
     compared = np.full(len(time), not has_answer)
     if len(difference.x):
         slack = 1e-6 * (time[-1] - time[0])
@@ -133,17 +126,14 @@ def curve_panels(
     low, high = _view(time, difference.x)
     measured = np.isfinite(radius) & (time >= low) & (time <= high)
     share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # as much as the simulation has
-    layers = [
-        Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some))
-        for look, name, some in (
-            ("measured", "measured", measured & compared),
-            ("outside", "not compared", measured & ~compared),
-        )
-    ] + [line]
+    layers, differences = [], [difference]
     if draws:
         area = units.points(draws[0], np.column_stack(draws[1:]))
-        layers.insert(0, Layer("area", "draws", *area, "90 % of the draws", share=0.2))
-    differences = [difference]
+        layers.append(Layer("area", "draws", *area, "90 % of the draws", share=0.2))
+    for look, name, some in (("measured", "measured", compared), ("outside", "not compared", ~compared)):
+        some = measured & some
+        layers.append(Layer("dots", look, time[some], radius[some], name, share=share * np.count_nonzero(some)))
+    layers.append(line)
     for look, name, simulation in (("fit", "least squares", fit), ("what-if", "sliders", what_if)):
         if simulation and simulation.reconstruction_time is not None:
             line, left = units.simulation(simulation, look, name)
@@ -153,8 +143,7 @@ def curve_panels(
     remark = f"recorded until {time[-1]:.0f}" if len(time) and time[-1] > high else ""
     x, y = Axis(units.time, low, high, remark), Axis(units.radius, 0.0, 1.05 * _largest(layers, 0.0) or 1.05)
     t_c = (checks.time_scale or 0.0) * units.per_second
-    note = "" if has_answer else "no answer: no line is drawn"
-    note = note if measured.any() else "no measured radius"
+    note = "no answer: no line is drawn" * (not has_answer) if measured.any() else "no measured radius"
     panels = [Panel(x, y, tuple(layers), Axis("t*", low / t_c, high / t_c) if t_c else None, note)]
     if len(difference.y):
         largest = 1.15 * max(_largest(differences, 0.1), rmse)
@@ -184,11 +173,9 @@ def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
     time, radius = _Units.of(curve).points(curve.time, curve.radius)
     within = (time >= panel.x.low) & (time <= panel.x.high)
     outliers = np.isin(np.arange(len(time)), curve.spikes()) & within
-    missing = np.isnan(radius) & within
-    layers = (
-        Layer("dots", "outlier", time[outliers], radius[outliers], "stands out, kept"),
-        Layer("ticks", "missing", time[missing], np.zeros(np.count_nonzero(missing)), "no radius"),
-    )
+    missing = time[np.isnan(radius) & within]
+    layers = [Layer("dots", "outlier", time[outliers], radius[outliers], "stands out, kept")]
+    layers.append(Layer("ticks", "missing", missing, np.zeros(len(missing)), "no radius"))
     return [replace(panel, layers=(*panel.layers, *(layer for layer in layers if len(layer.x))))]
 
 
@@ -225,11 +212,9 @@ class _Units(NamedTuple):
         for values, times in ((radius, time), (residual, compared_time)):
             if values.size and values.shape != times.shape:
                 raise ValueError(f"{len(values)} values at {len(times)} times")
+        line = Layer("line", look, *self.points(time, radius), name, share=0.4)
         compared_time, _ = self.points(compared_time, compared_time)
-        return (
-            Layer("line", look, *self.points(time, radius), name, share=0.4),
-            Layer("dots", "residual", compared_time, 100.0 * residual, share=0.2),
-        )
+        return line, Layer("dots", "residual", compared_time, 100.0 * residual, share=0.2)
 
 
 def _view(time: Floats, window: Floats) -> tuple[float, float]:
@@ -244,24 +229,20 @@ def _view(time: Floats, window: Floats) -> tuple[float, float]:
     return first - margin, last + margin
 
 
-def shots_of(pairs: Pairs, rows: Sequence[CurveRecord], indices: Sequence[int]) -> list[Shot]:
-    """Those of these curves that were answered."""
-    return [(pairs[i][0], pairs[i][1].checks, rows[i]) for i in indices if rows[i].has_answer]
-
-
-def group_panels(shots: Sequence[Shot], group: GroupRecord, unit: Unit) -> list[Panel]:
+def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequence[int]) -> list[Panel]:
     """The shots of a group that were answered, R/R_max over t*, darker where R_max is smaller; then one or two panels
-    of a parameter over another, or over R_max. unit: that of moduli."""
-    records = [record for *_, record in shots]
+    of a parameter over another, or over R_max. indices: of the group's curves in the result."""
+    members = [i for i in indices if result.curves[i].has_answer]
+    records, shots = [result.curves[i] for i in members], [pairs[i] for i in members]
     names = parameters_of(records)
     upper = next((name for name in CONSTANTS if name in names), names[0])
     lower = ["shear_modulus"] if "shear_modulus" in names and upper != "shear_modulus" else []
     all_elastic = lower and all(record.shear_modulus_Pa.median is not None for record in records)
     lower += [] if all_elastic and upper not in group.slopes else [_SIZE]
-    curves, t_c = [curve for curve, *_ in shots], [checks.time_scale or np.nan for _, checks, _ in shots]
+    curves, t_c = [curve for curve, _ in shots], [answer.checks.time_scale or np.nan for _, answer in shots]
     tones = _tones(np.array([curve.max_radius for curve in curves]))
     end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
-    answers = [_answers(records, group, unit, upper, across, tones) for across in lower]
+    answers = [_answers(records, group, result.modulus_unit, upper, across, tones) for across in lower]
     return [_overlay(curves, t_c, 1.1 * end, scaled=True), *answers]
 
 
@@ -278,8 +259,8 @@ def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> l
 
 
 def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float = np.inf, *, scaled: bool) -> Panel:
-    """The curves over each other, darker where R_max is smaller. units: of the time of each curve, s. scaled: radii
-    over R_max (else µm), and times (t*) from shortly before R_max to `end`."""
+    """The curves over each other. units: of the time of each, s. scaled: radii over R_max (else µm), times (t*) to
+    `end`."""
     sizes = np.array([curve.max_radius for curve in curves])
     layers = []
     for curve, unit, size, tone in zip(curves, units, sizes, _tones(sizes), strict=True):
@@ -370,8 +351,7 @@ def _ends(values: Sequence[Quantity], factor: float = 1.0) -> Floats:
 
 
 def _around(parts: Sequence[Floats], *, close: bool = False) -> tuple[float, float]:
-    """Limits about all of these positive numbers: from zero where the smallest is far below the largest, else close, so
-    that what differs by little lies apart. close: in any case."""
+    """Limits about these positive numbers: from zero where the smallest is far below the largest, unless `close`."""
     numbers = np.concatenate([np.ravel(part) for part in parts])
     numbers = numbers[np.isfinite(numbers)]
     if not len(numbers) or numbers.max() <= 0.0:

@@ -8,6 +8,7 @@ whose verdict is in TRUSTED (posterior.py).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -30,13 +31,13 @@ if TYPE_CHECKING:
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
 
+@dataclass(eq=False, repr=False)
 class CurveAnswers(Pairs):
     """Curves with their answers. Each answer may be read from a file when it is needed, so that thousands of them need
     not be in memory at once."""
 
-    def __init__(self, curves: Sequence[RadiusCurve], answers: Sequence[Posterior]) -> None:
-        self.curves: Sequence[RadiusCurve] = curves
-        self.answers: Sequence[Posterior] = answers
+    curves: Sequence[RadiusCurve]
+    answers: Sequence[Posterior]
 
     @classmethod
     def of(cls, pairs: Pairs) -> CurveAnswers:

@@ -1,20 +1,32 @@
-"""The answers as a table: for the terminal (rich) and for spreadsheets (CSV)."""
+"""Tables of curves and their answers, alone and beside published values, for the terminal (rich) and for spreadsheets
+(CSV); and what is said below them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+import shlex
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
+import numpy as np
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.inference import input_checks
+from cavirheo.inference.population.material import relative_scatter
+from cavirheo.io.shots import stem_of
+from cavirheo.messages import title
 from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
+from cavirheo.physics.media import WATER
+from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord, OtherModel, Unit, evidence, in_unit, parameter_key, parameters_of
-from cavirheo.reporting.comparison import print_comparison
-from cavirheo.reporting.group import TOGETHER, GroupRecord
-from cavirheo.reporting.input_remarks import causes, next_step
+from cavirheo.reporting.group import OURS, TOGETHER, GroupRecord, error_of, spread_over
 from cavirheo.reporting.material import KEYS
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, export, terminal
-from cavirheo.writing.document import spread_of, write_rows
+from cavirheo.writing.document import Spread, spread_of, write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,33 +36,122 @@ if TYPE_CHECKING:
 
 MOST = 10  # lines on groups and curves below the table, but at least half as many on curves
 FITS = ("least_squares", "laplace")  # methods whose answer is a maximum
+OURS_TRUSTED, OURS_ALL = f"{OURS}, trusted", f"{OURS}, all"  # how our two means are called where they differ
+WIDE_SCATTER = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has less
 _WINDOWS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
 _WIDE = 110  # columns; below this an interval stands under its median, and only those of G and mu are shown
+_WIDE_COMPARISON = 100  # columns; below this cells have two lines
+_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+
+
+def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
+    """R_max, frame rate, frames with a radius, time that was recorded, collapses."""
+    top, collapses = digits.MISSING, digits.MISSING
+    with suppress(InputError):
+        top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
+    frames = f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}"
+    recorded = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
+    return top, digits.number(curve.frame_rate, 1e-3), frames, recorded, collapses
+
+
+def curve_warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
+    """(name, sentence) of what must not be overlooked: curves without R_max, and scales that make no sense."""
+    for curve in curves:
+        yield from ((curve.name, warning.text) for warning in input_checks.curve_warnings(curve, WATER))
+        try:
+            _ = curve.max_radius
+        except InputError as error:
+            yield curve.name, error.message
+
+
+def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    """What was recognised, converted or left out, each once with the shots that it concerns."""
+    return terminal.by_message((curve.name, note) for curve in curves for note in curve.notes)
+
+
+def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
+    """(name, sentence) of those whose recording or settings are to be checked."""
+    return ((record.name, warning.text) for record in records for warning in record.warnings)
+
+
+def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
+    """What the messages of answers say, the most frequent first, with the names that each concerns: the sentence of
+    one curve as it is, of several what all with its code have in common."""
+    by_code: dict[str, list[tuple[str, str]]] = {}
+    for record in records:
+        for message in record.remarks:
+            by_code.setdefault(message.code, []).append((record.name, message.text))
+    sentences: dict[str, list[str]] = {}
+    for code, mine in sorted(by_code.items(), key=lambda item: len(item[1]), reverse=True):
+        common = title(code) if len({text for _, text in mine}) > 1 else ""
+        sentences |= terminal.by_message((name, common or text) for name, text in mine)
+    return sentences
+
+
+def unexplained(records: Sequence[CurveRecord]) -> int:
+    """How many answers ask for another law: their simulation does not follow, or no stiffness is seen."""
+    undetermined = [row.shear_modulus_Pa.bound for row in records if row.verdict == "undetermined"]
+    no_stiffness = sum(bound in ("upper", "undetermined") for bound in undetermined)
+    return no_stiffness + sum(row.verdict == "model_does_not_fit" for row in records)
+
+
+def next_step(result: Result, analysis: Analysis, out: Path) -> str:
+    """The command that helps where most answers ask for another law or bubble, or the recording to look at before;
+    "" where none does."""
+    if analysis.method == "bdt" or analysis.verify == "none":
+        return ""
+    records, options = result.curves, []
+    unlike = [record for record in records if record.verdict == "model_does_not_fit"]
+    diagnostics = [record.diagnostics for record in unlike]
+    at_fault = [how for how in diagnostics if how.frames_left_out or {*CAMERA} & {*how.at_bound}]
+    if len(at_fault) == len(unlike) > len(records) / 2:
+        names = ", ".join(record.name for record in unlike[:3]) + f" and {len(unlike) - 3} more" * (len(unlike) > 3)
+        look = "µm per pixel, frame rate, the frames at R_max and those that stand out"
+        return f"next: look at the recording ({look}) before another model is tried: {names}"
+    unsuited, rejected = unexplained(records), sum(record.preferred is not None for record in records)
+    if unsuited > len(records) / 2 and analysis.material != "auto":
+        options += ["--material auto"]
+    if rejected > len(records) / 2 and len(analysis.bubbles) == 1:
+        options += ["--bubble auto"]
+    if not options:
+        return ""
+    many = digits.counted(len(records), "shot")
+    why = f"another model may follow {unsuited + rejected} of {many} better, and the evidence can choose it"
+    return f"next: {why}: the same command with {' '.join(options)} -o {shlex.quote(f'{out}-auto')}"
+
+
+def pooled(result: Result) -> list[tuple[str, str, list[str]]]:
+    """(group, scatter of G in %, stems of the files' names) of groups that scatter more than WIDE_SCATTER, and whose
+    files have several names, of which some differ in a number alone: several materials?"""
+    groups = []
+    for group, shots in result.shots():
+        spread = group.population.spreads_decades.get("shear_modulus") if group.population else None
+        scatter = relative_scatter(spread.median or 0.0) if spread else 0.0
+        files = {shot.source for shot in shots}
+        stems = sorted({stem_of(file) for file in files})
+        if scatter > WIDE_SCATTER and 1 < len(stems) < len(files):
+            groups.append((group.name, digits.significant(100 * scatter, 2), stems))
+    return groups
 
 
 def print_table(
-    result: Result,
-    console: Console | None = None,
-    *,
-    analysis: Analysis | None = None,
-    out: Path = Path(),
-    notes_shown: Collection[str] = (),
+    result: Result, *, analysis: Analysis | None = None, out: Path = Path(), notes_shown: Collection[str] = ()
 ) -> None:
     """One row per curve, one per group (mean ± standard deviation), what is said of groups and curves, and the next
     step, where the analysis and the folder of the run are given. notes_shown: those that stderr has already."""
     from rich.text import Text
 
-    console = console or terminal.console()
-    wide, answers = console.width >= _WIDE, [record for record in result.curves if record.has_answer]
-    parts: list[Callable[[Any], str]] = [lambda row: row.material, lambda row: row.bubble.name]
-    mixed = [name for name in parts if len({name(row) for row in answers}) > 1]
+    console = terminal.console()
+    wide, models = console.width >= _WIDE, [(row.material, row.bubble.name) for row in result.curves if row.has_answer]
+    mixed = [k for k in (0, 1) if len({model[k] for model in models}) > 1]
     factor, unit = result.modulus_unit
     heads = [*(["model"] if mixed else []), "R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%"]
     heads += ["collapses" if wide else "col-\nlapses", "verdict"]
     table = terminal.table("curve", heads, left=("model", "verdict"), gap=int(wide))
     rows: list[tuple[str, Sequence[Any], str]] = []
     for record in result.curves:
-        look, model = digits.LOOKS[record.verdict], [", ".join(name(record) for name in mixed)] if mixed else []
+        look = digits.LOOKS[record.verdict]
+        model = [", ".join((record.material, record.bubble.name)[k] for k in mixed)] if mixed else []
         rows.append((record.name, [*model, *_texts(record, factor, wide), Text(look.words, look.terminal)], ""))
     terminal.add_rows(table, rows)
     for group in result.groups:
@@ -73,9 +174,9 @@ def print_table(
     for group in result.groups:
         lines = [*group.remarks, *(group.population.below if group.population else [])]
         remarks += [(group.name, line) for line in lines]
-    notes = [note for note in result.notes if note not in notes_shown]
     _print_most(console, remarks, MOST)
-    terminal.print_remarks(console, {}, [*(row.words for row in result.differences), *notes])
+    further = [note for note in result.notes if note not in notes_shown]
+    terminal.print_remarks(console, {}, [*(row.words for row in result.differences), *further])
     whole, several = digits.counted(len(result.curves), "curve"), causes(result.curves).items()
     curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), cause) for cause, of in several]
     _print_most(console, curves, max(MOST - len(remarks), MOST // 2))
@@ -97,10 +198,11 @@ def print_line(record: CurveRecord) -> None:
     from rich.text import Text
 
     look, factor, unit = digits.LOOKS[record.verdict], *digits.modulus_unit([record.shear_modulus_Pa.median])
-    values = (record.shear_modulus_Pa, factor, unit), (record.viscosity, 1.0, "Pa s"), (record.stretch, 1.0, "")
+    values = {"G": (record.shear_modulus_Pa, factor, unit), "µ": (record.viscosity, 1.0, "Pa s")}
+    values["λ"] = record.stretch, 1.0, ""
     parts = [
         f"{symbol} {digits.quantity(value, scale, unit=name)}"
-        for symbol, (value, scale, name) in zip("Gµλ", values, strict=True)
+        for symbol, (value, scale, name) in values.items()
         if value.median is not None
     ]
     parts.append(f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %")
@@ -110,18 +212,17 @@ def print_line(record: CurveRecord) -> None:
 
 def print_all(result: Result) -> None:
     """`print_table`, what other models and modes answer, and values of other methods."""
-    console = terminal.console()
-    print_table(result, console)
+    print_table(result)
     if any(group.published for group in result.groups):
         print_comparison(result)
-    for record in result.curves:
-        if record.other_models:
-            console.print(models_table(record, *result.modulus_unit))
-
-
-def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
-    """(name, sentence) of those whose recording or settings are to be checked."""
-    return ((record.name, warning.text) for record in records for warning in record.warnings)
+    factor, unit = result.modulus_unit
+    heads = [f"G\n{unit}", "µ\nPa s", "λ", "RMSE\n%", "log\nevidence"]
+    for record in [record for record in result.curves if record.other_models]:
+        words = f"{record.name}: the answer, then other models and solutions"
+        table = terminal.table("model", heads, title=words)
+        for row in model_rows(record, factor):
+            table.add_row(*(cell.replace(" [", "\n[").replace(" (", "\n(") for cell in row))
+        terminal.console().print(table)
 
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
@@ -135,15 +236,6 @@ def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
         texts = [digits.quantity(value, scale) for value, scale in values]
         rows.append([model.model, *texts, digits.percent(model.rmse_over_rmax), "0" if model is record else above])
     return rows
-
-
-def models_table(record: CurveRecord, factor: float, unit: str) -> Table:
-    """For the terminal: the answers of all models of a curve."""
-    heads = [f"G\n{unit}", "µ\nPa s", "λ", "RMSE\n%", "log\nevidence"]
-    table = terminal.table("model", heads, title=f"{record.name}: the answer, then other models and solutions")
-    for row in model_rows(record, factor):
-        table.add_row(*(cell.replace(" [", "\n[").replace(" (", "\n(") for cell in row))
-    return table
 
 
 def _texts(record: CurveRecord, factor: float, wide: bool) -> list[str]:
@@ -169,6 +261,73 @@ def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     return ["", "", *(mean.replace(" (", "\n(") for mean in means), "", "", "\n".join(counts)]
 
 
+def _print_parameters(console: Console, result: Result) -> None:
+    """What was inferred or given besides G, µ and λ, without the camera's."""
+    of_laws, excluded = parameters_of(result.curves), (*CAMERA, AT_RATE)
+    names = [name for name in result.parameters if name in of_laws or not of_the_law(name)]
+    units = {name: in_unit(name) for name in names if name not in excluded}
+    if not units:
+        return
+    table = terminal.table("curve", [f"{symbol}\n{unit}".strip() for symbol, _, unit in units.values()])
+    rows = [
+        (row.name, [digits.quantity(row.value(name), factor) for name, (_, factor, _) in units.items()], "")
+        for row in result.curves
+        if any(name in row.other_parameters for name in units)
+    ]
+    terminal.add_rows(table, rows)
+    console.print(table)
+    for line in parameter_key(result.parameters):
+        console.print(line, style="dim")
+
+
+def _windowed(records: Sequence[CurveRecord]) -> list[str]:
+    """The parameters by window: G and the viscosity, or what a law has instead."""
+    of_laws = ([name for name in parameters_of([record]) if name != AT_RATE] for record in records)
+    return list(dict.fromkeys(name for law in of_laws for name in [n for n in law if n in KEYS] or law))
+
+
+def windows(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[str, str]]]:
+    """'G (kPa), µ (Pa s)', and '6.44, 0.0295' of each record for windows of 1, 2, 3 and all collapses; * where one is
+    at a bound. Nothing of a record that no fit answers."""
+    texts_of_records, fitted = [], []
+    for record in records:
+        texts: dict[str, str] = {}
+        if record.method in FITS and record.has_answer and {*_WINDOWS} & {*record.windows}:
+            fitted.append(record)
+            texts = dict.fromkeys(_WINDOWS.values(), digits.MISSING)
+            for key in (key for key in _WINDOWS if key in record.windows):
+                window = record.windows[key]
+                values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed([record])]
+                numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
+                texts[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
+        texts_of_records.append(texts)
+    parts = (in_unit(name, unit) for name in _windowed(fitted))
+    return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts), texts_of_records
+
+
+def _print_windows(console: Console, result: Result) -> None:
+    """G and mu of every curve for windows of 1, 2, 3 and all collapses; of every group mean ± standard deviation over
+    the trusted curves that have the window, and how many they are."""
+    unit, heads = result.modulus_unit, list(_WINDOWS.values())
+    values, texts_of_records = windows(result.curves, unit)
+    windowed = zip(result.curves, texts_of_records, strict=True)
+    rows = [(curve.name, list(texts.values()), "") for curve, texts in windowed if texts]
+    if not rows:
+        return
+    for group, shots in result.shots():
+        trusted, means = [shot for shot in shots if shot.trusted and shot.method in FITS], []
+        for key in _WINDOWS:
+            having = [curve.windows[key].best for curve in trusted if key in curve.windows]
+            spreads = {name: spread_of([best.get(name) for best in having]) for name in _windowed(trusted)}
+            texts = [digits.spread(mean, in_unit(name, unit)[1]) for name, mean in spreads.items() if mean.n]
+            means.append(f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING)
+        rows += [(group.name, means, "bold")] if len(shots) > 1 else []
+    title = f"{values} by the window that is fitted; *: a parameter at its bound"
+    table = terminal.table("curve", heads, left=heads, title=title)
+    terminal.add_rows(table, rows)
+    console.print(table)
+
+
 def write_csv(path: str | Path, result: Result) -> None:
     """One line per curve; SI units in the names of the columns; empty where there is no number."""
     write_rows(path, *rows_of(result))
@@ -192,68 +351,137 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     return head, rows
 
 
-def _print_parameters(console: Console, result: Result) -> None:
-    """What was inferred or given besides G, µ and λ, without the camera's."""
-    of_laws, excluded = parameters_of(result.curves), (*CAMERA, AT_RATE)
-    names = [name for name in result.parameters if name in of_laws or not of_the_law(name)]
-    if not (names := [name for name in names if name not in excluded]):
-        return
-    symbols, factors, units = zip(*map(in_unit, names), strict=True)
-    table = terminal.table("curve", [f"{symbol}\n{unit}".strip() for symbol, unit in zip(symbols, units, strict=True)])
+class ComparedParameter(NamedTuple):
+    """A parameter of a group (name: natural, "" for a group without any), and its values by method and of ours: of the
+    trusted shots that determine it (OURS_TRUSTED), and of all."""
+
+    group: GroupRecord
+    shots: Sequence[CurveRecord]
+    name: str
+    values: dict[str, Spread]
+
+    @property
+    def answers(self) -> list[str]:
+        """What our means are called: one name where all answered shots are trusted, nothing without a recording."""
+        if not self.shots or self.name not in (*KEYS, ""):
+            return []
+        return [OURS] if self.values[OURS_ALL].n == self.values[OURS_TRUSTED].n else [OURS_TRUSTED, OURS_ALL]
+
+    def value(self, method: str) -> Spread:
+        return self.values.get(OURS_TRUSTED if method == OURS else method, Spread())
+
+    def error(self, reference: str, method: str) -> float | None:
+        """|mean - mean of the reference| / mean of the reference."""
+        return error_of(self.value(method), self.value(reference))
+
+    @property
+    def misfits(self) -> list[float | None]:
+        """Median, smallest and largest RMSE over R_max of the answered shots."""
+        misfits = [shot.rmse_over_rmax for shot in self.shots if shot.has_answer and shot.rmse_over_rmax is not None]
+        return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
+
+
+def compared_parameters(result: Result) -> list[ComparedParameter]:
+    """One for each parameter of each group that is published or inferred; a liquid has no G."""
     rows = []
-    for record in result.curves:
-        if any(name in record.other_parameters for name in names):
-            values = zip(map(record.value, names), factors, strict=True)
-            rows.append((record.name, [digits.quantity(value, factor) for value, factor in values], ""))
-    terminal.add_rows(table, rows)
-    console.print(table)
-    for line in parameter_key(result.parameters):
-        console.print(line, style="dim")
-
-
-def _windowed(records: Sequence[CurveRecord]) -> list[str]:
-    """The parameters by window: G and the viscosity, or what a law has instead."""
-    of_laws = ([name for name in parameters_of([record]) if name != AT_RATE] for record in records)
-    return list(dict.fromkeys(name for law in of_laws for name in [n for n in law if n in KEYS] or law))
-
-
-def windows(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[str, str]]]:
-    """'G (kPa), µ (Pa s)', and '6.44, 0.0295' of each record for windows of 1, 2, 3 and all collapses; * where one is
-    at a bound. Nothing of a record that no fit answers."""
-    texts_of_records = []
-    for record in records:
-        fitted = record.method in FITS and record.has_answer
-        windows = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
-        texts = dict.fromkeys(_WINDOWS.values() if windows else (), digits.MISSING)
-        for key, window in windows.items():
-            values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed([record])]
-            numbers = [digits.significant(value * scale) for value, scale in values if value is not None]
-            texts[_WINDOWS[key]] = (", ".join(numbers) or digits.MISSING) + ("*" if window.at_bound else "")
-        texts_of_records.append(texts)
-    names = _windowed([record for record, texts in zip(records, texts_of_records, strict=True) if texts])
-    parts = (in_unit(name, unit) for name in names)
-    return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts), texts_of_records
-
-
-def _print_windows(console: Console, result: Result) -> None:
-    """G and mu of every curve for windows of 1, 2, 3 and all collapses; of every group mean ± standard deviation over
-    the trusted curves that have the window, and how many they are."""
-    unit, heads, curves = result.modulus_unit, list(_WINDOWS.values()), result.curves
-    values, texts_of_records = windows(curves, unit)
-    windowed = zip(curves, texts_of_records, strict=True)
-    rows = [(curve.name, list(texts.values()), "") for curve, texts in windowed if texts]
-    if not rows:
-        return
     for group, shots in result.shots():
-        trusted = [shot for shot in shots if shot.trusted and shot.method in FITS]
-        means = []
-        for key in _WINDOWS:
-            having = [curve.windows[key].best for curve in trusted if key in curve.windows]
-            spreads = {name: spread_of([best.get(name) for best in having]) for name in _windowed(trusted)}
-            texts = [digits.spread(mean, in_unit(name, unit)[1]) for name, mean in spreads.items() if mean.n]
-            means.append(f"{', '.join(texts)} (n = {len(having)})" if texts else digits.MISSING)
-        rows += [(group.name, means, "bold")] if len(shots) > 1 else []
-    title = f"{values} by the window that is fitted; *: a parameter at its bound"
-    table = terminal.table("curve", heads, left=heads, title=title)
-    terminal.add_rows(table, rows)
-    console.print(table)
+        answers = [shot for shot in shots if shot.has_answer]
+        of_shots = [name for name in KEYS if any(shot.value(name).median for shot in answers)]
+        inferred = [name for name in KEYS if name in of_shots or group.value(name).mean is not None]
+        published = [name for values in group.published.values() for name in values]
+        for name in sorted({*inferred, *published}, key=[*KEYS, *published].index) or [""]:
+            values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
+            values |= {OURS_TRUSTED: group.value(name), OURS_ALL: spread_over(answers, name)}
+            rows.append(ComparedParameter(group, shots, name, values))
+    return rows
+
+
+def _references(result: Result) -> list[str]:
+    """The methods that errors are to."""
+    return list(dict.fromkeys(method for group in result.groups for method in group.errors))
+
+
+def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
+    """The material, and shots with another verdict than ok."""
+    lines = [group.material.line] if group.material else []
+    if counts := [f"{digits.LOOKS[v].words} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
+        lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
+    reasons = terminal.by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
+    return lines + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
+
+
+def print_comparison(result: Result) -> None:
+    """A line for each group, parameter and method; then what is to be known of each group and of all."""
+    console = terminal.console()
+    console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
+    means = "mean ± standard deviation over the trusted shots that determine it. "
+    several = any(len(row.answers) > 1 for row in compared_parameters(result))
+    also = f"{OURS_ALL}: over all answered shots, those with an input warning included. "
+    means = f"{OURS_TRUSTED}: {means}{also}" if several else means.capitalize()
+    references = " or ".join(_references(result))
+    errors = f"Error to {references}: |mean − its mean| / its mean, in %. " if references else ""
+    misfits = "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
+    bubbles = ", ".join(dict.fromkeys(shot.bubble.title for shot in result.curves if shot.has_answer))
+    assumed = f" Our answers assume the {bubbles}." if bubbles else ""
+    console.print(means + errors + misfits + assumed, style="dim")
+    for group, shots in result.shots():
+        terminal.print_remarks(console, {remark: [group.name] for remark in group_remarks(group, shots)})
+    terminal.print_remarks(console, {}, result.notes)
+
+
+def print_with_published(result: Result, warning: str) -> None:
+    """The table and what must be known of it, below what is printed of another method."""
+    console = terminal.console()
+    console.print()
+    console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
+    console.print(warning, style="yellow")
+
+
+def comparison_table(result: Result, *, wide: bool) -> Table:
+    """For the terminal."""
+    rows, references = compared_parameters(result), _references(result)
+    heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in references)]
+    heads += ["shots", "trusted", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
+    table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
+    moduli = [value.mean for row in rows if row.name == "shear_modulus" for value in row.values.values()]
+    modulus_unit, before = digits.modulus_unit([0.0, *moduli]), None  # one for all rows
+    for row in rows:
+        factor, label = 1.0, row.name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
+        if row.name in KEYS:
+            symbol, factor, unit = in_unit(row.name, modulus_unit)
+            label = f"{symbol} ({unit})"
+        head = ["" if row.group is before else row.group.name, label or digits.MISSING]
+        shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.answers else ["", ""]
+        middle, low, high = map(digits.percent, row.misfits)
+        misfit = middle if middle == digits.MISSING else f"{middle}{' ' if wide else chr(10)}({low}–{high})"
+        counts = [*shots, misfit]
+        for method in [method for method in row.values if method not in (OURS_TRUSTED, OURS_ALL)] + row.answers:
+            texts = [*head, method, digits.spread(row.value(method), factor)]
+            errors = {to: digits.percent(row.error(to, method)) for to in references if to != method}
+            texts += [errors.get(to, "") for to in references]  # no method is its own reference
+            ours = method in row.answers
+            table.add_row(*texts, *(counts if ours else []), style="bold" if ours and method != OURS_ALL else None)
+            head, counts = ["", ""], [] if ours else counts
+        before = row.group
+        table.add_section()
+    return table
+
+
+def write_comparison(path: Path, result: Result) -> None:
+    """One line for each group and parameter, SI, errors as fractions; empty where there is no number."""
+    lines, methods = list[dict[str, Any]](), [method for group in result.groups for method in group.published]
+    parts = dict.fromkeys(methods, ("mean", "std")) | dict.fromkeys((OURS_TRUSTED, OURS_ALL), ("mean", "std", "n"))
+    names = {method: method.replace(", ", "_") if method in (OURS_TRUSTED, OURS_ALL) else method for method in parts}
+    for row in compared_parameters(result):
+        line: dict[str, Any] = {"set": row.group.name, "quantity": KEYS.get(row.name, row.name)}
+        for method, name in names.items():
+            line |= {f"{name}_{part}": getattr(row.value(method), part) for part in parts[method]}
+        for to in _references(result):
+            line |= {f"{name}_error_to_{to}": row.error(to, method) for method, name in names.items() if method != to}
+        line |= {"n_shots": len(row.shots), "n_answered": row.group.n}
+        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
+        ends = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
+        line |= zip(ends, row.misfits, strict=True)
+        line |= {"models": ", ".join(row.group.models), "message": "; ".join(group_remarks(row.group, row.shots))}
+        lines.append(line)
+    write_rows(path, list(lines[0]) if lines else [], lines)

@@ -38,7 +38,7 @@ class Compare(options.Printing, options.Pictures, options.OneBubble):
 
     def __call__(self, run: Run) -> None:
         from cavirheo.companions.comparison import Answering, compare
-        from cavirheo.reporting.comparison import print_comparison
+        from cavirheo.reporting.table import print_comparison
 
         result, run.unreadable, interrupted = compare(
             self.source,
@@ -72,7 +72,7 @@ class Rheometer(options.Printing, options.Pictures):
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import rheometer
         from cavirheo.companions.published_values import add_to_groups
-        from cavirheo.reporting import comparison, read_json
+        from cavirheo.reporting import read_json, table
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs
 
@@ -94,13 +94,13 @@ class Rheometer(options.Printing, options.Pictures):
         outputs.write("rheometer.csv", rheometer.write_csv, rheometry)
         if result:
             add_to_groups(result.groups, {material: rheometry.published})
-            outputs.write("table.csv", comparison.write_csv, result)
+            outputs.write("table.csv", table.write_comparison, result)
         for kind in ("strain", "frequency") if drawing else ():
             if rheometry.of(kind):
                 rheometry.notes += outputs.picture(f"{kind}-sweep.png", style.save, rheometer.figure, rheometry, kind)
         run.deliver(outputs, rheometry)
         if result and not run.quiet:
-            comparison.print_with_published(result, rheometer.regimes(rheometry, result))
+            table.print_with_published(result, rheometer.regimes(rheometry, result))
         run.end(f"written to {self.out} in {{seconds}}", any(sweep.message for sweep in rheometry.sweeps))
 
 

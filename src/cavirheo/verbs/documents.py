@@ -86,7 +86,7 @@ def _show_training_set(path: Path) -> None:
 def _show_curves(path: Path, shots: str | None) -> None:
     """What `infer` would read: a row per curve, then what was recognised, and the input warnings."""
     from cavirheo.io import read_curves
-    from cavirheo.reporting.input_remarks import notes, summary_cells, warnings
+    from cavirheo.reporting.table import curve_warnings, notes, summary_cells
 
     curves, console = read_curves(path, shots=shots), terminal.console()
     heads = ["R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]
@@ -95,7 +95,7 @@ def _show_curves(path: Path, shots: str | None) -> None:
         table.add_row(curve.name, *summary_cells(curve))
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
     console.print(table)
-    terminal.print_warnings(console, warnings(curves))
+    terminal.print_warnings(console, curve_warnings(curves))
     terminal.print_remarks(console, notes(curves))
 
 

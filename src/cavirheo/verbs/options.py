@@ -302,7 +302,7 @@ class Measured(Answering):
         """Of figures that are asked for as files. Raises InputError: another word, or no matplotlib."""
         kinds = tuple(dict.fromkeys(word.strip() for word in (self.figures or "").split(",") if word.strip()))
         if kinds:
-            from cavirheo.reporting.figures import check_figures
+            from cavirheo.reporting.pictures import check_figures
             from cavirheo.writing.style import available
 
             check_figures(kinds)

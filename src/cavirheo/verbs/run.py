@@ -21,7 +21,6 @@ from typer.core import TyperCommand
 from cavirheo.errors import InputError, require
 from cavirheo.verbs.options import BUBBLE, CLUSTER, INPUT, INTERVAL, MATERIAL, OUTPUT, Verb
 from cavirheo.writing import terminal
-from cavirheo.writing.claim import Claim, claimed, current
 
 if TYPE_CHECKING:
     from cavirheo.reporting.record import Result
@@ -71,12 +70,13 @@ class Run:
         """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""
         from cavirheo.files import sha256
         from cavirheo.io.files import expand
+        from cavirheo.writing.document import CLAIM
 
         files: list[Path] = []
         for pattern in patterns:
             try:
                 files += expand([pattern], self.say)
-                if str(pattern) == "-" and (claim := current()):
+                if str(pattern) == "-" and (claim := CLAIM.get()):
                     claim.inputs.append(sha256(files[-1]))
             except InputError as error:
                 self.refuse([str(error)])
@@ -145,6 +145,8 @@ class Command(TyperCommand):
         try:
             verb = super().invoke(ctx)
             if isinstance(verb, Verb):  # two calls that ask for the same answers make the same claim, from anywhere
+                from cavirheo.writing.document import Claim, claimed
+
                 options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
                 request = json.loads(json.dumps({"verb": type(verb).__name__} | options, default=os.path.realpath))
                 with claimed(Claim(command_line(), request, verb.replace)):

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil, floor, isfinite, log10
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cavirheo import errors
 
@@ -14,8 +13,7 @@ if TYPE_CHECKING:
     from cavirheo.writing.document import Quantity, Spread
 
 
-@dataclass(frozen=True)
-class Look:
+class Look(NamedTuple):
     """How a verdict is shown: its words, its colour on white, its colour in a terminal."""
 
     words: str

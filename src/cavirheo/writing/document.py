@@ -1,4 +1,9 @@
-"""What all documents that cavirheo writes have in common: records that JSON can hold, their head, and files of rows."""
+"""What all documents that cavirheo writes have in common: records that JSON can hold, their head, files of rows; and
+how they are written: each file whole or not at all, and none that is the user's or another run's is replaced.
+
+A run holds the folders that it writes into by a lock on a hidden file, which ends with the process: a run that was
+killed blocks none.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +14,13 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import IO, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -30,12 +37,20 @@ from pydantic_core import to_json
 from cavirheo.errors import InputError, printable, require
 from cavirheo.files import as_cell, as_remark, read_bytes, sha256
 from cavirheo.parameters import Bound
-from cavirheo.writing import claim, digits
+from cavirheo.writing import digits
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows, where no folder is held
+    fcntl = None  # type: ignore[assignment]
 
 _log = logging.getLogger(__name__)
 LARGEST = 500_000_000  # bytes of a document that is read
 NAME = 120  # bytes of a name to which an ending, a number and the mark of a part are added
 LIST = ".cavirheo"  # in a folder that we wrote into: what we wrote there
+LOCK = ".cavirheo.lock"  # in a folder while a run holds it
+Kind = TypeVar("Kind", bound="Document")
+Picture = TypeVar("Picture")
 
 
 def finite(value: float | None) -> float | None:
@@ -77,10 +92,6 @@ class Document(Record):
     command: str
     date: str | None = None
     notes: list[str] = []
-
-
-Kind = TypeVar("Kind", bound=Document)
-Picture = TypeVar("Picture")
 
 
 class Quantity(Record):
@@ -177,14 +188,96 @@ def whole(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+@dataclass(eq=False)
+class Claim:
+    """One run of a command, which holds the folders that it writes into and knows its own answers again.
+
+    Attributes:
+        command: what was typed.
+        request: the verb, its inputs and every option that an answer depends on, as JSON can hold them.
+        replace: whether answers of other runs may be replaced.
+        inputs: SHA-256 of inputs without a name.
+    """
+
+    command: str
+    request: Mapping[str, Any]
+    replace: bool = False
+    inputs: list[str] = field(default_factory=list)
+    _held: dict[Path, IO[str]] = field(default_factory=dict)
+    _new: list[Path] = field(default_factory=list)  # folders that were made
+
+    @property
+    def key(self) -> str:
+        """By which the run is known again: the same command with the same inputs has it too."""
+        text = json.dumps([self.request, self.inputs], sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def hold(self, folder: Path, new: list[Path]) -> None:
+        """Until the run ends. new: what was made for it, removed then if it is empty. Raises OSError, and InputError:
+        another run holds it."""
+        place = Path(os.path.realpath(folder)) / LOCK
+        self._new += new
+        if fcntl is None or place in self._held:
+            return
+        while True:
+            file = place.open("a+", encoding="utf-8", errors="replace")
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                file.seek(0)
+                holder = printable(file.read(200)) or "a process of this machine"
+                file.close()
+                remedy = "wait until it ends, or name another folder by -o"
+                raise InputError(f"{folder} is in use by another run ({holder}): {remedy}", "document.busy") from None
+            except OSError:  # this file system has no locks
+                file.close()
+                place.unlink(missing_ok=True)
+                return
+            with suppress(FileNotFoundError):  # removed by the run before, in this moment
+                if os.path.samestat(os.fstat(file.fileno()), place.stat()):
+                    break
+            file.close()
+        self._held[place] = file
+        file.truncate(0)
+        file.write(f"process {os.getpid()}: {self.command}"[:200])
+        file.flush()
+
+    def release(self) -> None:
+        """The folders are free, and those that were made and are empty are gone."""
+        for place, file in self._held.items():
+            with suppress(OSError):
+                place.unlink()
+            with suppress(OSError):  # a full disk
+                file.close()
+        self._held.clear()
+        for folder in self._new:
+            with suppress(OSError):  # something is in it
+                folder.rmdir()
+
+
+CLAIM: ContextVar[Claim | None] = ContextVar("claim", default=None)
+"""That of the command that runs; None in Python."""
+
+
+@contextmanager
+def claimed(claim: Claim) -> Iterator[None]:
+    """While a command runs, or a call from Python writes."""
+    before = CLAIM.set(claim)
+    try:
+        yield
+    finally:
+        CLAIM.reset(before)
+        claim.release()
+
+
 class Outputs:
     """The files that one run writes into a folder: each whole or not at all, and no file of the user's is replaced.
 
     `.cavirheo` in the folder has a line for every file that we wrote, with its SHA-256. The line is there before the
     file has its name, so that a run which is killed leaves nothing that the next would not know. A file that is not
     listed as it is now was written, or changed, by somebody else. The first of `names` tells one kind of run from
-    others, which may use the same folder. A line names the run, too: a command holds the folder (writing/claim.py), and
-    replaces what another run of its kind wrote only if it is told to.
+    others, which may use the same folder. A line names the run, too, whose `Claim` holds the folder: it replaces what
+    another run of its kind wrote only if it is told to.
 
     Raises:
         InputError: at once, and again before each file is written: the folder cannot be written, or one of `names` is
@@ -197,7 +290,7 @@ class Outputs:
         self._inputs = {os.path.realpath(path) for path in inputs}
         self._written: set[str] = set()
         self._listed: dict[str, list[dict[str, str]]] = {}
-        self._claim = claim.current()
+        self._claim = CLAIM.get()
         new = [path for path in (self.folder, *self.folder.parents) if not os.path.exists(path)]
         with into(self.folder):  # tried, without a trace
             if self._claim:
@@ -222,7 +315,7 @@ class Outputs:
             foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {remedy}"
             with suppress(FileNotFoundError):
                 path.lstat()  # raises OSError for a name that no file can have
-                require(self.holds(name), foreign, "document.foreign")
+                require(bool(self.holds(name)), foreign, "document.foreign")
 
     def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
         """`writer(path, *content, **how)` into the file of this name."""
@@ -259,18 +352,14 @@ class Outputs:
         """Raises InputError: what this run would replace or remove is another run's."""
         for name, entries in self._listed.items():
             concerned = (name in names or entries[-1]["kind"] == self.kind) and entries[-1]["run"] != run
-            if concerned and (entry := self._entry(name)) and entry["run"] != run:
+            if concerned and (entry := self.holds(name)) and entry["run"] != run:
                 whose = f" ({entry['command']})" if entry["command"] else ""
                 message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
                 remedy = "name another folder by -o, or give --replace (replace=True in Python)"
                 raise InputError(f"{message}: {remedy}", "document.other_run")
 
-    def holds(self, name: str) -> bool:
-        """Whether this file is there as we wrote it."""
-        return self._entry(name) is not None
-
-    def _entry(self, name: str) -> dict[str, str] | None:
-        """The line of this file as it is now; None if it is not there, or not as we wrote it."""
+    def holds(self, name: str) -> dict[str, str] | None:
+        """The line of this file, if it is there as we wrote it."""
         path, entries = self.folder / name, self._listed.get(name, [])
         if not entries or not path.is_file() or path.is_symlink():
             return None
@@ -289,11 +378,9 @@ class Outputs:
 
 
 def try_to_draw(name: str, failed: list[str], draw: Callable[..., Picture], *content: Any) -> Picture | None:
-    """`draw(*content)`, of a picture or its file: where it cannot be drawn None, `failed` has a sentence more, and the
-    run goes on.
+    """`draw(*content)`, of a picture or its file: where it cannot be drawn None, and `failed` has a sentence more.
 
-    Raises InputError of `Outputs`: the folder cannot be written, or a file of the user's would be replaced.
-    """
+    Raises InputError of `Outputs`: the folder cannot be written, or a file of the user's would be replaced."""
     try:
         with np.errstate(all="ignore"):  # of numbers near the largest there is
             return draw(*content)
@@ -340,10 +427,6 @@ def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str
     (`files.as_cell`). remark: a line above them, after "# "."""
     with Path(path).open("w", newline="", encoding="utf-8") as file:
         file.write(f"# {as_remark(printable(remark))}\n" if remark else "")
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(map(_cell, head))
-        writer.writerows([_cell(row.get(key)) for key in head] for row in rows)
-
-
-def _cell(value: Any) -> Any:
-    return as_cell(digits.printable(value)) if isinstance(value, str) else _printable(value)
+        for cells in (head, *([row.get(key) for key in head] for row in rows)):
+            texts = [as_cell(cell) if isinstance(cell, str) else cell for cell in map(_printable, cells)]
+            csv.writer(file, lineterminator="\n").writerow(texts)

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
 
 def console(**how: Any) -> Console:
-    """Where results are printed, or with `stderr` what is only said meanwhile; text is printed as it is, but without
-    control characters."""
+    """Where results are printed, or with `stderr` progress; text as it is, but without control characters."""
     from rich.console import Console
 
     class Plain(Console):
@@ -44,10 +43,8 @@ def bar(
     what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
 ) -> Iterator[Callable[..., None]]:
     """A bar on stderr that vanishes when done, with so many of `unit` per second and the time left; nothing where
-    stderr is no terminal. Yields `advance(count=1, total=None, what=None)`.
-
-    advance counts what is done; it may also tell the total, or say anew what is being done.
-    """
+    stderr is no terminal. Yields `advance(count=1, total=None, what=None)`: more that is done, and, if given, of how
+    many, and anew what is being done."""
     on = console(stderr=True)
     if not (visible and on.is_terminal):  # rich 13 ends a bar that is disabled with an empty line
         yield lambda count=1, total=None, what=None: None
@@ -76,18 +73,12 @@ def bar(
     )
     with Progress(*columns, speed_estimate_period=RATE_OVER, console=on, transient=True) as progress:
         task = progress.add_task(what, total=total)
-
-        def advance(count: int = 1, total: int | None = None, what: str | None = None) -> None:
-            progress.update(task, advance=count, total=total, description=what)
-
-        yield advance
+        yield lambda count=1, total=None, what=None: progress.update(task, advance=count, total=total, description=what)
 
 
 def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: str = "", gap: int = 1) -> Table:
-    """A table of which nothing is cut off: where it is narrow, words fold, and numbers last.
-
-    The others are right-aligned unless named in `left`.
-    """
+    """A table of which nothing is cut off: where it is narrow, words fold, and numbers last. Numbers are right-aligned:
+    all but the first column and those in `left`."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -135,28 +126,26 @@ def _merged(form: str, columns: Sequence[Sequence[str]]) -> str:
 
 
 def print_remarks(
-    to: Console,
-    remarks: Mapping[str, Sequence[str]],
-    notes: Iterable[str] = (),
-    *,
-    most: int | None = None,
-    mark: str = "•",
-    colour: str = "",
+    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 10**9
 ) -> None:
-    """A line for each message, after a mark and the names (at most `most`, if given) that it is about; then notes on
-    the whole."""
+    """A line for each message, after the names that it is about, at most so many; then notes on the whole."""
     from rich.text import Text
 
     for message, names in remarks.items():
-        listed = names[:most]
-        who = ", ".join(listed) + (f" and {len(names) - len(listed)} more" if len(listed) < len(names) else "")
-        to.print(Text().append(f"{mark} ", colour).append(printable(who), "bold").append(f": {printable(message)}"))
+        to.print(Text("• ").append(_listed(names, most), "bold").append(f": {printable(message)}"))
     for note in notes:
         to.print(Text(f"• {printable(note)}"))
 
 
+def _listed(names: Sequence[str], most: int) -> str:
+    return printable(", ".join(names[:most])) + f" and {len(names) - most} more" * (len(names) > most)
+
+
 def print_warnings(to: Console, warnings: Iterable[tuple[str, str]]) -> None:
     """What is to be checked of recordings and settings, of (name, sentence): each once, before all other remarks."""
+    from rich.text import Text
+
     look = LOOKS["check_input"]
-    names = {message: list(dict.fromkeys(of)) for message, of in by_message(warnings).items()}
-    print_remarks(to, names, most=2, mark=f"{look.words}:", colour=look.terminal)
+    for message, of in by_message(warnings).items():
+        line = Text().append(f"{look.words}: ", look.terminal).append(_listed([*dict.fromkeys(of)], 2), "bold")
+        to.print(line.append(f": {printable(message)}"))

@@ -1,0 +1,350 @@
+"""Panels drawn: as SVG text, which a page holds in itself, by one template (picture.svg) at every size; and as files,
+for those that are asked for, by matplotlib.
+
+Of SVG coordinates are whole numbers, PX to a pixel, and colours those of picture.css, which each page has once. Files
+are for a two-column paper: 84 or 174 mm wide, type of 7 and 8 pt, told apart in grey; name, verdict and answer stand in
+its caption.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, count
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import require
+from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.panels import Axis, Layer, Panel, answer_panels, group_panels
+from cavirheo.reporting.record import Pairs, Result
+from cavirheo.writing import digits, style
+from cavirheo.writing.document import Outputs, short_name, try_to_draw
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PX = 4  # units of a picture to a pixel
+WIDTH, HEIGHT = 480, 300  # px of a picture as the report shows it
+POINTS = 800  # of a picture
+GROUP_POINTS = 8 * POINTS  # of the shots of a group
+Word = tuple[str, int, int, str]  # look, place of its baseline, text
+Key = list[tuple[str, str]]  # look, text
+_LEFT, _RIGHT, _BELOW = 44 * PX, 6 * PX, 36 * PX  # around the axes
+_ROW = 17 * PX  # a line of words
+_TICK = 4 * PX
+_FEWEST = 40  # points of a line that is drawn
+_TONES = 12  # of the shots of a group
+_SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "area": "▬", "ticks": "|"}  # in the key, by shape
+_SYMBOLS |= {"ring": "○", "outlier": "○", "contour": "- -"}  # or by look
+KINDS = ("png", "svg", "pdf")  # of files
+_MM = 25.4  # to an inch
+_WIDTH_MM, _PAGE = 84.0, 174.0  # a column, and a page
+_SMALL, _LARGE = 7.0, 8.0  # pt: numbers and keys, and the names of axes
+_EM = _LARGE * _MM / 72.0  # mm
+_LINE = 1.0  # pt
+_DPI = 300  # of a PNG
+_GREY = "#a0a0a0"
+_LIGHTEST = 0.85  # tone of a shot, of 1
+_KEY: dict[str, Any] = {"frameon": False, "fontsize": _SMALL, "handlelength": 1.4, "borderpad": 0.0}
+_DOT = {"marker": "o", "ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
+_MARK = {"ms": 4.0, "lw": 1.0, "capsize": 2.0, "zorder": 3}
+_LOOKS: dict[str, dict[str, Any]] = {  # of the layers of a panel; one without is left out
+    "measured": _DOT | {"mec": "black"},
+    "outside": _DOT | {"mec": _GREY},
+    "simulated": {"color": style.VERMILLION, "lw": _LINE},
+    "residual": _DOT | {"mec": "black"},
+    "zero": {"color": "black", "lw": 0.5},
+    "shot": {"lw": 0.8 * _LINE},
+    "interval": {"lw": 0.8},
+    "estimate": {"s": 14.0},
+    "ring": {"marker": "o", "ls": "", "ms": 3.2, "mew": 0.8, "mec": style.INK, "mfc": "white"},
+    "contour": {"color": "black", "ls": "--", "lw": 0.7 * _LINE, "zorder": 3},
+    "centre": {"color": "black", "marker": "D", **_MARK},
+    "published": {"color": style.VERMILLION, "marker": "s", **_MARK},
+    "centre-range": {"color": "black", "alpha": 0.1, "lw": 0},
+    "published-range": {"color": style.VERMILLION, "alpha": 0.1, "lw": 0},
+}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A panel in a box of a picture: where points lie, and the paths of layers. box: left, top, width and height."""
+
+    panel: Panel
+    box: tuple[int, int, int, int]
+
+    def place(self, x: Any, y: Any, axis: Axis | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """In whole units of the picture. axis: along which x is counted, if not that of the panel."""
+        (left, top, width, height), along, up = self.box, axis or self.panel.x, self.panel.y
+        across = left + width * (np.asarray(x, dtype=float) - along.low) / (along.high - along.low)
+        down = top + height * (up.high - np.asarray(y, dtype=float)) / (up.high - up.low)
+        return np.rint(across).astype(int), np.rint(down).astype(int)
+
+    def axes(self, *, along: bool) -> tuple[str, list[Word], list[Word]]:
+        """The path of the axes, their ticks and names. along: with ticks of `x`."""
+        (left, top, width, height), panel = self.box, self.panel
+        right, bottom = left + width, top + height
+        rows, columns = panel.y.ticks(max(height // (36 * PX), 4)), panel.x.ticks(max(width // (55 * PX), 2))
+        places = self.place(panel.x.low, rows)[1]
+        path = "".join(f"M{left} {down}h{width}" for down in places) + f"M{left} {top}v{height}h{width}"
+        ticks = [("end", left - 5 * PX, down + 4 * PX, f"{n:g}") for down, n in zip(places, rows, strict=True)]
+        names = [("name", 2 * PX, top - 6 * PX, panel.y.label)]
+        if along:
+            places = self.place(columns, panel.y.low)[0]
+            path += "".join(f"M{across} {bottom}v{_TICK}" for across in places)
+            ticks += [("middle", x, bottom + 15 * PX, f"{n:g}") for x, n in zip(places, columns, strict=True)]
+            names.append(("name end", right, bottom + 31 * PX, panel.x.title))
+        if second := panel.top:
+            columns = second.ticks(max(width // (45 * PX), 2))
+            for across, n in zip(self.place(columns, panel.y.low, second)[0], columns, strict=True):
+                path += f"M{across} {top}v{-_TICK}"
+                if left + 30 * PX < across < right - 25 * PX:  # the ends are those of the axes' names
+                    ticks.append(("middle", across, top - 6 * PX, f"{n:g}"))
+            names.append(("name end", right, top - 6 * PX, second.label))
+        return path, ticks, names
+
+    def paths(self, points: int) -> Iterator[tuple[str, str, str]]:
+        """(look, path, colour) of each layer. points: of the picture, of which each has its share. Those of one tone,
+        of the few that are told apart, are one path."""
+        for layer in self.panel.layers:
+            most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
+            path: Any = getattr(self, f"_{layer.shape}")
+            tones = style.shades([] if layer.tones is None else np.rint(_TONES * layer.tones) / _TONES)
+            rgb = np.rint(255 * tones).astype(int).tolist()
+            colours = np.array(["#{:02x}{:02x}{:02x}".format(*tone) for tone in rgb] or [""])
+            for colour in dict.fromkeys(colours.tolist()):
+                some = colours == colour if len(colours) == len(layer.x) else slice(None)
+                if data := path(layer.x[some], layer.y[some], most):
+                    yield layer.look, data, colour
+
+    def _dots(self, x: Floats, y: Floats, most: int) -> str:
+        """A dot for each point, or for every k-th of more than `most`."""
+        every = max(-(-len(x) // max(most, 1)), 1)
+        across, down = self.place(x[::every], y[::every])
+        return "".join(f"m{step}z" for step in _steps(across, down)).replace("m", "M", 1)
+
+    def _line(self, x: Floats, y: Floats, most: int) -> str:
+        """A line through the points, with no more than about `most` of them; it breaks where a number is NaN."""
+        finite, path = np.flatnonzero(np.isfinite(y)), ""
+        for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else ():
+            some = part[self._thinned(x[part], y[part], max(most * len(part) // len(finite), 2))]
+            first, *steps = _steps(*self.place(x[some], y[some]))
+            path += f"M{first}l{' '.join(steps)}" if steps else f"M{first}z"
+        return path
+
+    def _band(self, x: Floats, y: Floats, _: int) -> str:
+        (left, right), (bottom, top) = self.place(x, y)
+        return f"M{left} {top}h{right - left}V{bottom}H{left}z"
+
+    def _area(self, x: Floats, y: Floats, most: int) -> str:
+        """Between two lines, with no more than about `most` points of each."""
+        some = self._thinned(x, y[:, 1], most)
+        ends = np.concatenate([y[some, 0], y[some[::-1], 1]])
+        first, *steps = _steps(*self.place(x[np.concatenate([some, some[::-1]])], ends))
+        return f"M{first}l{' '.join(steps)}z"
+
+    def _bars(self, x: Floats, y: Floats, _: int) -> str:
+        across, down = self.place(x, y)
+        return "".join(
+            (f"M{a} {m}H{b}" if a < b else "") + (f"M{k} {c}V{d}" if d < c else "")
+            for (a, k, b), (c, m, d) in zip(across.tolist(), down.tolist(), strict=True)
+        )
+
+    def _ticks(self, x: Floats, y: Floats, _: int) -> str:
+        return "".join(f"M{across} {down}v{-7 * PX}" for across, down in zip(*self.place(x, y), strict=True))
+
+    def _thinned(self, x: Floats, y: Floats, most: int) -> np.ndarray:
+        """Indices of about `most` points, equally far along a line, and of its turns: a collapse stays sharp."""
+        if len(x) <= most:
+            return np.arange(len(x))
+        width, height = (axis.high - axis.low for axis in (self.panel.x, self.panel.y))
+        steps = np.hypot(np.diff(x / width), np.diff(y / height))
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        even = np.searchsorted(along, np.linspace(0.0, along[-1], most))
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(y))) != 0) + 1
+        return np.union1d(np.minimum(even, len(x) - 1), turns[: max(most, 0)])
+
+
+def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS) -> Markup:
+    """The picture of a curve: measured points, the simulation over them, and below what is left between, with a band of
+    ± RMSE. width and height: px; type keeps its size. points: about so many are drawn."""
+    radius, *residual = panels
+    simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
+    key = _key(radius, without="outside" if width < WIDTH else "")  # there is no room
+    key += [("failed", f"{radius.note}\u2003")] if radius.note else []
+    return _picture(panels, f"measured radius over time{simulated}", key, points, (width, height))
+
+
+def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
+    """The pictures of a group beside each other: its shots (`overlay_svg`), then their answers."""
+    pictures = [overlay_svg(panels[0], points)]
+    for panel in panels[1:]:
+        pictures.append(_picture([panel], f"{panel.y.label} of each shot over {panel.x.label}", _key(panel), points))
+    return Markup("").join(pictures)
+
+
+def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
+    """The picture of shots over each other. points: of all lines; of too many shots for these every k-th is drawn."""
+    every = max(-(-len(panel.layers) * _FEWEST // points), 1)
+    share = max(points // len(panel.layers[::every]), _FEWEST) / points
+    layers = tuple(replace(layer, share=share) for layer in panel.layers[::every])
+    label = f"{panel.y.label} over {panel.x.label} of {digits.counted(len(panel.layers), 'shot')}"
+    note = panel.note + (f", 1 of {every} is drawn" if every > 1 else "")
+    return _picture([replace(panel, layers=layers)], label, [("", note)], points)
+
+
+def _picture(
+    panels: Sequence[Panel], label: str, key: Key, points: int, size: tuple[float, float] = (WIDTH, HEIGHT)
+) -> Markup:
+    """A panel, and below it at most one of what is left between. key: the words in the row at the top."""
+    from cavirheo.reporting.html import template
+
+    view, top = [round(PX * side) for side in size], 2 * _ROW + 2 * PX
+    across, inner = view[0] - _LEFT - _RIGHT, view[1] - _BELOW - top
+    below = PX * round(0.26 * (inner - _ROW) / PX) if len(panels) > 1 else 0
+    begin = view[1] - _BELOW - below
+    between = _ROW + 4 * PX if below else 0
+    boxes = (_LEFT, top, across, inner - below - between), (_LEFT, begin, across, below)
+    frames = [Frame(panel, box) for panel, box in zip(panels, boxes, strict=False)]  # one, or both
+    axes, ticks, names = zip(*(frame.axes(along=frame is frames[-1]) for frame in frames), strict=True)
+    notes = [("residual end", view[0] - _RIGHT, begin - 6 * PX, panel.note) for panel in panels[1:]]
+    content = {"axes": axes, "ticks": [*chain(*ticks)], "words": [*chain(*names), *notes], "key": key}
+    content["layers"] = [*chain(*(frame.paths(points) for frame in frames))]
+    return Markup(template("picture.svg").render(view=view, label=label, left=_LEFT, row=_ROW - 5 * PX, **content))
+
+
+def _key(panel: Panel, *, without: str = "") -> Key:
+    """What the layers are, in their colours. without: a look that is left out."""
+    return [
+        (layer.look, f"{_SYMBOLS.get(layer.look, _SYMBOLS.get(layer.shape, ''))} {layer.name}\u2003")
+        for layer in panel.layers
+        if layer.name and layer.look != without
+    ]
+
+
+def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
+    """The first place, then from each to the next, in as few letters as SVG allows."""
+    x, y = np.diff(across, prepend=0).tolist(), np.diff(down, prepend=0).tolist()
+    return [f"{a}{b}" if b < 0 else f"{a} {b}" for a, b in zip(x, y, strict=True)]
+
+
+def check_figures(figures: Sequence[str]) -> None:
+    """Raises InputError: a kind of figure that is unknown."""
+    unknown = ", ".join(repr(kind) for kind in figures if kind not in KINDS)
+    require(not unknown, f"figures can be {', '.join(KINDS)}, got {unknown}", "reporting.figures")
+
+
+def stems_of(curves: Iterable[str], groups: Iterable[str]) -> list[str]:
+    """File names without their ending of the figures of curves and groups."""
+    return file_names([*curves, *(f"group-{name}" for name in groups)])
+
+
+def file_names(names: Sequence[str]) -> list[str]:
+    """A safe file name for each, short enough for an ending, different also where letter case does not count."""
+    taken = dict.fromkeys(("result", "report"), "")
+    for name in names:
+        stem = short_name(re.sub(r"[^\w.+-]+", "_", name).strip("._")[:100]) or "curve"
+        unique = next(n for n in chain([stem], (f"{stem}-{k}" for k in count(2))) if n.lower() not in taken)
+        taken[unique.lower()] = unique
+    return list(taken.values())[2:]
+
+
+def write_figures(
+    folder: Outputs, pairs: Pairs, document: Result, figures: Sequence[str], advance: Callable[[], None] | None = None
+) -> list[str]:
+    """Write the figures of all curves with an answer and groups of several; return the reasons of those that failed.
+    advance: called after each."""
+    if not style.available():
+        return [style.NO_PICTURES]
+    rows, failed = document.curves, list[str]()
+
+    def save(stem: str, indices: Sequence[int], group: GroupRecord | None = None) -> None:
+        figure = None
+        if group and group.n > 1:
+            figure = group_figure(group_panels(pairs, document, group, indices))
+        elif not group and rows[indices[0]].has_answer:
+            curve, answer = pairs[indices[0]]
+            figure = curve_figure(answer_panels(curve, answer.checks, rows[indices[0]]))
+        for kind in figures if figure else ():
+            folder.write(f"{stem}.{kind}", style.save, figure, kind, _DPI)
+
+    pictures: list[tuple[Any, ...]] = [(row.name, [index]) for index, row in enumerate(rows)]
+    pictures += [(group.name, indices, group) for group, indices in document.members()]
+    stems = stems_of((row.name for row in rows), (group.name for group in document.groups))
+    for stem, (name, *content) in zip(stems, pictures, strict=True):
+        try_to_draw(f"figure of {name}", failed, save, stem, *content)
+        if advance:
+            advance()
+    return failed
+
+
+def curve_figure(panels: Sequence[Panel]) -> Figure:
+    """A column: the measured points, the simulation over them, and below what is left between."""
+    height = 68.0
+    figure = style.new_figure(height / _MM, _WIDTH_MM / _MM)
+    left, bottom, across = 6.4 * _EM, 3.6 * _EM, _WIDTH_MM - 7.1 * _EM
+    radius, *residual = panels
+    lower = 0.18 * height * len(residual)
+    begin = bottom + lower + 1.1 * _EM * len(residual)
+    upper = _panel(figure, (left, begin, across, height - 0.7 * _EM - begin), radius, along=not residual)
+    upper.legend(**_KEY, loc="upper right")
+    for panel in residual:
+        _panel(figure, (left, bottom, across, lower), panel)
+    return figure
+
+
+def group_figure(panels: Sequence[Panel]) -> Figure:
+    """A page: all shots over each other, and their answers with the material; rings do not count."""
+    height = 62.0
+    figure = style.new_figure(height / _MM, _PAGE / _MM)
+    bottom, tall = 3.9 * _EM, height - 7.4 * _EM  # two lines of the key above
+    half = (_PAGE - 12.0 * _EM) / 2.0
+    shots, answers, *_ = panels
+    left = _panel(figure, (4.6 * _EM, bottom, half, tall), shots)
+    style.write(left, 1.0, 1.03, shots.note, size=_SMALL, ha="right")
+    right = _panel(figure, (_PAGE - 0.7 * _EM - half, bottom, half, tall), answers)
+    if right.get_legend_handles_labels()[0]:
+        right.legend(**_KEY, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.01))
+    for axes, letter in ((left, "a"), (right, "b")):
+        axes.set_title(letter, loc="left", fontsize=_LARGE, fontweight="bold")
+    return figure
+
+
+def _panel(figure: Figure, box: tuple[float, float, float, float], panel: Panel, *, along: bool = True) -> Axes:
+    """Axes with their layers. box: left, bottom, width and height, mm; along: with numbers and name at the bottom."""
+    (width, height), x, y = (_MM * figure.get_size_inches()), panel.x, panel.y
+    axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_linewidth(0.6)
+    axes.tick_params(labelsize=_SMALL, width=0.6, length=2.0, pad=2.0, labelbottom=along)
+    axes.set_xlabel(x.label if along else "", fontsize=_LARGE, labelpad=2.0)
+    axes.set_ylabel(y.label.replace(" (%", "\n(%"), fontsize=_LARGE)
+    axes.yaxis.set_label_coords(-3.3 * _EM / box[2], 0.5)  # left of the widest numbers
+    axes.set(xlim=(x.low, x.high), ylim=(y.low, y.high), xticks=x.ticks(7), yticks=y.ticks(6 if box[3] > 20 else 3))
+    for layer in panel.layers:
+        if layer.look in _LOOKS:
+            _draw(axes, layer, _LOOKS[layer.look])
+    return axes
+
+
+def _draw(axes: Axes, layer: Layer, how: dict[str, Any]) -> None:
+    x, y, label = layer.x, layer.y, layer.name or "_"
+    colours = None if layer.tones is None else style.shades(_LIGHTEST * layer.tones)
+    if layer.shape == "band":
+        axes.axhspan(*y, **how)
+    elif layer.shape == "bars":
+        xerr, yerr = (np.abs(values[:, [0, 2]] - values[:, [1]]).T for values in (x, y))
+        points: dict[str, Any] = {"ls": ""} if "marker" in how else {"fmt": "none", "ecolor": colours}
+        axes.errorbar(x[:, 1], y[:, 1], yerr, xerr, label=label, **how | points)
+    elif layer.shape == "dots" and colours is not None:
+        axes.scatter(x, y, c=colours, zorder=2, **how)
+    else:
+        colour = {} if colours is None else {"color": colours[0]}
+        flat = {"marker": ""} if layer.shape == "line" else {}
+        axes.plot(x, y, label=label, **how | colour | flat)
