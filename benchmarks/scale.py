@@ -25,7 +25,7 @@ from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
 from cavirheo.training.dataset import SHARD, Rows, fill, generate, layout_of
 from cavirheo.training.recipe import read_recipe
-from cavirheo.workflow.workers import AHEAD, Workers, identity, seconds_for
+from cavirheo.workflow.cluster import AHEAD, Workers, identity, seconds_for
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "laptop.toml"
 

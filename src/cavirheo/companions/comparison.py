@@ -23,7 +23,7 @@ from cavirheo.reporting import DOCUMENTS, html, outputs, read_json, result, tabl
 from cavirheo.reporting import comparison as tables
 from cavirheo.reporting.group import REFERENCES
 from cavirheo.reporting.record import Result
-from cavirheo.workflow.analyse import Unfinished
+from cavirheo.workflow import Unfinished
 from cavirheo.writing.document import Outputs, write_json
 
 _TABLE = "comparison.csv"

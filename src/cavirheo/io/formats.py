@@ -23,8 +23,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from cavirheo.errors import InputError, require, without_unseen
-from cavirheo.files import from_cell, is_float
+from cavirheo.errors import InputError, from_cell, is_float, require, without_unseen
 from cavirheo.io import limits
 
 CellTexts = list[str]

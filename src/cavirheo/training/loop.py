@@ -17,8 +17,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from cavirheo.errors import InputError, require
-from cavirheo.files import read_object
+from cavirheo.errors import InputError, read_object, require
 from cavirheo.training.recipe import PosteriorRecipe, Recipe, difference
 from cavirheo.writing.document import whole
 from cavirheo.writing.terminal import bar

@@ -45,7 +45,7 @@ from cavirheo.inference.model import ModelCard, PosteriorCard, predict
 from cavirheo.inference.posterior_network import INPUTS
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.physics.media import WATER
-from cavirheo.problem import TrainingProblem
+from cavirheo.prior import TrainingProblem
 from cavirheo.training.dataset import load, load_curves
 from cavirheo.training.loop import of_run, read_result, read_tensors, write_text
 from cavirheo.training.point_network import BubbleTransformer, PointTraining, Standardised, scaling

@@ -54,8 +54,7 @@ def cluster(
     quiet: options.Quiet = False,
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
-    from cavirheo.workflow.cluster import client_of
-    from cavirheo.workflow.workers import identity, reports
+    from cavirheo.workflow.cluster import client_of, identity, reports
 
     run = Run(quiet=quiet)
     with client_of(scheduler, run.say) as (client, wait):
@@ -130,7 +129,7 @@ def checksum(path: Path) -> str:
     """Of a model, and a word if it is not the file that its card describes. Raises InputError: it is too large."""
     import hashlib
 
-    from cavirheo.files import read_bytes
+    from cavirheo.errors import read_bytes
     from cavirheo.inference.model import LARGEST, card
 
     digest: str = hashlib.sha256(read_bytes(path, LARGEST)).hexdigest()
