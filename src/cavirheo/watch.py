@@ -100,9 +100,9 @@ class Watch:
         curves, _, repeated, hints = read_shots([curve for file in files for curve in file.curves], group=self.group)
         self._say_once(*repeated)
         remarks = [remark for file in files for remark in file.remarks]
-        by_key = dict(zip(keys, self._with_column(curves, remarks), strict=True))
-        answers = ((curve, self.store.get(key)) for key, curve in by_key.items())
-        return [(curve, of_file(answer, curve)) for curve, answer in answers if answer], remarks + repeated + hints
+        answers = (self.store.get(key, Posterior) for key in keys)
+        pairs = zip(self._with_column(curves, remarks), answers, strict=True)
+        return [(curve, of_file(answer, curve)) for curve, answer in pairs if answer], remarks + repeated + hints
 
     def _recordings(self) -> dict[str, RadiusCurve]:
         """The curves by the keys of their answers, without copies: those that `read_shots` leaves."""
