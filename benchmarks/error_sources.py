@@ -26,7 +26,7 @@ from cavirheo.errors import InputError
 from cavirheo.inference.model import card, path_of, predict
 from cavirheo.parameters import LOG10
 from cavirheo.physics.accuracy import PRECISE
-from cavirheo.problem import TrainingProblem
+from cavirheo.prior import TrainingProblem
 from cavirheo.training.dataset import load
 
 STEP = {True: 0.03, False: 0.04}  # of the finite differences: decades for logarithms

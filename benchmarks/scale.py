@@ -26,7 +26,7 @@ from cavirheo.physics.simulate import load_solver
 from cavirheo.training.dataset import SHARD, fill, generate, layout_of
 from cavirheo.training.recipe import read_recipe
 from cavirheo.training.recordings import Columns
-from cavirheo.workflow.workers import AHEAD, Workers, identity, seconds_for
+from cavirheo.workflow.cluster import AHEAD, Workers, identity, seconds_for
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "laptop.toml"
 

@@ -24,7 +24,7 @@ from cavirheo.parameters import LOG10, natural_name, scaled
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate
-from cavirheo.problem import TrainingProblem, natural_values
+from cavirheo.prior import TrainingProblem, natural_values
 
 R_MAX = (60e-6, 450e-6)  # m
 SYMBOLS = {"shear_modulus": "G", "viscosity": "mu", "stretch": "lambda"}

@@ -16,8 +16,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from cavirheo.inference import model
-from cavirheo.prior import Prior
-from cavirheo.problem import FrameGrid, TrainingProblem
+from cavirheo.prior import FrameGrid, Prior, TrainingProblem
 
 FRAMES = 20
 PRIOR = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}

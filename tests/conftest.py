@@ -18,8 +18,7 @@ import pytest
 
 from cavirheo import InputError, verbs
 from cavirheo.messages import Message
-from cavirheo.prior import Prior
-from cavirheo.problem import TrainingProblem
+from cavirheo.prior import Prior, TrainingProblem
 from cavirheo.training import dataset
 
 LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}

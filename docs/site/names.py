@@ -92,8 +92,7 @@ ANSWERS = Page(
             "Training sets",
             {
                 "cavirheo.training.dataset": "Dataset",
-                "cavirheo.problem": "TrainingProblem FrameGrid",
-                "cavirheo.prior": "Prior",
+                "cavirheo.prior": "TrainingProblem FrameGrid Prior",
             },
         ),
     ),

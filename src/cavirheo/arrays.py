@@ -16,7 +16,7 @@ def unscaled(log_weight: Floats) -> Floats:
 
 def log_sum(log_value: ArrayLike, axis: int | None = None) -> Floats:
     """log of the sum of exp(log_value), along an axis or of all; -inf where all vanish. scipy's logsumexp takes ten
-    times as long for arrays as small as those of a posterior, and posteriors ask for thousands."""
+    times as long for arrays as small as those of a posterior, which asks for thousands."""
     log_value = np.asarray(log_value, float)
     top = np.max(log_value, axis=axis, keepdims=True)
     top = np.where(np.isfinite(top), top, 0.0)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from copy import copy
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from math import log, sqrt
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -23,24 +24,19 @@ from cavirheo.writing import export, style
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from cavirheo.physics.media import Medium
+
 T = TypeVar("T")
 _FEWEST_FRAMES = 5  # below this no maximum is fitted
 _DRIFT = 0.05  # of R_max, that a late radius may rise
 _SPIKE = 0.2  # of R_max above both neighbours: no bubble moves like that (down it does, in a collapse)
 
 
-class TimeScale(Protocol):
-    """What `normalised` needs of a medium."""
-
-    def time_scale(self, max_radius: float) -> float: ...
-
-
 class _Stated(Generic[T]):
     """A key of `meta` as an attribute of the curve."""
 
     def __init__(self, key: str, default: T) -> None:
-        self.key: str = key
-        self.default: T = default
+        self.key, self.default = key, default
 
     def __get__(self, curve: RadiusCurve | None, _: type[RadiusCurve]) -> T:
         return self.default if curve is None else curve.meta.get(self.key, self.default)
@@ -56,9 +52,9 @@ def _numbers(name: str, values: Any) -> Floats:
 
 def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
     """The entries of `meta` with every text as it may be shown, the name and the notes among them."""
-    printed = {key: printable(value) if isinstance(value, str) else value for key, value in meta.items()}
-    words = {"name": str(printed.get("name", "curve")), "notes": tuple(map(printable, printed.get("notes", ())))}
-    return {**words, **printed, **words}
+    labels = {"name": "curve", "notes": (), **meta}
+    labels = {key: printable(value) if isinstance(value, str) else value for key, value in labels.items()}
+    return labels | {"name": str(labels["name"]), "notes": tuple(map(printable, labels["notes"]))}
 
 
 def several(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
@@ -112,15 +108,15 @@ class RadiusCurve:
     unusable: str = ""
 
     name: ClassVar[_Stated[str]] = _Stated("name", "curve")
-    column: ClassVar[_Stated[Mapping[str, float]]] = _Stated("column", {})  # declared (io/shots.py)
-    notes: ClassVar[_Stated[tuple[str, ...]]] = _Stated("notes", ())  # what was recognised, converted or left out
-    hints: ClassVar[_Stated[tuple[str, ...]]] = _Stated("hints", ())  # on scale and constants: of all shots of a file
-    source: ClassVar[_Stated[str]] = _Stated("source", "")  # the file, as it was given
+    column: ClassVar[_Stated[Mapping[str, float]]] = _Stated("column", {})
+    notes: ClassVar[_Stated[tuple[str, ...]]] = _Stated("notes", ())
+    hints: ClassVar[_Stated[tuple[str, ...]]] = _Stated("hints", ())
+    source: ClassVar[_Stated[str]] = _Stated("source", "")
     source_sha256: ClassVar[_Stated[str | None]] = _Stated("source_sha256", None)
-    stretch: ClassVar[_Stated[float | None]] = _Stated("stretch", None)  # R_max/R_0 as the file states it
+    stretch: ClassVar[_Stated[float | None]] = _Stated("stretch", None)
     stretch_std: ClassVar[_Stated[float | None]] = _Stated("stretch_std", None)
-    frame_rate: ClassVar[_Stated[float | None]] = _Stated("frame_rate_hz", None)  # 1/s
-    exposure: ClassVar[_Stated[float]] = _Stated("exposure_s", 0.0)  # of a frame, s, centred on its time
+    frame_rate: ClassVar[_Stated[float | None]] = _Stated("frame_rate_hz", None)
+    exposure: ClassVar[_Stated[float]] = _Stated("exposure_s", 0.0)  # centred on its time
 
     def __post_init__(self) -> None:
         expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
@@ -129,10 +125,9 @@ class RadiusCurve:
         fine = time.ndim == 1 and time.shape == radius.shape == std.shape
         message = "time, radius and radius_std must be one-dimensional and of one length, got shapes "
         require(fine, f"{message}{time.shape}, {radius.shape}, {std.shape}", "curve.shape")
-        if not np.isfinite(time).all():
-            raise InputError(f"time must be finite; sample {np.argmin(np.isfinite(time))} is not", "curve.time")
-        if np.any(np.diff(time) <= 0):
-            at = int(np.argmax(np.diff(time) <= 0)) + 1
+        for at in np.flatnonzero(~np.isfinite(time)):
+            raise InputError(f"time must be finite; sample {at} is not", "curve.time")
+        for at in np.flatnonzero(np.diff(time) <= 0) + 1:
             raise InputError(f"time must increase; sample {at} ({time[at]:.6g} s) does not", "curve.time")
         good = not np.any((radius <= 0) | np.isinf(radius))
         require(good, "radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
@@ -145,11 +140,9 @@ class RadiusCurve:
         vars(self).update(time=time, radius=radius, radius_std=std, meta=_labels(self.meta))
 
     def __repr__(self) -> str:
-        rate = f" at {self.frame_rate:.4g}/s" if self.frame_rate else ""
-        try:
+        rate, top = f" at {self.frame_rate:.4g}/s" if self.frame_rate else "", "no R_max"
+        with suppress(InputError):
             top = f"R_max {self.max_radius * 1e6:.4g} um"
-        except InputError:
-            top = "no R_max"
         span = 1e6 * float(np.ptp(self.time)) if len(self.time) else 0.0
         return f"RadiusCurve({self.name!r}: {len(self.time)} frames{rate}, {top}, {span:.4g} us)"
 
@@ -242,15 +235,13 @@ class RadiusCurve:
         require(isinstance(max_radius, Real) and 0 < max_radius < np.inf, why, "curve.max_radius")
         RADIUS.check("the maximum radius", max_radius, "curve.max_radius")
         start, top = self._maximum
-        scale = max_radius / top
-        time_factor = max_radius if self.time_unscaled else 1.0
+        scale, unit = max_radius / top, max_radius if self.time_unscaled else 1.0
         note = f"R_max set to {max_radius * 1e6:.4g} um" + ("" if self.unscaled else f": radii scaled by {scale:.4g}")
-        curve = self.labelled(notes=(*self.notes, note))
         parts: Any = {"radius": self.radius * scale, "radius_std": self.radius_std * scale, "late": self.begins_late}
-        parts |= {"time": self.time * time_factor, "maximum": (start * time_factor, float(max_radius))}
-        return replace(curve, **parts, stated_time_of_max=None, unscaled="", time_unscaled=False)
+        parts |= {"time": self.time * unit, "maximum": (start * unit, float(max_radius)), "stated_time_of_max": None}
+        return replace(self.with_notes(note), **parts, unscaled="", time_unscaled=False)
 
-    def normalised(self, medium: TimeScale) -> tuple[Floats, Floats]:
+    def normalised(self, medium: Medium) -> tuple[Floats, Floats]:
         """(m,) t* = (t - t_max)/t_c and (m,) R* = R/R_max of the measured frames, growth (t* < 0) included."""
         time, radius = self._finite
         return (time - self.time_of_max) / medium.time_scale(self.max_radius), radius / self.max_radius
@@ -259,10 +250,8 @@ class RadiusCurve:
         """(count,) m: the radius at time_of_max + step*arange(count), `step` in s; the first is max_radius.
 
         Shape-preserving piecewise cubic Hermite (PCHIP) through the fitted maximum and the measured samples after it.
-        With `allow_short` the values beyond the last measured sample are NaN.
-
-        Raises:
-            InputError: the recording ends earlier (unless allow_short), or there is no maximum.
+        With `allow_short` the values beyond the last measured sample are NaN. Raises InputError: the recording ends
+        earlier (unless allow_short), or there is no maximum.
         """
         from scipy.interpolate import PchipInterpolator
 
@@ -296,9 +285,7 @@ class RadiusCurve:
 
         The middle is between two collapses, the second of which is told by the heights of the rebounds where it is not
         shown. The largest frame of the rebound is near, but would be the last one because its noise is positive.
-
-        Raises:
-            InputError: the curve shows fewer collapses, or fewer than two frames are left.
+        Raises InputError: the curve shows fewer collapses, or fewer than two frames are left.
         """
         start, top = self.time_of_max, self.max_radius
         time, radius = self._after_max
@@ -315,9 +302,8 @@ class RadiusCurve:
             following = times[collapses] if collapses < len(times) else last + period
             stop = min(stop, 0.5 * (last + following))
         inside = (self.time >= start) & (self.time <= stop)
-        left = np.count_nonzero(inside & np.isfinite(self.radius))
         few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"
-        self._require(bool(left > 1), few, "window")
+        self._require(bool(np.count_nonzero(inside & np.isfinite(self.radius)) > 1), few, "window")
         parts = {name: getattr(self, name)[inside] for name in ("time", "radius", "radius_std")}
         return replace(self, **parts, maximum=(start, top))
 
@@ -333,10 +319,8 @@ class RadiusCurve:
 
         For an incompressible medium the wall's radial logarithmic strain rate is -2 R'/R, whose mean is
         2 ln(R_max/R_1)/(t_1 - t_max), R_1 being the smallest *measured* radius of the first collapse; the hoop rate is
-        half of it. Collapses are under-sampled: a true minimum half as large adds 2 ln 2/(t_1 - t_max).
-
-        Raises:
-            InputError: the curve shows no collapse.
+        half of it. Collapses are under-sampled: a true minimum half as large adds 2 ln 2/(t_1 - t_max). Raises
+        InputError: the curve shows no collapse.
         """
         time, radius = self._after_max
         minima = self._turning_points[0]
@@ -344,12 +328,7 @@ class RadiusCurve:
         return 2.0 * log(self.max_radius / radius[minima[0]]) / (float(self.collapse_times()[0]) - time[0])
 
     def stretch_from_tail(self) -> tuple[float, float] | None:
-        """(lambda, its standard deviation): R_max over the late plateau, or None where there is no plateau.
-
-        The plateau is the last third of the time after R_max. It must hold at least 8 frames, lie at least two collapse
-        periods after R_max (if there are collapses), scatter by less than 5 % (residual oscillation included), and
-        drift by less than 5 % in itself and against the sixth of the time before it: the deviation is that of both.
-        """
+        """(lambda, its standard deviation): R_max over the late plateau; None without one (landmarks.plateau)."""
         collapses = self.collapse_times()
         return plateau(*self._after_max, collapses[0] if len(collapses) else None)
 
@@ -358,9 +337,8 @@ class RadiusCurve:
         """Whether R_max may have been before the first frame: no growth is recorded, and no time of R_max stated."""
         if self.late is not None or self.maximum or self.stated_time_of_max is not None:
             return bool(self.late)
-        return not self._grows
+        return not self._grows()
 
-    @property
     def _grows(self) -> bool:
         """Whether frames before R_max show the growth."""
         (time, radius), (start, top) = self._finite, self._maximum
@@ -372,7 +350,7 @@ class RadiusCurve:
         shows no growth its first frame may be R_max or not. One time twice where it was stated. Raises InputError: the
         curve has no R_max."""
         start, top = self._maximum
-        if self.late is None and (self.maximum or (self.stated_time_of_max is not None and not self._grows)):
+        if self.late is None and (self.maximum or (self.stated_time_of_max is not None and not self._grows())):
             return start, start
         return landmarks.maximum_span(*self._finite, (start, top), self.noise)
 
@@ -381,8 +359,7 @@ class RadiusCurve:
         """Frames by which R_max lies before the first frame, where the first radii say clearly that it is far more than
         the one by which the clock of an answer is free; else 0. Raises InputError: the curve has no R_max."""
         time, radius = self._finite
-        late = self.begins_late and not self.maximum
-        return landmarks.frames_missed(time, radius, self.noise) if late else 0.0
+        return landmarks.frames_missed(time, radius, self.noise) if self.begins_late and not self.maximum else 0.0
 
     def rayleigh_ratio(self, density: float = 998.0, pressure: float = 101325.0) -> float | None:
         """Time from R_max to the first collapse over the Rayleigh time t_RC = 0.9147 R_max sqrt(rho/p).
@@ -391,11 +368,10 @@ class RadiusCurve:
         doi:10.1039/D5SM00397K): liquids and gels below 50 kPa show 0.7 to 1.4. None: the curve shows no collapse, or
         has no R_max. density in kg/m3, pressure in Pa.
         """
-        try:
+        with suppress(InputError, IndexError):
             measured = float(self.collapse_times()[0] - self.time_of_max)
             return measured / (RAYLEIGH * self.max_radius * float(np.sqrt(density / pressure)))
-        except (InputError, IndexError):
-            return None
+        return None
 
     def to_dataframe(self) -> Any:
         """time_s, radius_m, radius_std_m as a pandas.DataFrame, `meta` as attrs. Raises InputError without pandas."""
@@ -407,11 +383,10 @@ class RadiusCurve:
 
         A curve without a scale or a maximum is drawn on its own clock, over its largest radius. Returns the axes.
         Raises InputError without matplotlib."""
-        try:
+        start, unit, labels = 0.0, float(np.nanmax(self.radius, initial=1e-300)), ("time (µs)", "R / largest R")
+        with suppress(InputError):
             _ = self.max_radius
             start, unit, labels = self.time_of_max, 1e-6, ("time after R_max (µs)", "R (µm)")
-        except InputError:
-            start, unit, labels = 0.0, float(np.nanmax(self.radius, initial=1e-300)), ("time (µs)", "R / largest R")
         if axes is None:
             axes = style.new_axes(style.new_figure(3.0), (0.09, 0.16, 0.88, 0.74), *labels)
             axes.set_title(self.name, fontsize=9, parse_math=False)

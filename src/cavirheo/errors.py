@@ -1,14 +1,22 @@
-"""The package's two own exceptions; their messages say what was given, what was expected, and how to mend it."""
+"""The package's two own exceptions, whose messages say what was given, what was expected, and how to mend it; and what
+is asked of whatever a user gives: texts, numbers, paths, cells of tables, and files.
+
+Files are looked at before they are read: a pipe or a device would never end, and gigabytes would fill the memory.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from difflib import get_close_matches
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from reprlib import repr as brief
+from stat import S_ISREG
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -19,22 +27,24 @@ _INVISIBLE = re.compile(
 )
 _INVISIBLE_IN_LINES = re.compile(rf"(?![\t\r\n]){_INVISIBLE.pattern}")
 _LONGEST = 2000  # characters of a message
+# what a spreadsheet would compute when it opens the file, wide characters included, and quotes before it
+_FORMULA = re.compile("'*[=+@\uff1d\uff0b\uff0d\uff20-]")
 
 
 def printable(text: str) -> str:
     """The text with what a terminal would obey and a document cannot hold written as an escape: control characters,
     marks of direction, and the bytes of a file name that are no UTF-8 (`\\xe9`)."""
-    return _INVISIBLE.sub(_escape, text)
+
+    def escape(character: re.Match[str]) -> str:
+        code = ord(character[0])
+        return f"\\x{code & 0xFF:02x}" if code < 0x100 or 0xDC80 <= code <= 0xDCFF else f"\\u{code:04x}"
+
+    return _INVISIBLE.sub(escape, text)
 
 
 def without_unseen(text: str) -> tuple[str, int]:
     """(the text without such characters but tabs and ends of lines, how many there were)."""
     return _INVISIBLE_IN_LINES.subn("", text)
-
-
-def _escape(character: re.Match[str]) -> str:
-    code = ord(character[0])
-    return f"\\x{code & 0xFF:02x}" if code < 0x100 or 0xDC80 <= code <= 0xDCFF else f"\\u{code:04x}"
 
 
 class InputError(ValueError):
@@ -64,6 +74,10 @@ def _line(text: str) -> str:
     return line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…"
 
 
+class SolverError(RuntimeError):
+    """A simulation did not reach its end time; the message is the status of the solve."""
+
+
 def require(fine: bool, message: str, code: str = "input", where: str = "") -> None:
     """Raise InputError with this message, code and place unless all is fine."""
     if not fine:
@@ -84,8 +98,7 @@ def expect_whole(value: object, name: str, least: int, code: str = "input.whole"
 
 def numbered(numbers: str | Iterable[int], what: str, code: str, first: int = 1, last: int | None = None) -> list[int]:
     """Sorted, each once: "1,4-7" or [1, 4, 5, 6, 7]. Raises InputError: no such list, or numbers beyond these ends."""
-    ends = f"{first} up" if last is None else f"{first} to {last}"
-    like = f"{first},{first + 3}-{first + 6}"
+    ends, like = f"{first} up" if last is None else f"{first} to {last}", f"{first},{first + 3}-{first + 6}"
     message = f'{what} must be numbers from {ends} and ranges of them, such as "{like}", got {numbers!r}'
     chosen: set[int] = set()
     for part in numbers.split(",") if isinstance(numbers, str) else map(str, numbers):
@@ -135,5 +148,59 @@ def validation_message(error: ValidationError, kind: Any) -> str:
     return "; ".join(parts[:3]) + (f"; and {len(parts) - 3} more" if len(parts) > 3 else "")
 
 
-class SolverError(RuntimeError):
-    """A simulation did not reach its end time; the message is the status of the solve."""
+def as_cell(text: str) -> str:
+    """The text of a cell, after a ' if a spreadsheet would take it for a formula; a number is none."""
+    return f"'{text}" if _FORMULA.match(text) and not is_float(text) else text
+
+
+def as_remark(text: str) -> str:
+    """The text of a comment in a table, of which no part between separators is a formula."""
+    return "".join(part if part in ",;\t" else as_cell(part) for part in re.split("([,;\t])", text))
+
+
+def from_cell(cell: str) -> str:
+    """The text that `as_cell` wrote."""
+    return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
+
+
+def is_float(text: str) -> bool:
+    """Whether a cell is a number as it stands."""
+    with suppress(ValueError):
+        float(text)
+        return "_" not in text  # Python's 1_000
+    return False
+
+
+def read_bytes(path: str | Path, most: int) -> bytes:
+    """The content of a regular file of at most `most` bytes. Raises InputError: "files.unreadable", "files.kind" (a
+    folder, a pipe, a device), "files.size"."""
+    content, size = b"", 0
+    try:
+        state = Path(path).stat()
+        if (regular := S_ISREG(state.st_mode)) and (size := state.st_size) <= most:
+            with Path(path).open("rb") as file:
+                content = file.read(most + 1)  # the size of some is only known when they are read
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{str(path)[:200]!r} cannot be read: {reason}", "files.unreadable") from None
+    require(regular, f"{path} is a folder, a pipe or a device; name a file", "files.kind")
+    large = f"{path} is larger than the {most / 1e6:g} MB that are read; is it the right file?"
+    require(max(size, len(content)) <= most, large, "files.size")
+    return content
+
+
+def sha256(path: Path) -> str:
+    """Of the content of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_object(path: str | Path, most: int) -> dict[str, Any]:
+    """The object in a JSON file. Raises InputError as `read_bytes`, and "files.json"."""
+    content, reason = read_bytes(path, most), "it holds no object"
+    try:
+        if isinstance(value := json.loads(content.decode("utf-8-sig")), dict):
+            return value
+    except (ValueError, RecursionError) as error:
+        reason = str(error)
+    raise InputError(f"{path} is damaged or not JSON: {reason}", "files.json")

@@ -5,13 +5,11 @@
   pressure P. (R_max, t_max, a) are fitted to the samples above 0.9 R_max, each weighted down as its residual passes
   0.5 % of R_max. Growth and collapse are not mirror images (viscosity): a term k s^3 joins where the noise is low
   enough to see it.
-- *Collapses.* A turning point counts when the radius rises again by more than the larger of 3 % of R_max and six
-  standard deviations of the noise. Its time is where the two branches meet: R^(5/2) is linear in time on either side of
-  an inertial collapse, and the two lines through the neighbours of the smallest sample cross there.
+- *Collapses.* A turning point counts when the radius rises again by more than `rebound`. Its time is where the two
+  branches meet: R^(5/2) is linear in time on either side of an inertial collapse, and the two lines through the
+  neighbours of the smallest sample cross there.
 
-Measured on simulated shots with 0.5 % noise and 10 or 25 frames per R_max sqrt(rho/p) (tests/io/test_curve.py): R_max
-to 0.3 % (bias below 0.1 %), its time to 0.008 R_max sqrt(rho/p), the first collapse to 0.1 frames; with 2 % noise
-R_max to 1.5 %. At Re = 5 the skew, hidden in noise, shifts the time by 0.01 R_max sqrt(rho/p).
+tests/io/test_curve.py measures how well, on simulated shots.
 """
 
 from __future__ import annotations
@@ -55,8 +53,7 @@ def _near_maximum(smooth: Floats, peak: int, top: float) -> tuple[int, int]:
 def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[float, float]:
     """(t_max, R_max) of measured samples (n,). `stated` is the time of the maximum as the file gives it."""
     smooth = _median_of_three(radius)
-    # The maximum is the one before the first deep fall: a late drift may pass it. Small early radii (a speck taken for
-    # the bubble) may fall too and do not count.
+    # the maximum before the first deep fall: a late drift may pass it; small early radii (a speck) may fall, too
     highest = np.maximum.accumulate(smooth)
     fallen = (smooth < 0.6 * highest) & (highest > 0.5 * smooth.max())
     end = int(np.argmax(fallen)) if fallen.any() else len(smooth)
@@ -64,18 +61,13 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     first, last_index = _near_maximum(smooth, peak, smooth[peak])
     if last_index == len(smooth):
         grows = peak >= len(smooth) - 2
-        what = "the bubble still grows at the end" if grows else "the bubble never collapses"
-        last = f"(last radius {smooth[-1] / smooth[peak]:.2f} of the largest)"
-        why = f"{what} {last}; a recording must show R_max and the fall after it"
-        raise InputError(why, "curve.grows" if grows else "curve.never_falls")
-    inside = slice(first, last_index)
-    if last_index - first < 3:
-        inside = slice(max(peak - 1, 0), min(peak + 3, len(time)))
-    unit = time[inside][-1] - time[inside][0]
-    x, y = (time[inside] - time[peak]) / unit, radius[inside] / smooth[peak]
-    frame = float(np.median(np.diff(x)))
-
-    n = len(x)
+        what, code = ("still grows at the end", "grows") if grows else ("never collapses", "never_falls")
+        why = f"the bubble {what} (last radius {smooth[-1] / smooth[peak]:.2f} of the largest)"
+        raise InputError(f"{why}; a recording must show R_max and the fall after it", f"curve.{code}")
+    fitted = slice(first, last_index) if last_index - first > 2 else slice(max(peak - 1, 0), min(peak + 3, len(time)))
+    unit = time[fitted][-1] - time[fitted][0]
+    x, y = (time[fitted] - time[peak]) / unit, radius[fitted] / smooth[peak]
+    frame, n = float(np.median(np.diff(x))), len(x)
     if first > 0 or smooth[: peak + 1].min() < AT_MAXIMUM * smooth[peak]:
         centre, top, cost = _fit_series(x, y)
         if min(np.count_nonzero(x < 0), np.count_nonzero(x > 0)) >= 4:
@@ -83,8 +75,7 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
             if _clearly_better(skewed[2], cost, n - 4) and x[0] < skewed[0] < x[-1]:
                 centre, top, _ = skewed
     else:
-        # No growth recorded: the maximum is at the time the file states, else at the first frame, unless the data
-        # clearly say otherwise, by more than two frames.
+        # at the time that the file states, else the first frame, unless the data clearly say another, by two frames
         at = x[0] if stated is None else (stated - time[peak]) / unit
         centre, top, _ = _fit_series(x, y, centre=at)
         knee = max(_KNEE, 3.0 * scatter(radius) / smooth[peak])
@@ -100,9 +91,8 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
 
 
 def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noise: float) -> tuple[float, float]:
-    """(earliest, latest) time of the maximum, s, as far as the samples (n,) near it tell: the series about a time
-    outside leaves more than _SPAN variances above the best one. maximum: (t_max, R_max) of `fit_maximum`. noise:
-    standard deviation of the radius, m."""
+    """(earliest, latest) time of the maximum (t_max, R_max), s, as far as the samples (n,) near it tell: the series
+    about a time outside leaves more than _SPAN variances above the best one. noise: that of the radius, m."""
     start, top = maximum
     peak = int(np.argmin(np.abs(time - start)))
     first, last = _near_maximum(_median_of_three(radius), peak, top)
@@ -130,8 +120,8 @@ def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noi
 
 
 def scatter(radius: Floats) -> float:
-    """Standard deviation of the noise of samples (n,) from one to the next; 0 below 8. From third differences, which
-    cancel the motion except at the few collapses, by their median absolute value."""
+    """Standard deviation of the noise of samples (n,) from one to the next, from the median absolute third difference:
+    these cancel the motion except at the few collapses; 0 below 8 samples."""
     return float(1.4826 * np.median(np.abs(np.diff(radius, 3))) / np.sqrt(20.0)) if len(radius) > 7 else 0.0
 
 
@@ -146,11 +136,8 @@ def rounding(radius: Floats) -> float:
 
 def repeated(radius: Floats) -> tuple[int, int] | None:
     """(samples that equal the one before, times that each one stands, 0 if not alike) of samples (n,) that repeat more
-    often than rounding explains; None: they do not.
-
-    Where the radius moves on to one side by clearly more than the rounding, two equal samples are a chance of at most
-    about the step over the jumps before and after them.
-    """
+    often than rounding explains; None: they do not. Where the radius moves on to one side by clearly more than the
+    rounding, two equal samples are a chance of at most about the step over the jumps before and after them."""
     start = np.flatnonzero(np.diff(radius, prepend=np.nan) != 0)
     value, length = radius[start], np.diff(start, append=len(radius))
     step, before, after = rounding(radius), np.diff(value)[:-1], np.diff(value)[1:]
@@ -165,9 +152,8 @@ def repeated(radius: Floats) -> tuple[int, int] | None:
 
 
 def frames_missed(time: Floats, radius: Floats, noise: float) -> float:
-    """Frames by which the maximum lies before the first of samples (n,) that fall from there on; 0 unless they say
-    clearly (by _EVIDENCE) that it is more than one, and more than the skew of real falls (_SKEW). noise: standard
-    deviation of the radius, m."""
+    """Frames by which the maximum lies before the first of samples (n,) that fall from there on; 0 unless they say by
+    _EVIDENCE that it is more than one, and more than the skew of real falls. noise: that of the radius, m."""
     top = float(radius[:3].max())
     fallen = radius < _STEEP * top
     count = int(np.argmax(fallen)) if fallen.any() else len(radius)
@@ -230,16 +216,16 @@ def spikes(radius: Floats, height: float) -> list[int]:
 
 def turning_points(radius: Floats, threshold: float) -> tuple[list[int], list[int]]:
     """Indices of the alternating minima and maxima that stand out by more than `threshold`; index 0 is a maximum."""
-    points: tuple[list[int], list[int]] = ([], [])
-    extreme, sign = 0, 1.0  # sign +1: falling, looking for a minimum
+    minima, maxima = list[int](), list[int]()
+    extreme, falls = 0, True
     for i, value in enumerate(radius):
-        rise = sign * (value - radius[extreme])
+        rise = value - radius[extreme] if falls else radius[extreme] - value
         if rise < 0 or (extreme == 0 and rise > 0):
             extreme = i
         elif rise > threshold:
-            points[0 if sign > 0 else 1].append(extreme)
-            extreme, sign = i, -sign
-    return points
+            (minima if falls else maxima).append(extreme)
+            extreme, falls = i, not falls
+    return minima, maxima
 
 
 def rebound(top: float, noise: float) -> float:
@@ -248,8 +234,8 @@ def rebound(top: float, noise: float) -> float:
 
 
 def collapses_backwards(radius: Floats) -> int:
-    """How many collapses samples (n,) show before their largest, where they are several, more than after it, and each
-    maximum is higher than the one before: a bubble that loses energy does so if time runs backwards. Else 0."""
+    """How many collapses samples (n,) show before their largest, where they are several, more than after it, with
+    maxima that rise, as those of a bubble do if time runs backwards. Else 0."""
     if len(radius) < _FEWEST:
         return 0
     smooth = _median_of_three(radius)
@@ -269,8 +255,7 @@ def collapse_time(time: Floats, radius: Floats, i: int) -> float:
     if i < 2 or i > len(time) - 3:
         return float(time[i])
     t, y = time[i - 2 : i + 3], radius[i - 2 : i + 3] ** 2.5
-    falling = (y[1] - y[0]) / (t[1] - t[0])
-    rising = (y[4] - y[3]) / (t[4] - t[3])
+    falling, rising = (y[1] - y[0]) / (t[1] - t[0]), (y[4] - y[3]) / (t[4] - t[3])
     if not falling < 0 < rising:
         return float(t[2])
     crossing = (y[3] - rising * t[3] - y[1] + falling * t[1]) / (falling - rising)
@@ -278,11 +263,9 @@ def collapse_time(time: Floats, radius: Floats, i: int) -> float:
 
 
 def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], rise: float) -> int | None:
-    """Index from which a radius drifts upwards, by more than `rise`, as no oscillating bubble does; None: it does not.
-
-    Either a rebound goes higher than the one before, or, a period after the last collapse, the running median over a
-    period rises: the bubble breaks up, others come before it, or another laser pulse has made the next one.
-    """
+    """Index from which a radius drifts upwards, by more than `rise`, as no oscillating bubble does (it breaks up, or
+    another comes before it); None: it does not. Either a rebound goes higher than the one before, or, a period after
+    the last collapse, the running median over a period rises."""
     if not minima:
         return None
     for collapse, following in pairwise([*minima[1:], len(radius)]):
@@ -297,13 +280,16 @@ def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], ri
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(radius[late:], width), axis=1)
     lowest = np.minimum.accumulate(smooth)
     risen = np.flatnonzero(smooth - lowest > rise)
-    if not len(risen):
-        return None
-    return late + int(np.argmin(smooth[: risen[0] + 1])) + width // 2
+    return late + int(np.argmin(smooth[: risen[0] + 1])) + width // 2 if len(risen) else None
 
 
 def plateau(time: Floats, radius: Floats, first_collapse: float | None) -> tuple[float, float] | None:
-    """(R_max over the late plateau, its standard deviation) of samples that begin at R_max; None without a plateau."""
+    """(R_max over the late plateau, its standard deviation) of samples that begin at R_max; None without a plateau.
+
+    This is the last third of the time. It must hold at least 8 frames, lie at least two collapse periods after
+    R_max (if there are collapses), scatter by less than 5 % (residual oscillation included), and drift by less than 5 %
+    in itself and against the sixth of the time before it: the deviation is that of both.
+    """
     duration = time[-1] - time[0]
     late = time > time[-1] - duration / 3.0
     before = (time > time[-1] - duration / 2.0) & ~late

@@ -6,8 +6,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from cavirheo.errors import InputError, as_path, expect, require
-from cavirheo.files import read_object
+from cavirheo.errors import InputError, as_path, expect, read_object, require
 from cavirheo.writing.document import LARGEST, Document, read_json
 
 if TYPE_CHECKING:
@@ -15,8 +14,6 @@ if TYPE_CHECKING:
     from cavirheo.training.dataset import Dataset
 
 Loaded = TypeVar("Loaded", bound="Document | Dataset")
-
-
 # by `kind`, which with the ending .json is the usual name of its file: its class, and what prints its table
 KINDS = {
     "result": ("cavirheo.reporting.record.Result", "cavirheo.reporting.table.print_all"),
@@ -43,14 +40,11 @@ def load(path: str | Path, kind: type[Loaded]) -> Loaded: ...
 
 
 def load(path: str | Path, kind: type[Any] | None = None) -> Any:
-    """A document (`Result`, `Laws`, `Measured`, ...: docs/file-formats.md) or a training set.
+    """The document (`Result`, `Laws`, `Measured`, ...: docs/file-formats.md) or training set that was written; SI.
 
     Args:
         path: a file of any name, a folder with one, or a folder of `cavirheo generate`.
         kind: the class that the file must hold; default: any, and a `Result` to type checkers.
-
-    Returns:
-        The object that was written. Numbers are SI, as in the file.
 
     Raises:
         InputError: nothing there, nothing that cavirheo wrote, or another kind.
@@ -74,15 +68,14 @@ def _load(path: str | Path) -> Document | Dataset:
         held = ", ".join(document.name for document in documents) or f"none of {', '.join(NAMES)}, and no training set"
         require(len(documents) == 1, f"{path} holds {held}: name the file", "loading.folder")
         (path,) = documents
-    name = None
     try:
-        name = read_object(path, LARGEST).get("kind")
+        name = str(read_object(path, LARGEST).get("kind"))
     except InputError as error:
         if error.code != "files.json":
             raise
-    message = f"{path}: no document of cavirheo ({', '.join(NAMES)})"
-    require(isinstance(name, str) and name in KINDS, message, "document.other")
-    return read_json(path, resolve_name(KINDS[str(name)][0]))
+        name = ""
+    require(name in KINDS, f"{path}: no document of cavirheo ({', '.join(NAMES)})", "document.other")
+    return read_json(path, resolve_name(KINDS[name][0]))
 
 
 def print_table(document: Document) -> None:

@@ -14,7 +14,7 @@ from cavirheo.parameters import parameter_of, searched_bound
 from cavirheo.writing import digits
 
 _COUNTED = 0.005  # share of a law in an average, below which it is said to be rejected
-_Details = Callable[..., str]
+_Words = str | Callable[..., str]
 
 
 @dataclass(frozen=True)
@@ -33,27 +33,18 @@ class Message:
     @property
     def text(self) -> str:
         """The sentence."""
-        sentence, values = _sentence_of(self.code), self.parameters
-        if sentence is None:
-            return str(values["text"])
-        common, details = sentence
-        return common + (details.format if isinstance(details, str) else details)(**values)
-
-    @property
-    def input_warning(self) -> bool:
-        """Whether it is about the recording or its settings, so that the answer is not ok unless the user vouches."""
-        return is_input_warning(self.code)
+        common, details = _sentence_of(self.code)
+        return common + (details.format if isinstance(details, str) else details)(**self.parameters)
 
 
 def is_input_warning(code: str) -> bool:
-    """Whether a message with this code is about the recording or its settings."""
+    """Whether it is about the recording or its settings, so that the answer is not ok unless the user vouches."""
     return code.startswith("check_input.")
 
 
 def title(code: str) -> str:
     """What all messages with this code have in common, without the values of one; "" of a code without a sentence."""
-    sentence = _sentence_of(code)
-    return sentence[0] if sentence else ""
+    return _sentence_of(code)[0]
 
 
 def of_bound(name: str, bound: str, interval: tuple[float, float, float]) -> Message:
@@ -77,20 +68,17 @@ def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
     from cavirheo.writing.document import Quantity
 
     (low, median, high), parameter = interval, parameter_of(name)
-    value = Quantity(median=median)  # without an interval, where its ends are one
-    if low < high:
-        value = Quantity(median=median, q05=low, q95=high, bound=searched_bound(name, low, high))
+    bound = searched_bound(name, low, high)
+    value = Quantity.of(low, median, high, bound) if low < high else Quantity(median=median)
     return f"{parameter.symbol} {digits.measured(value, *digits.unit_for(parameter.unit, median))}"
 
 
-def _sentence_of(code: str) -> tuple[str, str | _Details] | None:
+def _sentence_of(code: str) -> tuple[str, _Words]:
     """(what all messages with this code have in common, what the values of one add)."""
     family, *arguments = code.split(".")
-    sentence = _SENTENCES.get(code) or _SENTENCES.get(family)
-    if isinstance(sentence, str):
-        common, _, details = sentence.partition("|")
-        return common, details
-    return sentence and (sentence[0] if isinstance(sentence[0], str) else sentence[0](*arguments), sentence[1])
+    sentence = _SENTENCES.get(code) or _SENTENCES.get(family, "|{text}")
+    common, details = sentence if isinstance(sentence, tuple) else sentence.partition("|")[::2]
+    return common if isinstance(common, str) else common(*arguments), details
 
 
 def _repeated(times: int, equal: int, frames: int) -> str:
@@ -101,18 +89,18 @@ def _repeated(times: int, equal: int, frames: int) -> str:
 
 
 def _scale(ratio: float, max_radius: float, factors: Sequence[float]) -> str:
-    fast = ratio < 1.0
     collapse = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({1e6 * max_radius:.4g} um)"
     advice = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
     if not factors:
         return f": {collapse}, which no material shows: {advice}"
     by = " to ".join(dict.fromkeys(f"{factor:.2g}" for factor in factors))
-    large, short = ("large (a diameter given as radius?)", "short") if fast else ("small (a radius in pixels?)", "long")
-    cause = "stiff gel with its small stretch" if fast else "material"
-    return (
-        f": {collapse}, and no {cause} follows the curve as well as a soft material does if radii are {by} times too "
-        f"{large} or times that much too {short}: {advice}"
+    cause, large, short = (
+        ("stiff gel with its small stretch", "large (a diameter given as radius?)", "short")
+        if ratio < 1.0
+        else ("material", "small (a radius in pixels?)", "long")
     )
+    soft = f"no {cause} follows the curve as well as a soft material does if radii are {by} times too {large}"
+    return f": {collapse}, and {soft} or times that much too {short}: {advice}"
 
 
 def _moved(factors: Mapping[str, float], frames: int) -> str:
@@ -121,10 +109,8 @@ def _moved(factors: Mapping[str, float], frames: int) -> str:
 
 
 def _bound_title(name: str, bound: str) -> str:
-    symbol = parameter_of(name).symbol
-    if bound == "undetermined":
-        return f"the recording does not determine {symbol}"
-    return f"the recording gives {'an upper' if bound == 'upper' else 'a lower'} limit of {symbol} alone"
+    words = {"undetermined": "does not determine {}", "upper": "gives an upper limit of {} alone"}
+    return f"the recording {words.get(bound, 'gives a lower limit of {} alone').format(parameter_of(name).symbol)}"
 
 
 def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
@@ -136,22 +122,22 @@ def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
 
 
 _STATED = {"file": "stretch that the file states", "late_plateau": "late plateau"}
-_CHECKED = {  # by nuisance: what to check where it runs to the end of its prior
-    "time_origin": ": check the times of the frames, and that R_max was recorded",
-    "radius_scale": ": check the µm per pixel",
-    "max_radius_factor": ": check that R_max was recorded",
+_CHECKED = {  # by nuisance: its words, and what to check where it runs to the end of its prior
+    "time_origin": ("time origin", ": check the times of the frames, and that R_max was recorded"),
+    "radius_scale": ("radius scale", ": check the µm per pixel"),
+    "max_radius_factor": ("R_max", ": check that R_max was recorded"),
 }
 
 
 def _prior_end(name: str, end: str) -> str:
-    words = "R_max" if name == "max_radius_factor" else name.replace("_", " ")
-    return f"{words} is at the {end} end of what is expected{_CHECKED.get(name, '')}"
+    words, advice = _CHECKED.get(name, (name.replace("_", " "), ""))
+    return f"{words} is at the {end} end of what is expected{advice}"
 
 
 def _systematic(excess: float, detectable: float, exact: bool, limit: float, **predictive: Any) -> str:
     large = excess >= detectable
-    size = f"by {100 * excess:.1f} %" if large else f"by less than {100 * detectable:.2g} %"
-    text = f": {size} of R_max beyond the noise ({digits.chance(predictive)})"
+    size = f"{100 * excess:.1f}" if large else f"less than {100 * detectable:.2g}"
+    text = f": by {size} % of R_max beyond the noise ({digits.chance(predictive)})"
     if exact:
         return f"{text}, and the law was taken as exact, so the interval is too narrow"
     if excess > limit:
@@ -163,7 +149,7 @@ def _distrusted(draws: int, effective: float, needed: float, missing: float | No
     text = f": {draws} weighted draws are worth {effective:.0f} independent ones, and {needed:.0f} are needed"
     if missing is None:
         return text
-    share = "more than was met" if not missing < 1.0 else f"about {missing:.0%} of it"
+    share = f"about {missing:.0%} of it" if missing < 1.0 else "more than was met"
     return f"{text}, and a few of them carry the weight: {share} is still to be met (tail index {tail:.2f})"
 
 
@@ -176,21 +162,24 @@ def _training_range(name: str, value: float, low: float, high: float, trained_at
     return f" (at the training scale 10^{value:.2f}, trained in 10^{low:g} to 10^{high:g})"
 
 
-def _model(model: Mapping[str, Any], law: bool, bubble: bool) -> str:
-    """A model by its law, by the words for its bubble, or both."""
-    return ", ".join([model["material"]] * law + [model["bubble"]] * bubble)
+_Model = Mapping[str, Any]  # "material", "bubble" (words), "values" (interval by parameter), "interval" (is there one)
 
 
-def _values(model: Mapping[str, Any]) -> str:
+def _tells(*models: _Model) -> list[str]:
+    """What tells models apart: their laws, the words for their bubbles, or both."""
+    return [key for key in ("material", "bubble") if len({model[key] for model in models}) > 1]
+
+
+def _values(model: _Model) -> str:
     words = ", ".join(value_in_words(name, ends) for name, ends in model["values"].items())
     return words if model["interval"] else f"{words} (no interval)"
 
 
-def _both(this: Mapping[str, Any], rival: Mapping[str, Any]) -> str:
-    """Two models by what tells them apart, law or bubble, with their values."""
-    tells = this["material"] != rival["material"], this["bubble"] != rival["bubble"]
-    first, second = (f"{_model(model, *tells)} with {_values(model)}" for model in (this, rival))
-    return f"{second}, instead of {first}"
+def _both(this: _Model, rival: _Model) -> str:
+    """Two models by what tells them apart, with their values."""
+    tells = _tells(this, rival)
+    first, second = (f"{', '.join(model[key] for key in tells)} with {_values(model)}" for model in (this, rival))
+    return f": {second}, instead of {first}"
 
 
 def _by(gain: float, rough: bool) -> str:
@@ -201,28 +190,18 @@ def _preferred(rival: str, this: str, gain: float | None, equal: bool, rough: bo
     """' (the evidence prefers the second by a factor of e^12)'; nothing where one has no evidence."""
     if gain is None:
         return ""
-    if equal:
-        return " (equally likely)"
-    return f" (the evidence prefers {rival if gain > 0 else this}{_by(gain, rough)})"
+    return " (equally likely)" if equal else f" (the evidence prefers {rival if gain > 0 else this}{_by(gain, rough)})"
 
 
-def _possible(this: Mapping[str, Any], rival: Mapping[str, Any], **odds: Any) -> str:
-    return f": {_both(this, rival)}{_preferred('the other', 'this answer', **odds)}"
-
-
-def _two_modes(this: Mapping[str, Any], rival: Mapping[str, Any], **odds: Any) -> str:
-    return f": {_values(this)}, or {_values(rival)}{_preferred('the second', 'the first', **odds)}"
-
-
-def _chosen(this: Mapping[str, Any], rivals: Sequence[Mapping[str, Any]]) -> str:
-    law, bubble = (any(rival[key] != this[key] for rival in rivals) for key in ("material", "bubble"))
+def _chosen(this: _Model, rivals: Sequence[_Model]) -> str:
+    tells = _tells(this, *rivals)
     parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
     for rival in rivals:
         odds = f"e^{abs(rival['gain']):.0f} times {'more' if rival['gain'] > 0 else 'less'} likely"
-        words = f"{_model(rival, law, bubble)} ({'equally likely' if rival['equal'] else odds})"
+        words = f"{', '.join(rival[key] for key in tells)} ({'equally likely' if rival['equal'] else odds})"
         parts["rejected" if rival["rejected"] else "also possible"].append(words)
     parts_in_words = (f"{words}: {', '.join(models)}" for words, models in parts.items() if models)
-    return f": {', '.join([_model(this, law, bubble), *parts_in_words])}"
+    return f": {', '.join([*(this[key] for key in tells), *parts_in_words])}"
 
 
 def _averaged(laws: Mapping[str, float]) -> str:
@@ -234,7 +213,7 @@ def _averaged(laws: Mapping[str, float]) -> str:
 
 # By code, or by its first part where several codes share a sentence: what all messages have in common, "|", and a
 # template of the values of one; or both apart, where a function gives one of them.
-_SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
+_SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     # the recording and its settings
     "check_input.time_order": "times not in order| ({steps} steps back): frames sorted",
     "check_input.density": "check the density|: {density:.5g} kg/m3 makes the frame rate {rate:.5g}/s; a camera at "
@@ -299,13 +278,21 @@ _SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
     # other models, other modes
     "model.rejected": (
         "the evidence prefers another model",
-        lambda this, rival, gain, rough, **_: f"{_by(gain, rough)}: {_both(this, rival)}",
+        lambda this, rival, gain, rough, **_: _by(gain, rough) + _both(this, rival),
     ),
-    "model.possible": ("another model is not rejected and gives other values", _possible),
+    "model.possible": (
+        "another model is not rejected and gives other values",
+        lambda this, rival, **odds: _both(this, rival) + _preferred("the other", "this answer", **odds),
+    ),
     "model.chosen": ("chosen by evidence", _chosen),
     "model.averaged": ("the evidence weighs the laws", _averaged),
     "model.of_group": "chosen by the evidence of the group|: {material}",
-    "mode.other": ("two solutions of the same model follow the recording", _two_modes),
+    "mode.other": (
+        "two solutions of the same model follow the recording",
+        lambda this, rival, **odds: (
+            f": {_values(this)}, or {_values(rival)}{_preferred('the second', 'the first', **odds)}"
+        ),
+    ),
     # no answer
     "answer.unverified": "not verified|: {reason}",
     "answer.not_finite": "the method's answer is not a finite number|: {parameters}",

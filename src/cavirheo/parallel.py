@@ -30,15 +30,14 @@ def cores(workers: int | None = None) -> int:
 
 class _OneBlasThread:
     """While any thread is in this block, BLAS computes in the thread that calls it: its own threads would only wait for
-    each other beside ours, and with them the last bits differ.
+    each other beside ours, and with them the last bits differ. threadpoolctl lets one thread set the number, and does
+    nothing for others: a thread of ours does it for all."""
 
-    threadpoolctl lets one thread set the number, and does nothing for others: a thread of ours does it for all.
-    """
+    _setter: ThreadPoolExecutor
+    _limits: Any
 
     def __init__(self) -> None:
         self._lock, self._inside = threading.Lock(), 0
-        self._setter: Any = None
-        self._limits: Any = None
 
     def __enter__(self) -> None:
         with self._lock:
@@ -114,10 +113,8 @@ def each(
     workers: int | None = None,
     on_output: Callable[[int, Output], None] | None = None,
 ) -> list[Output]:
-    """function(job) of each job, in their order, on so many threads (all cores by default).
-
-    `on_output` is called in this thread with the index and the output of each job, in the order in which they end.
-    """
+    """function(job) of each job, in their order, on so many threads (all cores by default). `on_output` is called in
+    this thread with the index and the output of each job, in the order in which they end."""
     outputs: dict[int, Output] = {}
     with closing(Threads(workers).flow(function, list(jobs))) as flow:
         for index, result in flow:

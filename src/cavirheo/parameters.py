@@ -1,6 +1,5 @@
-"""Every parameter of every law and shot, once: its symbol, its SI unit, and the range in which it is looked for; and
-the sizes and times that bubbles have, by which a wrong unit is told. The fields of a dataclass state their domains,
-which `check` and `check_plausible` look at.
+"""Every parameter of every law and shot, once: its symbol, its SI unit, and the range in which it is looked for; the
+sizes and times that bubbles have, by which a wrong unit is told; and the domains of a dataclass' fields.
 
 A name in the scale of a prior or of draws may begin with log10_ (log10_viscosity), and a parameter that two laws of a
 sum have ends in the number of the later one (viscosity_2).
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError
 
 LOG10 = "log10_"
 Bound = Literal["upper", "lower", "undetermined"]
@@ -31,26 +30,21 @@ class Parameter(NamedTuple):
     """What is known of a parameter before any measurement.
 
     Attributes:
-        symbol: as tables write it.
-        unit: SI; "1" is dimensionless.
+        symbol, unit: as tables write them; the unit is SI, and "1" is dimensionless.
         searched: log10 of the SI values that a fit searches and a posterior takes as prior; None for one that is not
             fitted but keeps the default of its law.
         started: log10 of the values where searches start.
-        meaning: what it is and which values are usual, for who reads a table; of what a bubble has besides its law.
     """
 
     symbol: str
     unit: str
     searched: tuple[float, float] | None = None
     started: tuple[float, float] | None = None
-    meaning: str = ""
 
 
 class Plausible(NamedTuple):
-    """What a quantity is in experiments: from `low` to `high`, often near `usual`, in SI.
-
-    `taken`: other units in which it is often given by mistake, each with (factor, offset) to SI.
-    """
+    """What a quantity is in experiments: from `low` to `high`, often near `usual`, in SI. `taken`: other units in which
+    it is often given by mistake, each with (factor, offset) to SI."""
 
     low: float
     high: float
@@ -60,14 +54,14 @@ class Plausible(NamedTuple):
 
     def check(self, name: str, value: float, code: str, advice: str = "") -> None:
         """Raises InputError for a finite value outside, with the unit that may be meant."""
-        if self.low <= value <= self.high:
+        if self.low <= value <= self.high or value == inf:
             return
-        converted = {unit: value * factor + offset for unit, (factor, offset) in self.taken.items()}
-        inside = [unit for unit, meant in converted.items() if self.low < meant < self.high]
-        nearest = min(inside, key=lambda unit: abs(np.log(converted[unit] / self.usual)), default="")
-        meant = f": did you mean {converted[nearest]:.6g} {self.unit} ({value:.6g} {nearest})?" if nearest else ""
-        message = f"{name} must be {self.low:g} to {self.high:g} {self.unit}, got {value:.6g}{meant}"
-        require(value == inf, message + advice, code)
+        converted = ((value * factor + offset, unit) for unit, (factor, offset) in self.taken.items())
+        inside = [(meant, unit) for meant, unit in converted if self.low < meant < self.high]
+        message = f"{name} must be {self.low:g} to {self.high:g} {self.unit}, got {value:.6g}"
+        for meant, unit in sorted(inside, key=lambda pair: abs(np.log(pair[0] / self.usual)))[:1]:
+            message += f": did you mean {meant:.6g} {self.unit} ({value:.6g} {unit})?"
+        raise InputError(message + advice, code)
 
 
 _SECONDS = {"us": (1e-6, 0.0), "ms": (1e-3, 0.0), "ns": (1e-9, 0.0)}
@@ -96,9 +90,7 @@ PARAMETERS: dict[str, Parameter] = {
     "zero_rate": Parameter("mu_0", "Pa s", (-4.0, 3.0), (-1.5, 1.0)),
     "infinite_rate": Parameter("mu_inf", "Pa s", (-4.0, 1.0), (-3.0, -1.0)),
     "consistency": Parameter("K", "Pa s^n"),  # inferred as the reference viscosity
-    "reference_viscosity": Parameter(
-        "µ_ref", "Pa s", (-4.0, 1.0), (-2.3, -0.3), "K (1e5 1/s)^(n-1): viscosity of a power law at 1e5 1/s",
-    ),
+    "reference_viscosity": Parameter("µ_ref", "Pa s", (-4.0, 1.0), (-2.3, -0.3)),  # K (1e5 1/s)^(n-1)
     "yield_stress": Parameter("tau_y", "Pa", (0.0, 5.7), (2.0, 4.5)),
     "exponent": Parameter("n", "1", (-1.3, 0.5), (-0.6, 0.1)),
     "rest_rate": Parameter("m", "1/s"),
@@ -111,43 +103,30 @@ PARAMETERS: dict[str, Parameter] = {
     "time_origin": Parameter("t_0", "s"),
     "radius_scale": Parameter("scale", "1"),
     "max_radius_factor": Parameter("R_max factor", "1"),
-    "accommodation": Parameter(
-        "accommodation", "1", (-2.0, 0.0), (-1.7, -0.5),
-        "share of the vapour that condenses where it hits the wall, 0.01 to 1 (all)",
-    ),
-    "damage_modulus": Parameter(
-        "damage", "1", (-2.0, 0.0), (-1.2, -0.1), "G of the torn gel over G before, 0.01 to 1 (not torn)",
-    ),
-    "damage_radius": Parameter(
-        "R_0'/R_0", "1", (0.0, 1.0), (0.02, 0.7), "stress-free radius of the torn gel over that before, 1 to 10",
-    ),
-    "confinement_inertia": Parameter(
-        "β", "1", meaning="R_max over twice the distance of a rigid wall (below 0: of a free surface), 0 to 0.5",
-    ),
-    "confinement_damping": Parameter(
-        "ζ", "1", meaning="confinement damping: vessel and walls slow the bubble, usually 0 (not at all) to 0.6",
-    ),
-    "vapour_excess": Parameter(
-        "Δp_v", "Pa", meaning="pressure of the vapour at R_max above saturation, usually 0",
-    ),
-}  # fmt: skip
+    "accommodation": Parameter("accommodation", "1", (-2.0, 0.0), (-1.7, -0.5)),
+    "damage_modulus": Parameter("damage", "1", (-2.0, 0.0), (-1.2, -0.1)),
+    "damage_radius": Parameter("R_0'/R_0", "1", (0.0, 1.0), (0.02, 0.7)),
+    "confinement_inertia": Parameter("β", "1"),
+    "confinement_damping": Parameter("ζ", "1"),
+    "vapour_excess": Parameter("Δp_v", "Pa"),
+}
 """Every parameter by its name; a new law enters those of its parameters that are not here."""
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
-BUBBLE = (
-    "accommodation",
-    "damage_modulus",
-    "damage_radius",
-    "confinement_inertia",
-    "confinement_damping",
-    "vapour_excess",
-)
+BUBBLE = {  # what a bubble has besides its law, and which values are usual, for who reads a table
+    "accommodation": "share of the vapour that condenses where it hits the wall, 0.01 to 1 (all)",
+    "damage_modulus": "G of the torn gel over G before, 0.01 to 1 (not torn)",
+    "damage_radius": "stress-free radius of the torn gel over that before, 1 to 10",
+    "confinement_inertia": "R_max over twice the distance of a rigid wall (below 0: of a free surface), 0 to 0.5",
+    "confinement_damping": "confinement damping: vessel and walls slow the bubble, usually 0 (not at all) to 0.6",
+    "vapour_excess": "pressure of the vapour at R_max above saturation, usually 0",
+}
 AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s
 AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 
 
 def inferred_as(name: str) -> str:
-    """The parameter that is inferred in place of one of a law: the reference viscosity in place of a consistency, for
-    that is a viscosity at 1 1/s, far below the rates that bubbles have, and follows the exponent."""
+    """The parameter that is inferred in place of one of a law: of a consistency, which is a viscosity at 1 1/s, far
+    below the rates that bubbles have, and follows the exponent, the reference viscosity."""
     return "reference_viscosity" if name == "consistency" else name
 
 
@@ -156,16 +135,14 @@ def natural_name(name: str) -> str:
     return name.removeprefix(LOG10)
 
 
-def parameter_of(name: str) -> Parameter:
-    """The entry of a parameter, by its name in any scale and of any law of a sum. Raises KeyError: an unknown one."""
-    if name == AT_RATE:
-        return Parameter("µ at 1e5/s", "Pa s")
-    return PARAMETERS[_base(name)]
-
-
 def _base(name: str) -> str:
     """Without its scale and the number of its law in a sum."""
     return re.sub(r"_\d+$", "", natural_name(name))
+
+
+def parameter_of(name: str) -> Parameter:
+    """The entry of a parameter, by its name in any scale and of any law of a sum. Raises KeyError: an unknown one."""
+    return Parameter("µ at 1e5/s", "Pa s") if name == AT_RATE else PARAMETERS[_base(name)]
 
 
 def of_the_law(name: str) -> bool:
@@ -178,9 +155,7 @@ def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None
     not the curve; None: all of it."""
     room = AT_END * (high - low)
     below, above = low - ends[0] < room, ends[1] - high < room
-    if below and above:
-        return "undetermined"
-    return "upper" if below else "lower" if above else None
+    return "undetermined" if below and above else "upper" if below else "lower" if above else None
 
 
 def searched_bound(name: str, low: float, high: float) -> Bound | None:
@@ -208,10 +183,11 @@ def scaled(name: str, value: float | None) -> float:
 
 
 Domain = dict[str, Any]
+"""The numbers that a parameter may be, as metadata of its field: `modulus: float = field(metadata=POSITIVE)`."""
 
 
 def domain(words: str, holds: Callable[[float], bool]) -> Domain:
-    """The numbers that a parameter may be, as metadata of its field: `modulus: float = field(metadata=POSITIVE)`."""
+    """The numbers for which `holds`, and how a message names them."""
     return {"domain": (words, holds)}
 
 

@@ -8,10 +8,11 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats, unscaled
-from cavirheo.errors import InputError, require
-from cavirheo.messages import Message
+from cavirheo.errors import require
+from cavirheo.messages import Message, is_input_warning
 from cavirheo.parameters import LOG10, Bound, bound_of, natural, natural_name, of_the_law, scaled, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
@@ -35,17 +36,14 @@ class Checks:
     """What was found when the answer was simulated and laid over the measurement; None for what could not be.
 
     Attributes:
-        verdict: "ok", or what is wrong (docs/method/verdicts.md).
-        messages: why, and what else is to be known; input warnings first.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        mae_over_rmax: mean absolute difference, over R_max.
-        max_difference_over_rmax: largest absolute difference, over R_max.
-        collapses: complete collapses in the compared window.
-        t_star_end: end of this window, t/t_c after R_max.
-        compared_time: (m,) s on the measurement's clock, the frames that were compared.
-        residual_over_rmax: (m,) (measured - simulated)/R_max there.
-        reconstruction_time: (k,) s on that clock, fine enough to draw.
-        reconstruction_radius: (k,) m, the simulated radius.
+        verdict, messages: "ok", or what is wrong (docs/method/verdicts.md); why, and what else is to be known, input
+            warnings first.
+        rmse_over_rmax, mae_over_rmax, max_difference_over_rmax: root mean square, mean and largest of the absolute
+            differences between measured and simulated radius, over R_max.
+        collapses, t_star_end: complete collapses in the compared window, and its end, t/t_c after R_max.
+        compared_time, residual_over_rmax: (m,) of the frames that were compared: s on the measurement's clock, and
+            (measured - simulated)/R_max.
+        reconstruction_time, reconstruction_radius: (k,) s on that clock and m: the simulation, fine enough to draw.
         time_scale: t_c = R_max sqrt(rho/p) of the shot in its medium, s.
     """
 
@@ -70,29 +68,24 @@ class Checks:
     @property
     def warnings(self) -> tuple[Message, ...]:
         """Those about the recording and its settings."""
-        return tuple(message for message in self.messages if message.input_warning)
+        return tuple(message for message in self.messages if is_input_warning(message.code))
 
     def __repr__(self) -> str:
         """'Checks(ok, RMSE 0.64 % of R_max over 87 frames, 4 collapses, t* <= 4.0)'."""
-        words: list[str] = [self.verdict]
-        if self.rmse_over_rmax is not None:
-            over = "" if self.compared_time is None else f" over {len(self.compared_time)} frames"
-            words.append(f"RMSE {100 * self.rmse_over_rmax:.2g} % of R_max{over}")
-        words += [] if self.collapses is None else [digits.counted(self.collapses, "collapse")]
-        words += [] if self.t_star_end is None else [f"t* <= {self.t_star_end:.2g}"]
-        return f"Checks({', '.join(words)}{': ' + self.message if self.message else ''})"
+        over = "" if self.compared_time is None else f" over {len(self.compared_time)} frames"
+        words = [
+            self.verdict,
+            "" if self.rmse_over_rmax is None else f"RMSE {100 * self.rmse_over_rmax:.2g} % of R_max{over}",
+            "" if self.collapses is None else digits.counted(self.collapses, "collapse"),
+            "" if self.t_star_end is None else f"t* <= {self.t_star_end:.2g}",
+        ]
+        return f"Checks({', '.join(filter(None, words))}{': ' + self.message if self.message else ''})"
 
 
 @dataclass(frozen=True)
 class WindowAnswer:
-    """What another window of the same curve answers.
-
-    Attributes:
-        best: the law's parameters and the stretch by natural name, SI.
-        t_star_end: end of the window, t/t_c after R_max.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        at_bound: parameters that ended at the end of the range searched.
-    """
+    """What another window of the same curve answers: the law's parameters and the stretch by natural name, SI;
+    `t_star_end` and `rmse_over_rmax` as of `Checks`; and the parameters that ended at the end of the range searched."""
 
     best: Mapping[str, float]
     t_star_end: float
@@ -102,12 +95,8 @@ class WindowAnswer:
 
 @dataclass(frozen=True)
 class Evidence:
-    """How probable a law makes the frames.
-
-    Attributes:
-        log: natural logarithm of p(frames | law).
-        error: its standard error; None where it is Laplace's integral, which has none.
-    """
+    """How probable a law makes the frames: the natural logarithm of p(frames | law) and its standard error, None where
+    it is Laplace's integral, which has none."""
 
     log: float
     error: float | None = None
@@ -118,12 +107,10 @@ class OtherAnswer:
     """What another model answers for the same frames, or another mode of the same model.
 
     Attributes:
-        material: the law.
-        bubble: the model of the bubble.
-        best: every parameter by its natural name, SI.
-        intervals: (5 %, 50 %, 95 %) of the parameters by natural name, SI.
+        material, bubble: the law, and the model of the bubble.
+        best, intervals: the values and the (5 %, 50 %, 95 %) of the parameters by natural name, SI.
         evidence: to be compared with that of the answer.
-        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        rmse_over_rmax: as of `Checks`.
         weight: share of it in the answer, which is an average over both models; 0 where it has none.
     """
 
@@ -144,19 +131,17 @@ class Diagnostics:
         stretch_source: "given", "fitted", ...
         free: the clock (s), scale and R_max factor that were freed, at the best.
         correlations: by "name, name".
-        frames: how many were compared.
+        frames, frames_left_out: how many were compared, and how many do not count, because they stand out or rise again
+            as by another bubble.
         frames_per_independent_residual: how many frames count as one.
         at_bound: parameters that ended at the end of the range searched; clock, scale and R_max factor at the end of
             what is expected of a recording.
-        frames_left_out: how many do not count, because they stand out or rise again as by another bubble.
-        draws: how many were weighted.
-        effective_sample_size: how many independent draws these are worth.
+        draws, effective_sample_size: how many were weighted, and how many independent ones these are worth.
         tail_index: generalised Pareto shape of the largest weights.
         predictive: of the posterior-predictive check: p_value, and the least that it can be; p and observed by
             statistic.
-        systematic_misfit_over_rmax: what no simulation follows, over R_max.
-        simulations: how many were run.
-        failed_simulations: how many of them failed.
+        systematic_misfit_over_rmax: what no simulation follows.
+        simulations, failed_simulations: how many were run, and how many of them failed.
         modulus_over_scale: relative change of G over that of R_max or of the frame rate; over that of the density it
             is half as large.
     """
@@ -183,27 +168,21 @@ class Posterior:
     """Draws of the parameters given one curve, and the best of them.
 
     Attributes:
-        names: "log10_shear_modulus", "log10_viscosity", "stretch", ...
-        units: of 10**theta for the log10 names: "Pa", "Pa s", "1".
-        theta: (draws, parameters) in the prior's scale (log10 for G and mu); a point answer is one draw, and a
-            failed one none.
+        names, units: "log10_shear_modulus", "stretch", ...; units of 10**theta for the log10 names: "Pa", "1", ...
+        theta: (draws, parameters) in the prior's scale; a point answer is one draw, and a failed one none.
         checks: what was found when the answer was simulated.
-        material: "nhkv", "newtonian", ...
-        method: "bdt", "amortised", "verified", "laplace", "least_squares".
+        material, method: "nhkv", "newtonian", ...; "bdt", "amortised", "verified", "laplace", "least_squares".
         provenance: model, settings, versions and hash of the source, a record for people: nothing reads it.
-        log_q: (draws,) the proposal's log density.
-        log_weight: (draws,) log of importance weights.
+        log_q, log_weight: (draws,) logarithms of the proposal's density and of importance weights.
         seconds: wall time.
         best: every parameter by its natural name in SI, the stretch and what was held fixed included.
         stretch: R_max/R_0 of the answer, whether it was inferred or given.
         windows: what windows of "1", "2", "3" and "all" collapses answer, if they were fitted.
-        evidence: of the law.
-        diagnostics: of the method.
-        bubble: the model of the bubble itself.
-        medium: the constants of what surrounds it.
+        evidence, diagnostics: of the law, and of the method.
+        bubble, medium: the model of the bubble itself, and the constants of what surrounds it.
         others: what other models and other modes answer, if they were looked at.
-        prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
-            deviation) of a normal; without those for which it is not known.
+        prior: of the law's parameters, by name as in `names`, where it is known: (low, high), flat between, or (low,
+            high, mean, standard deviation) of a normal.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
         laws: of an average over laws, the answer of each law that has a part in it, by its name.
     """
@@ -242,7 +221,7 @@ class Posterior:
     @property
     def parameters(self) -> dict[str, str]:
         """Natural names of what was inferred, and their units: {"shear_modulus": "Pa", ...}."""
-        return {name.removeprefix("log10_"): unit for name, unit in zip(self.names, self.units, strict=True)}
+        return dict(zip(map(natural_name, self.names), self.units, strict=True))
 
     @property
     def weights(self) -> Floats:
@@ -251,18 +230,14 @@ class Posterior:
         return np.asarray(weight / weight.sum())
 
     def draws(self, name: str) -> Floats:
-        """(draws,) values of a parameter in natural units (10**theta for "log10_<name>"); none if the answer failed.
-
-        `name` is without the log10_ prefix: "shear_modulus" (Pa), "viscosity" (Pa s), "stretch" (1).
-
-        Raises InputError: what was not inferred, with what was.
-        """
-        for scaled_name, values in zip(self.names, self.theta.T, strict=True):
-            if scaled_name == self._scaled(name):
-                return values if scaled_name == name else natural(scaled_name, values)
+        """(draws,) values of a parameter in natural units, by its natural name: "shear_modulus" (Pa), "viscosity" (Pa
+        s), "stretch" (1), ...; none if the answer failed. Raises InputError: what was not inferred, with what was."""
+        scaled_name = self._scaled(name)
         held = f" (`best` has {name})" if name in self.best else ""
         message = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
-        raise InputError(message, "posterior.parameter")
+        require(scaled_name in self.names, message, "posterior.parameter")
+        values = self.theta[:, self.names.index(scaled_name)]
+        return values if scaled_name == name else natural(scaled_name, values)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
         """Credible interval of this probability, in natural units, with as much below as above it; None for a point or
@@ -285,7 +260,7 @@ class Posterior:
         values, scaled_name = self.draws(name), self._scaled(name)
         if len(values) < 2:
             return None
-        low, high = weighted_quantile(values, np.array([0.05, 0.95]), self.log_weight).tolist()
+        low, high = weighted_quantile(values, [0.05, 0.95], self.log_weight).tolist()
         if scaled_name in self.prior:
             least, largest, *_ = self.prior[scaled_name]
             return bound_of(scaled(scaled_name, low), scaled(scaled_name, high), (least, largest))
@@ -301,24 +276,19 @@ class Posterior:
     def median(self, name: str) -> float | None:
         """Posterior median in natural units; None if the answer failed. Raises InputError: as `draws`."""
         draws = self.draws(name)
-        if len(draws) == 0:
-            return None
-        return float(weighted_quantile(draws, np.array([0.5]), self.log_weight)[0])
+        return float(weighted_quantile(draws, 0.5, self.log_weight)) if len(draws) else None
 
     def to_dataframe(self) -> Any:
         """The draws as a pandas.DataFrame: a column per parameter, named as in result.csv ("shear_modulus_Pa", ...),
-        and "weight", which sums to 1. Raises InputError without pandas.
-        """
+        and "weight", which sums to 1. Raises InputError without pandas."""
         columns = {export.column(name, unit): self.draws(name) for name, unit in self.parameters.items()}
         return export.dataframe({**columns, "weight": self.weights}, self._attributes)
 
     def to_arviz(self) -> Any:
-        """The draws as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on).
-
-        "posterior" holds the parameters in natural units (attribute "units"), one chain; "sample_stats" holds "weight",
-        which sums to 1, and "log_weight" and "log_q" where they are known. ArviZ's own summaries do not use weights.
-        Raises InputError without arviz.
-        """
+        """The draws as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on): "posterior" holds the
+        parameters in natural units (attribute "units"), one chain; "sample_stats" holds "weight", which sums to 1, and
+        "log_weight" and "log_q" where they are known. ArviZ's own summaries do not use weights. Raises InputError
+        without arviz."""
         stats = {"weight": self.weights, "log_weight": self.log_weight, "log_q": self.log_q}
         groups = {
             "posterior": {name: self.draws(name) for name in self.parameters},
@@ -328,9 +298,7 @@ class Posterior:
 
     def plot(self) -> Figure:
         """The marginals of the draws and their pairs (library corner), with the median and the central 90 % of them.
-
-        Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing.
-        """
+        Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing."""
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
         by_label = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
         return export.pairs({label: self.draws(name) for label, name in by_label.items()}, self.weights)
@@ -348,9 +316,8 @@ def intervals(
     by_name: dict[str, tuple[float, float, float]] = {}
     for name, column in zip(names, theta.T, strict=True) if len(theta) > 1 else ():
         values = natural(name, column)
-        middle = float(weighted_quantile(values, np.array([0.5]), log_weight)[0])
         low, high = ends(name, values, 0.05, log_weight)
-        by_name[natural_name(name)] = low, middle, high
+        by_name[natural_name(name)] = low, float(weighted_quantile(values, 0.5, log_weight)), high
     return by_name
 
 
@@ -358,14 +325,14 @@ def ends(name: str, values: Floats, tail: float, log_weight: Floats | None) -> t
     """Ends of an interval beyond each of which lies the probability `tail`, of draws (draws,) in natural values of a
     parameter by its name in the prior's scale.
 
-    The draws of a law's parameter have a prior that is uniform in the logarithm. Where a recording hardly tells small
-    values from none, the upper end would depend on how far down that prior reaches: it is that of a prior which is
-    uniform in the value. Where the recording tells the value, both priors have the same ends.
+    The prior of a law's parameter is uniform in the logarithm, and where a recording hardly tells small values from
+    none, the upper end would depend on how far down it reaches: it is that of a prior which is uniform in the value.
+    Where the recording tells the value, both priors have the same ends.
     """
-    low, high = weighted_quantile(values, np.array([tail, 1.0 - tail]), log_weight)
+    low, high = weighted_quantile(values, [tail, 1.0 - tail], log_weight)
     if name.startswith(LOG10) and of_the_law(name):
         with_uniform = np.log(values) + (0.0 if log_weight is None else log_weight)
-        high = weighted_quantile(values, np.array([1.0 - tail]), with_uniform)[0]
+        high = weighted_quantile(values, 1.0 - tail, with_uniform)
     return float(low), float(high)
 
 
@@ -382,7 +349,7 @@ def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None 
     }
 
 
-def weighted_quantile(values: Floats, levels: Floats, log_weight: Floats | None) -> Floats:
+def weighted_quantile(values: Floats, levels: ArrayLike, log_weight: Floats | None) -> Floats:
     """At each level, of the values along their first axis."""
     how: Any = {} if log_weight is None else {"weights": unscaled(log_weight), "method": "inverted_cdf"}
-    return np.asarray(np.quantile(values, levels, axis=0, **how))
+    return np.asarray(np.quantile(values, np.asarray(levels, float), axis=0, **how))

@@ -1,31 +1,48 @@
-"""Prior: what is assumed of every parameter before a curve is seen; and the coordinates u in which it is normal.
+"""What is assumed of parameters before a curve is seen: the prior, and the training problem of a network.
 
-u = Phi^-1(F(x)), F the cumulative distribution of a parameter's prior, x in its scale. In u, where posteriors are
-sampled, there are no bounds and the prior density is prod phi(u_i). A density over x is one over u times p(x)/phi(u).
+*Coordinates.* u = Phi^-1(F(x)), F the cumulative distribution of a parameter's prior, x in its scale. In u, where
+posteriors are sampled, there are no bounds and the prior density is prod phi(u_i). A density over x is one over u times
+p(x)/phi(u).
+
+*Training.* R/R_max over t* = t/t_c depends on the Cauchy number p_inf/G, the Reynolds number p_inf t_c/mu and the
+stretch, and less on R_max itself (docs/method/physics.md, section 1). So all training curves have one R_max, 245 um:
+35 um (the R_0 of the app of the Bubble Dynamics Transformer) times 7 (the mean stretch). A shot comes to their grid of
+t* through its own t_c, and the answer goes back at the same Cauchy and Reynolds numbers (`grid_step`, `to_shot`):
+
+    step_shot = step x t_c,shot/t_c,   G_shot = G x p_inf,shot/p_inf,   mu_shot = mu x (p_inf t_c)_shot/(p_inf t_c)
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import require
-from cavirheo.parameters import PARAMETERS, natural_name
+from cavirheo.errors import InputError, require
+from cavirheo.parameters import PARAMETERS, RADIUS, natural, natural_name
+from cavirheo.physics.materials import MATERIALS, Material
+from cavirheo.physics.media import WATER, Medium
+
+if TYPE_CHECKING:
+    from cavirheo.physics.simulation import Simulation
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _INSIDE = 1e-12  # of the probability, that u keeps away from the bounds
+MOST_FRAMES = 5_000  # of a network's grid; training sets of more would not fit a machine
+LONGEST = 1_000.0  # time of the grid in t_c
 
 
 def uniforms(seed: int, index: int, count: int, stream: int = 0) -> Floats:
-    """(count,) numbers in [0, 1) that depend on (seed, stream, index) alone; streams are independent.
-
-    Raw words of the counter-based Philox generator, whose stream numpy keeps fixed across versions.
-    """
+    """(count,) numbers in [0, 1) that depend on (seed, stream, index) alone; streams are independent: raw words of the
+    counter-based Philox generator, which numpy keeps fixed across versions."""
     require(0 <= seed < 2**64, f"a seed must be from 0 to 2^64 - 1, got {seed}", "prior.seed")
     words = np.random.Philox(key=(stream << 64) + seed, counter=index << 128).random_raw(count)
     return np.asarray((words >> np.uint64(11)) * 2.0**-53)
@@ -42,10 +59,8 @@ class Prior:
 
     Attributes:
         names: one that starts with log10_ is of the logarithm of the SI value.
-        low: lower bounds.
-        high: upper bounds.
-        mean: of the normal.
-        std: of the normal; infinite where uniform.
+        low, high: bounds.
+        mean, std: of the normal; std is infinite where uniform.
 
     Raises:
         InputError: a range that is not finite and rising, or arrays of other lengths than the names.
@@ -73,9 +88,8 @@ class Prior:
     @classmethod
     def uniform(cls, ranges: Mapping[str, Sequence[float]]) -> Prior:
         """A prior from {name: [low, high]}. Raises InputError: an unknown parameter, or not two numbers."""
-        names = ", ".join(PARAMETERS)
         for name, pair in ranges.items():
-            message = f"unknown parameter {name!r}; known, with or without log10_: {names}"
+            message = f"unknown parameter {name!r}; known, with or without log10_: {', '.join(PARAMETERS)}"
             require(natural_name(name) in PARAMETERS, message, "prior.name")
             require(len(pair) == 2, f"the prior of {name} must be [low, high], got {list(pair)}", "prior.range")
         low, high = np.array(list(ranges.values()), dtype=float).reshape(-1, 2).T
@@ -142,3 +156,122 @@ class Prior:
         """{name: [low, high]} or [low, high, mean, standard deviation], in x."""
         rows = np.column_stack([self.low, self.high, self.mean, self.std]).tolist()
         return {n: row[:2] if np.isinf(row[3]) else row for n, row in zip(self.names, rows, strict=True)}
+
+
+@dataclass(frozen=True)
+class FrameGrid:
+    """The times at which a network reads a curve: so many frames, the first at R_max, and the interval in s."""
+
+    frame_interval: float = 1e-6
+    frames: int = 100
+
+    def __post_init__(self) -> None:
+        message = f"a grid needs a positive frame interval and 2 to {MOST_FRAMES} frames, got "
+        fine = isinstance(self.frames, int) and 2 <= self.frames <= MOST_FRAMES and 0 < self.frame_interval < np.inf
+        require(fine, f"{message}{self.frame_interval} s and {self.frames}", "problem.grid")
+
+    @property
+    def time(self) -> Floats:
+        """(frames,) s after R_max."""
+        return np.asarray(self.frame_interval * np.arange(self.frames, dtype=float))
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingProblem:
+    """What the curves of a training set are drawn from and simulated with; a network's card and its data hold it.
+
+    Attributes:
+        material_name, prior: "nhkv", ...; of its parameters and the stretch.
+        medium, grid: liquid and gas constants; times of the frames.
+        reference_max_radius: R_max of all curves, m.
+
+    Raises:
+        InputError: unknown material, or a prior whose names are not its parameters and the stretch.
+    """
+
+    material_name: str
+    prior: Prior
+    medium: Medium = WATER
+    grid: FrameGrid = FrameGrid()
+    reference_max_radius: float = 245e-6
+
+    def __post_init__(self) -> None:
+        material, names = self.material_name, self.prior.names
+        message = f"unknown material {material!r}; known: {', '.join(MATERIALS)}"
+        require(material in MATERIALS, message, "problem.material")
+        needed = sorted([*(f.name for f in fields(MATERIALS[material])), "stretch"])
+        message = f"material {material!r} needs a prior for {', '.join(needed)} (each with or without log10_)"
+        require(sorted(map(natural_name, names)) == needed, f"{message}, got {', '.join(names)}", "problem.prior")
+        radius = self.reference_max_radius
+        require(0 < radius < np.inf, f"reference_max_radius must be positive, got {radius} m", "problem.max_radius")
+        RADIUS.check("reference_max_radius", radius, "problem.max_radius")
+        end, scale = (self.grid.frames - 1) * self.grid.frame_interval, self.medium.time_scale(radius)
+        message = f"the grid ends {end:.3g} s after R_max, more than the {LONGEST:g} collapse times of {scale:.3g} s"
+        require(end <= LONGEST * scale, f"{message} that are simulated; is a unit wrong?", "problem.grid")
+        message = f"the stretch R_max/R_0 must be 1 or more and not of log10_, got the prior {self.prior.to_dict()}"
+        require("stretch" in names and self.prior.bounds("stretch")[0] >= 1, message, "problem.prior")
+        for ends in (self.prior.low, self.prior.high):
+            self.material(ends)  # refuses what the law does
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, from which `from_dict` makes the same problem again."""
+        parts = {"medium": asdict(self.medium), "prior": self.prior.to_dict(), "camera": asdict(self.grid)}
+        return {"schema": 1, "material": self.material_name, **parts, "reference_max_radius": self.reference_max_radius}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> TrainingProblem:
+        """The problem of a `to_dict`. Raises InputError if a part is missing or unknown."""
+        try:
+            medium = Medium(**data["medium"], unusual=True)  # whoever made the problem has insisted
+            prior, grid = Prior.uniform(data["prior"]), FrameGrid(**data["camera"])
+            return cls(data["material"], prior, medium, grid, data["reference_max_radius"])
+        except (AttributeError, KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
+            message = f"not a problem written by this version of cavirheo: {error}"
+            raise error if isinstance(error, InputError) else InputError(message, "problem.unreadable") from error
+
+    @cached_property
+    def id(self) -> str:
+        """Twelve hexadecimal digits that change with any part of the problem (the prior's order included)."""
+        text = json.dumps(self.to_dict() | {"order": self.prior.names}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+    def material(self, theta: ArrayLike) -> Material:
+        """The material of theta (parameters,) in the prior's scale."""
+        values = natural_values(self.prior.names, theta)
+        return MATERIALS[self.material_name](**{name: value for name, value in values.items() if name != "stretch"})
+
+    def simulate_many(self, theta: ArrayLike, *, time: ArrayLike | None = None, **options: Any) -> list[Simulation]:
+        """The curves of theta (curves, parameters) at the reference R_max, failed ones too (see their status).
+        `time` is (n,) or (curves, n) s, by default the grid; `options` are those of the simulation."""
+        from cavirheo.physics.simulate import simulate_many  # compiles: whoever only trains need not wait
+
+        rows = np.asarray(theta, dtype=float)
+        stretch = np.array([natural_values(self.prior.names, row)["stretch"] for row in rows])
+        options |= {"max_radius": self.reference_max_radius, "stretch": stretch, "medium": self.medium}
+        options["time"] = self.grid.time if time is None else time
+        return simulate_many([self.material(row) for row in rows], **options)
+
+    def grid_step(self, max_radius: float, medium: Medium | None = None) -> float:
+        """The frame interval (s) that puts a shot of this R_max (m) on the grid in t*."""
+        return self.grid.frame_interval * self._time_ratio(max_radius, medium or self.medium)
+
+    def to_shot(self, values: Mapping[str, float], max_radius: float, medium: Medium | None = None) -> dict[str, float]:
+        """Values in SI by parameter name for a shot of this R_max (m) from those at the reference scale."""
+        medium = medium or self.medium
+        pressure = medium.pressure / self.medium.pressure
+        ratio = {"shear_modulus": pressure, "viscosity": pressure * self._time_ratio(max_radius, medium)}
+        return {name: value * ratio.get(name, 1.0) for name, value in values.items()}
+
+    def _time_ratio(self, max_radius: float, medium: Medium) -> float:
+        message = f"R_max must be finite and positive, got {max_radius} m"
+        require(0 < max_radius < np.inf, message, "problem.max_radius")
+        return medium.time_scale(max_radius) / self.medium.time_scale(self.reference_max_radius)
+
+
+def natural_values(names: Sequence[str], theta: ArrayLike) -> dict[str, float]:
+    """Values in SI by parameter name from theta (names,) in the prior's scale. Raises InputError: another shape."""
+    theta = np.asarray(theta, dtype=float)
+    message = f"theta must hold {', '.join(names)}, got shape {theta.shape}"
+    require(theta.shape == (len(names),), message, "problem.theta")
+    with np.errstate(over="ignore"):
+        return {natural_name(name): float(natural(name, value)) for name, value in zip(names, theta, strict=True)}

@@ -1,7 +1,7 @@
 """A folder at the bench: each recording is answered when its file is complete, and once, whatever ends the run.
 
 A file counts as complete when its size and time have not changed for LOOK and it can be read. `watched/` in the folder
-of the results holds each answer by its key (workflow/store.py), and what was read of each file; the documents are made
+of the results holds each answer by its key (workflow), and what was read of each file; the documents are made
 of these. So a run that is killed at any moment loses only what it was computing.
 """
 
@@ -14,6 +14,8 @@ from dataclasses import KW_ONLY, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
+
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
@@ -24,8 +26,7 @@ from cavirheo.posterior import Posterior
 from cavirheo.reporting import DOCUMENTS, html, result, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result
-from cavirheo.workflow.analyse import analyse, of_file
-from cavirheo.workflow.store import Store
+from cavirheo.workflow import Store, analyse, of_file
 from cavirheo.writing.document import Outputs, write_json
 from cavirheo.writing.packing import key_of
 
@@ -37,11 +38,8 @@ State = tuple[int, ...]  # bytes, time of the last change in ns; of a film's hea
 
 @dataclass(eq=False)
 class WatchedFile:
-    """One file as it was when it was read.
-
-    order: ns, when it was first complete: rows stand in this order. unreadable: its only curve says why it gave up
-    none. keys: of the answers of its curves.
-    """
+    """One file as it was when it was read. order: ns, when it was first complete; rows stand in this order. unreadable:
+    its only curve says why it gave up none. keys: of the answers of its curves."""
 
     path: str
     state: State
@@ -56,10 +54,9 @@ class WatchedFile:
 class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
-    analysis: how curves are answered. read: gives the curves of one file. read_settings: all that `read` depends on
-    besides the medium. group: as in `read_shots`. column: a table as of `read_column`, which may grow while shots
-    arrive, or the word R_max. half_width: as for `html.live_page`. say: is called with one line about what goes wrong.
-    show: is called with each new row.
+    analysis: how curves are answered. read: gives the curves of one file. read_settings: all that it depends on besides
+    the medium. group: as in `read_shots`. column: a table as of `read_column`, which may grow while shots arrive, or
+    the word R_max. half_width: as for `html.live_page`. say: gets a line on what goes wrong; show: each new row.
     """
 
     folder: Path
@@ -83,14 +80,13 @@ class Watch:
             self.column = None
         self._column_then = _state(self.column)
         self.outputs, self.page = Outputs(self.out, *DOCUMENTS), Outputs(self.out, html.LIVE)
-        self.store = Store(self.out / "watched", most=0)
+        self.store = Store(self.out / "watched")
         # other settings read other curves
         how = key_of([version("cavirheo"), self.read_settings, self.analysis.medium])[:16]
         self.records = Store(self.out / "watched" / how, most=0)
         self.files: dict[str, WatchedFile] = {}
-        self.answers: dict[str, Posterior] = {}  # by their keys
         self._states: dict[Path, tuple[State, float]] = {}  # of each file, and s since when it has not changed
-        self._latest: Posterior | None = None
+        self._latest = ""  # key of the last answer
         self._messages: set[str] = set()  # that were said, each once
         self._unwritten, self._due = False, 0.0  # whether the documents lack anything, and from when on they may follow
         for record in self.records.values(dict):
@@ -101,12 +97,11 @@ class Watch:
         of the files and of the scales and constants of their curves."""
         files, keys = self._in_order(), list(self._recordings())
         curves, _, repeated, hints = read_shots([curve for file in files for curve in file.curves], group=self.group)
-        for remark in repeated:
-            self._say_once(remark)
+        self._say_once(*repeated)
         remarks = [remark for file in files for remark in file.remarks]
-        pairs = zip(self._with_column(curves, remarks), keys, strict=True)
-        answers = [(curve, self.answers[key]) for curve, key in pairs if key in self.answers]
-        return answers, remarks + repeated + hints
+        answers = (self.store.get(key, Posterior) for key in keys)
+        pairs = zip(self._with_column(curves, remarks), answers, strict=True)
+        return [(curve, of_file(answer, curve)) for curve, answer in pairs if answer], remarks + repeated + hints
 
     def _recordings(self) -> dict[str, RadiusCurve]:
         """The curves by the keys of their answers, without copies: those that `read_shots` leaves."""
@@ -127,52 +122,48 @@ class Watch:
 
     def once(self) -> bool:
         """Answer the next files that are complete, as many at once as keep all cores busy. Whether there were any."""
-        count = 0
+        new = False
         for path, state in self._complete():
             if file := self._read(path, state):
-                earlier = self.files.get(file.path)
+                earlier, new = self.files.get(file.path), True
                 self.records.put(key_of(file.path), vars(file))
                 self._count(file)
-                count += 1
-                if earlier and earlier.curves and not self.answers.keys() >= {*file.keys}:
+                if earlier and earlier.curves and not all(map(self.store.get, file.keys)):
                     self._say_once(f"{path.name} has changed: its recordings are answered anew")
             if len(self._unanswered()) >= 2 * cores():
                 break
         left = self._unanswered()
         keys, curves = list(left), list(left.values())
-        self._unwritten |= count > 0 or _state(self.column) != self._column_then
+        self._unwritten |= new or _state(self.column) != self._column_then
         for place, answer in analyse(curves, self.analysis, self.store):
-            self._latest = self.answers[keys[place]] = of_file(answer, curves[place])
-            self.show(curve_record(curves[place], self._latest))
-            self._unwritten = True
+            self._latest, self._unwritten = keys[place], True
+            self.show(curve_record(curves[place], answer))
             self._write_if_due()
         self._write_if_due()
-        return count > 0 or bool(left)
+        return new or bool(left)
 
     def _unanswered(self) -> dict[str, RadiusCurve]:
-        return {key: curve for key, curve in self._recordings().items() if key not in self.answers}
+        return {key: curve for key, curve in self._recordings().items() if not self.store.get(key)}
 
     def _write_if_due(self) -> None:
-        """The documents, where they lack anything. They take a part of the time at most, however many shots there are:
-        each is rewritten as a whole."""
+        """The documents, where they lack anything, in a part of the time at most: each is rewritten as a whole."""
         if self._unwritten and time.monotonic() >= self._due:
             self.write()
 
     def write(self) -> Result:
         """result.json, result.csv and the page on the wall, of all that is answered."""
-        began = time.monotonic()
-        self._column_then, self._unwritten = _state(self.column), False
+        began, self._column_then, self._unwritten = time.monotonic(), _state(self.column), False
         pairs, notes = self.pairs()
         document = result(pairs, self.command, date=self.date, notes=notes)
         if pairs or not self.outputs.holds("result.json"):  # earlier answers stay until there are others
             self.outputs.write("result.json", write_json, document)
             self.outputs.write("result.csv", table.write_csv, document)
-        latest = next((k for k, (_, answer) in enumerate(pairs) if answer is self._latest), len(pairs) - 1)
+        keys = [key for key in self._recordings() if self.store.get(key)]
+        latest = keys.index(self._latest) if self._latest in keys else len(pairs) - 1
         curve, answer = pairs[latest] if pairs else (None, None)
         page = html.live_page(document, latest, curve, answer, self.half_width)
         self.page.write(html.LIVE, Path.write_text, page, encoding="utf-8")
-        now = time.monotonic()
-        self._due = now + PACE * (now - began)
+        self._due = (now := time.monotonic()) + PACE * (now - began)
         return document
 
     def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:
@@ -194,13 +185,12 @@ class Watch:
 
     def _complete(self) -> list[tuple[Path, State]]:
         """Files that are new and did not change for a while, the oldest first."""
-        now, states = time.monotonic(), {}
+        now, states = time.monotonic(), dict[Path, State]()
+        column = None if self.column is None else self.column.resolve()
         try:
             for path in measurements(self.folder)[0]:
-                if self.column is not None and path.resolve() == self.column.resolve():
-                    continue
                 moved = str(pixels_of(path)) in self.files  # a header alone, whose film was answered
-                if not moved and (state := _state(path)):
+                if path.resolve() != column and not moved and (state := _state(path)):
                     states[path] = state
         except OSError as error:  # a file that is gone again, a share that is away for a moment
             self._say_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
@@ -217,8 +207,7 @@ class Watch:
         return file is None or file.state != state
 
     def _read(self, path: Path, state: State) -> WatchedFile | None:
-        """What is in a file; None if it is to be tried again. One that stays as it is and cannot be read is a curve
-        that says why."""
+        """What is in a file, if it cannot be read a curve that says why; None if it is to be tried again."""
         try:
             curves, problems, remarks, _ = self.read(path)  # hints are said once, of all curves
         except InputError as error:  # a setting that is wrong for this file
@@ -226,31 +215,28 @@ class Watch:
         if _state(path) != state:
             return None  # it is being written
         earlier = self.files.get(str(path))
-        file = WatchedFile(str(path), state, earlier.order if earlier else state[1], [])
         if problems:
             self._say_once(f"{problems[0]}; it is tried again for {self.patience:g} s, and whenever it changes")
             if time.monotonic() - self._states[path][1] < self.patience:
                 return None
             stem = {"name": path.stem, "group": path.stem, "source": file_label(path)}
-            curves, file.unreadable = [RadiusCurve([], [], meta=stem, unusable=problems[0])], True  # type: ignore[arg-type]
-        file.remarks, file.curves = list(remarks), curves
-        return file
+            curves = [RadiusCurve(np.empty(0), np.empty(0), meta=stem, unusable=problems[0])]
+        order = earlier.order if earlier else state[1]
+        return WatchedFile(str(path), state, order, curves, list(remarks), unreadable=bool(problems))
 
     def _count(self, file: WatchedFile) -> None:
-        """Count a file, instead of what it was before, with the answers that are there."""
+        """Count a file, instead of what it was before."""
         self.files[file.path] = file
         file.keys = [self.analysis.key(curve) for curve in file.curves]
-        for key, curve in zip(file.keys, file.curves, strict=True):
-            if answer := self.store.get(key):
-                self.answers[key] = of_file(answer, curve)
 
     def _in_order(self) -> list[WatchedFile]:
         return sorted(self.files.values(), key=lambda file: (file.order, file.path))
 
-    def _say_once(self, text: str) -> None:
-        if text not in self._messages:
-            self._messages.add(text)
-            self.say(text)
+    def _say_once(self, *texts: str) -> None:
+        for text in texts:
+            if text not in self._messages:
+                self._messages.add(text)
+                self.say(text)
 
 
 def _state(path: Path | None) -> State | None:

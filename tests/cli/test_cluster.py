@@ -23,9 +23,17 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Threads
 from cavirheo.training import dataset
 from cavirheo.training.dataset import generate
-from cavirheo.workflow.analyse import Unfinished
-from cavirheo.workflow.cluster import jobs_of, read_settings
-from cavirheo.workflow.workers import Identity, Workers, admitted, code_of, identity, self_description
+from cavirheo.workflow import Unfinished
+from cavirheo.workflow.cluster import (
+    Identity,
+    Workers,
+    admitted,
+    code_of,
+    identity,
+    jobs_of,
+    read_settings,
+    self_description,
+)
 
 
 @pytest.fixture(scope="module")

@@ -25,8 +25,7 @@ from cavirheo.parallel import Threads, one_blas_thread
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reporting import pictures, read_json, write_report
-from cavirheo.workflow.analyse import Unfinished
-from cavirheo.workflow.store import Store, keep, read_kept
+from cavirheo.workflow import Store, Unfinished
 from cavirheo.writing.document import LIST, LOCK, Claim, Outputs, claimed
 
 EXAMPLES = ROOT / "examples"
@@ -164,13 +163,13 @@ def answer(solved) -> Posterior:
 
 
 def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path, answer):
-    keep(tmp_path / "a.npz", answer)
-    assert same(read_kept(tmp_path / "a.npz", Posterior), answer)
+    Store(tmp_path).put("a", answer)
+    assert same(Store(tmp_path).get("a"), answer)
     content = (tmp_path / "a.npz").read_bytes()
     for cut in (b"", b"PK", content[: len(content) // 2], bytes(len(content))):
         (tmp_path / "a.npz").write_bytes(cut)
-        assert read_kept(tmp_path / "a.npz", Posterior) is None
-    assert read_kept(tmp_path / "nothing.npz", Posterior) is None
+        assert Store(tmp_path).get("a") is None
+    assert Store(tmp_path).get("nothing") is None
 
 
 def test_an_interrupted_run_goes_on_where_it_was(tmp_path, answer):

@@ -11,8 +11,7 @@ from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.media import MEDIA, medium
 from cavirheo.posterior import Checks
-from cavirheo.prior import Prior
-from cavirheo.problem import TrainingProblem
+from cavirheo.prior import Prior, TrainingProblem
 
 GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
 TIME = np.arange(100) * 1e-6

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from conftest import EXAMPLE
 
-from cavirheo import Posterior, read_curves
+from cavirheo import read_curves
 from cavirheo.io import write_csv
-from cavirheo.workflow.store import read_kept
+from cavirheo.workflow import Store
 from cavirheo.writing.document import LIST
 
 COMMANDS = {  # shots, kills, words
@@ -44,7 +44,7 @@ def call(words: list[str], folder: Path, more: int = 0, wait: float | None = Non
 
 
 def kept(folder: Path) -> set[str]:
-    return {path.name for path in (folder / "out").glob("unfinished/*.npz")}
+    return {path.stem for path in (folder / "out").glob("unfinished/*.npz")}
 
 
 def documents(folder: Path) -> dict[str, object]:
@@ -78,7 +78,7 @@ def test_killed_at_random_moments(tmp_path, name):
         now = kept(folder)
         assert before <= now  # what was answered is there
         before = now
-        assert all(read_kept(folder / "out" / "unfinished" / name, Posterior) for name in before)
+        assert all(map(Store(folder / "out" / "unfinished").get, before))
         for path in (folder / "out").rglob("*.json"):
             json.loads(path.read_text())
     assert before

@@ -17,20 +17,17 @@ from answers import KnownAnalysis
 from conftest import EXAMPLE, LIQUID, PROBLEM, ROOT, code_of, refused
 from scipy.stats import kstest
 
-from cavirheo import Posterior, read_curves
+from cavirheo import Posterior, read_curves, workflow
 from cavirheo.inference.bins import END, SCALARS
 from cavirheo.inference.latent import COORDINATES
 from cavirheo.parallel import Threads
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER
 from cavirheo.posterior import Checks
-from cavirheo.prior import Prior, uniforms
-from cavirheo.problem import FrameGrid, TrainingProblem
+from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
 from cavirheo.training.dataset import generate, load, survey
 from cavirheo.training.recordings import COLUMNS, NODES, STEPS, TOP, film
-from cavirheo.workflow import analyse
-from cavirheo.workflow.analyse import Unfinished
-from cavirheo.workflow.store import keep, read_kept
+from cavirheo.workflow import Store, Unfinished
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
 GEL = TrainingProblem("nhkv", Prior.uniform(RANGES))
@@ -241,7 +238,7 @@ def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypat
     curves = read_curves(EXAMPLE)
     analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
     few = Unfinished(tmp_path / "few", visible=False, executor=executor).answers(curves, analysis)
-    monkeypatch.setattr(analyse, "HELD", 3)
+    monkeypatch.setattr(workflow, "HELD", 3)
     kept = Unfinished(tmp_path / "many", visible=False, executor=executor)
     many = kept.answers(curves, analysis)
     assert many.indices == few.indices == list(range(len(curves)))
@@ -274,11 +271,11 @@ def test_nothing_is_unpickled_from_a_kept_answer(tmp_path, monkeypatch):
     assert sprung.is_dir()  # as it would be
     sprung.rmdir()
     answer = Posterior(("stretch",), ("1",), np.ones((3, 1)), Checks("ok"), "nhkv", "verified")
-    keep(tmp_path / "a.npz", answer)
+    Store(tmp_path).put("a", answer)
     with np.load(tmp_path / "a.npz") as file:
         first = file[file.files[0]]
     np.savez(tmp_path / "a.npz", first, np.array([Trap()] * 3, dtype=object), allow_pickle=True)
-    assert read_kept(tmp_path / "a.npz", Posterior) is None
+    assert Store(tmp_path).get("a") is None
     assert not sprung.exists()
 
 

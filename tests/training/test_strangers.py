@@ -23,8 +23,7 @@ from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import Network, card, shipped
 from cavirheo.inference.posterior_network import INPUTS, PosteriorModel
 from cavirheo.physics.media import BU2026
-from cavirheo.prior import Prior
-from cavirheo.problem import FrameGrid
+from cavirheo.prior import FrameGrid, Prior
 from cavirheo.training import dataset
 from cavirheo.training.evaluate import evaluate
 from cavirheo.training.recipe import read_recipe

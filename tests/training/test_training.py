@@ -14,8 +14,7 @@ from conftest import ROOT, code_of, error_of
 import cavirheo
 from cavirheo.inference.model import card as read_card
 from cavirheo.inference.model import predict
-from cavirheo.prior import Prior
-from cavirheo.problem import TrainingProblem
+from cavirheo.prior import Prior, TrainingProblem
 from cavirheo.training import evaluate as judge
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.evaluate import breakdown, metrics

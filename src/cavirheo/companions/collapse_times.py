@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, printable, require
-from cavirheo.files import sha256
+from cavirheo.errors import InputError, SolverError, printable, require, sha256
 from cavirheo.inference import input_checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.io.files import file_label, guarded

@@ -23,8 +23,7 @@ from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, printable, require
-from cavirheo.files import sha256
+from cavirheo.errors import InputError, printable, require, sha256
 from cavirheo.io.files import file_label, guarded
 from cavirheo.io.tables import Table, Term, Vocabulary, read_columns
 from cavirheo.reporting.group import Published, PublishedValue

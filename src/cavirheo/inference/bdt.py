@@ -26,7 +26,7 @@ from cavirheo.physics.bubble import FIELD
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Diagnostics, Posterior, Verdict
-from cavirheo.problem import natural_values
+from cavirheo.prior import natural_values
 
 MODULUS = "shear_modulus"
 SHORTEST = 0.9  # of the network's samples that must lie inside the recording; the others are taken as the last one

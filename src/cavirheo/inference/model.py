@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, NonNegativeInt, PositiveInt, ValidationError, model_validator
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require, validation_message
-from cavirheo.files import read_bytes, read_object
+from cavirheo.errors import InputError, read_bytes, read_object, require, validation_message
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.session import session, try_out
 from cavirheo.parameters import LOG10, natural, parameter_of
-from cavirheo.problem import TrainingProblem
+from cavirheo.prior import TrainingProblem
 
 DEFAULT = "posterior"
 LARGEST, LARGEST_CARD = 100_000_000, 10_000_000  # bytes that are read

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, numbered, require
-from cavirheo.files import sha256
+from cavirheo.errors import InputError, as_path, numbered, require, sha256
 from cavirheo.io.curves import ONE_SCALE
 from cavirheo.io.files import file_label, guarded
 from cavirheo.io.tables import Name, Term, Vocabulary, kind_of, read_columns

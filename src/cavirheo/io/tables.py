@@ -28,8 +28,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require, without_unseen
-from cavirheo.files import from_cell, is_float
+from cavirheo.errors import InputError, from_cell, is_float, require, without_unseen
 from cavirheo.io import limits
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

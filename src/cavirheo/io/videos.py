@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import NamedTuple, Unpack
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, as_path, number_of
-from cavirheo.files import sha256
+from cavirheo.errors import InputError, as_path, number_of, sha256
 from cavirheo.io.files import file_label, guarded
 from cavirheo.video.frames import CAMERAS, STACKS
 from cavirheo.video.measurement import Measurement, MeasureOptions

@@ -15,7 +15,7 @@ from pydantic_core import to_jsonable_python
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
-from cavirheo.parameters import AT_RATE, BUBBLE, LOG10, RATE, of_the_law, parameter_of, searched_bound
+from cavirheo.parameters import AT_RATE, BUBBLE, LOG10, RATE, of_the_law, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
@@ -329,7 +329,7 @@ def _model_record(answer: OtherAnswer) -> OtherModel:
 
 def meaning_of(name: str) -> str:
     """'no unit; confinement damping: ...' of what a bubble has besides its law; "" of a parameter of the law."""
-    return f"{digits.described(name)[1] or 'no unit'}; {parameter_of(name).meaning}" if name in BUBBLE else ""
+    return f"{digits.described(name)[1] or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
 
 
 def parameter_key(names: Iterable[str]) -> list[str]:

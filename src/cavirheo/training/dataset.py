@@ -32,12 +32,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import InputError, require
-from cavirheo.files import sha256
+from cavirheo.errors import InputError, require, sha256
 from cavirheo.io import hdf5
 from cavirheo.parallel import Executor, Threads
-from cavirheo.prior import uniforms
-from cavirheo.problem import TrainingProblem
+from cavirheo.prior import TrainingProblem, uniforms
 from cavirheo.training.recipe import PosteriorTable, difference
 from cavirheo.training.recordings import COLUMNS, Columns, simulated_curves
 from cavirheo.writing.document import into, whole

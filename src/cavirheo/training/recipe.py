@@ -20,13 +20,11 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
-from cavirheo.errors import InputError, require, validation_message
-from cavirheo.files import read_bytes
+from cavirheo.errors import InputError, read_bytes, require, validation_message
 from cavirheo.inference.latent import BUBBLE_NAMES, CAMERA, COORDINATES, used
 from cavirheo.inference.law import Family
 from cavirheo.physics.media import Medium, medium
-from cavirheo.prior import Prior
-from cavirheo.problem import FrameGrid, TrainingProblem
+from cavirheo.prior import FrameGrid, Prior, TrainingProblem
 
 LARGEST = 50_000  # bytes of a recipe
 Seed = Annotated[int, Field(ge=0, lt=2**63)]

@@ -34,14 +34,13 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 from torch.nn import functional
 
-from cavirheo.errors import InputError, require
-from cavirheo.files import read_object
+from cavirheo.errors import InputError, read_object, require
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.latent import COORDINATES, used
 from cavirheo.inference.model import ModelCard, PosteriorCard, predict
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.physics.media import WATER
-from cavirheo.problem import TrainingProblem
+from cavirheo.prior import TrainingProblem
 from cavirheo.training import networks
 from cavirheo.training.dataset import Dataset, Indices, load, load_curves
 from cavirheo.training.evaluate import metrics

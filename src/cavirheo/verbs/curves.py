@@ -35,7 +35,7 @@ class _Report(options.Measured):
         from cavirheo.reporting import DOCUMENTS, outputs, write_report
         from cavirheo.reporting.record import CurveAnswers
         from cavirheo.reporting.table import print_table
-        from cavirheo.workflow.analyse import Unfinished
+        from cavirheo.workflow import Unfinished
         from cavirheo.workflow.cluster import connected
         from cavirheo.writing.document import Outputs
 
@@ -114,7 +114,7 @@ class WhichLaw(options.Measured, options.OneBubble):
         from cavirheo.inference.verify.evidence import choose_answers, models, plans, ranked, weigh_models
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
-        from cavirheo.workflow.analyse import Unfinished
+        from cavirheo.workflow import Unfinished
         from cavirheo.workflow.cluster import connected
         from cavirheo.writing import document
 

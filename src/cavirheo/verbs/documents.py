@@ -168,7 +168,7 @@ def _checksum(path: Path) -> str:
     """Of a model, and a word if it is not the file that its card describes. Raises InputError: it is too large."""
     import hashlib
 
-    from cavirheo.files import read_bytes
+    from cavirheo.errors import read_bytes
     from cavirheo.inference.model import LARGEST, card
 
     digest: str = hashlib.sha256(read_bytes(path, LARGEST)).hexdigest()

@@ -48,8 +48,7 @@ def cluster(
     quiet: options.Quiet = False,
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
-    from cavirheo.workflow.cluster import client_of
-    from cavirheo.workflow.workers import identity, reports
+    from cavirheo.workflow.cluster import client_of, identity, reports
 
     run = Run(quiet=quiet)
     with client_of(scheduler, run.say) as (client, wait):

@@ -68,7 +68,7 @@ class Run:
 
     def files(self, patterns: list[Path]) -> list[Path]:
         """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""
-        from cavirheo.files import sha256
+        from cavirheo.errors import sha256
         from cavirheo.io.files import expand
         from cavirheo.writing.document import CLAIM
 

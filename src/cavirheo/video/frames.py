@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import require
-from cavirheo.files import read_bytes
+from cavirheo.errors import read_bytes, require
 from cavirheo.messages import Message
 
 Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits

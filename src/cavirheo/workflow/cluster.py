@@ -1,30 +1,46 @@
 """The same verbs on many machines: an executor whose workers are those of a dask cluster (the extra [cluster]), found
-by its address, or asked of SLURM as jobs, as a small TOML says."""
+by its address, or asked of SLURM as jobs, as a small TOML says.
+
+A worker must answer as this machine does: the same version, code, and bits of some simulations. It gets its units of
+work in batches of a second or two, few enough at once to be held here.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import platform
 import re
 import signal
 import sys
 import threading
+import time
 import tomllib
-from collections.abc import Callable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from cavirheo.errors import InputError, require, validation_message
-from cavirheo.files import read_bytes
+from cavirheo.errors import InputError, SolverError, read_bytes, require, validation_message
+from cavirheo.parallel import Job, Output
 
 if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster
     from distributed import Client
 
-    from cavirheo.workflow.workers import Workers
-
+LOOK = 1.0  # s between two counts of the workers
+SECONDS = 2.0  # of a batch, at least
+SECONDS_PER_THREAD = 0.016  # more for many: a batch costs the driver a quarter of it (benchmarks/scale.py)
+LONGEST = 60.0  # s: what a lost worker costs
+AHEAD = 2  # batches for each thread: one that runs and one that waits there
+MOST = 1000  # jobs of a batch
 WAIT = 20  # s for a scheduler to answer
 _ADDRESS = re.compile(r"(tcp|tls|ucx)://[\w.\[\]:-]+:\d{1,5}")
 _LARGEST = 100_000  # bytes of a file of settings
@@ -33,19 +49,201 @@ _LARGEST = 100_000  # bytes of a file of settings
 _NO_PROFILE = "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False"
 
 
+@dataclass(frozen=True)
+class Identity:
+    """What decides the answers of a process. code: SHA-256 of our modules and networks; bits: of simulated curves."""
+
+    version: str
+    code: str
+    bits: str
+
+
+@cache
+def identity() -> Identity:
+    """Of this process; the first call loads the compiled solver and simulates four different bubbles: a liquid and a
+    solid with memory, both contents."""
+    from cavirheo.physics.bubble import ACCOMMODATION, FIELD, Bubble
+    from cavirheo.physics.materials import LAWS
+    from cavirheo.physics.simulate import simulate
+
+    liquid, solid, kinetic = LAWS["newtonian"], LAWS["nhkv"], Bubble("kinetic", ACCOMMODATION)
+    shots = (
+        (liquid(viscosity=0.03), FIELD),
+        (solid(shear_modulus=6e3, viscosity=0.05), FIELD),
+        (liquid(viscosity=0.05), kinetic),
+        (solid(shear_modulus=8e3, viscosity=0.05), kinetic),
+    )
+    time_s, digest = np.linspace(0.0, 1e-4, 200), hashlib.sha256()
+    for material, bubble in shots:
+        digest.update(simulate(material, max_radius=2.45e-4, stretch=6.0, time=time_s, bubble=bubble).radius.tobytes())
+    return Identity(version("cavirheo"), code_of(Path(__file__).parents[1]), digest.hexdigest())
+
+
+def code_of(package: Path) -> str:
+    """SHA-256 of the modules and networks in a folder; those of the app decide no answer."""
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*")):
+        name = path.relative_to(package)
+        if path.suffix in (".py", ".onnx") and name.parts[0] != "app":
+            digest.update(name.as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+@dataclass
+class WorkerReport:
+    """One worker, as `cavirheo cluster check` shows it."""
+
+    address: str
+    host: str
+    threads: int
+    identity: Identity | None
+    versions: str = ""  # of what its answers depend on besides our code
+    wrong: str = ""  # why it is refused
+
+
+def self_description() -> dict[str, Any]:
+    """Of this process, for `WorkerReport`."""
+    libraries = [f"{name} {version(name)}" for name in ("cavirheo", "numpy", "scipy", "numba", "onnxruntime")]
+    versions = ", ".join([*libraries, f"Python {platform.python_version()}"])
+    return {"host": platform.node(), "identity": identity(), "versions": versions}
+
+
+def reports(client: Client, wait: float) -> list[WorkerReport]:
+    """Of all workers that are there, each judged; by address. Raises InputError: none came within so many s."""
+
+    def probe() -> dict[str, Any]:  # is sent whole, so that a worker without cavirheo can answer, too
+        import platform
+
+        try:
+            from cavirheo.workflow.cluster import self_description
+
+            return self_description()
+        except ImportError as error:
+            return {"host": platform.node(), "identity": None, "wrong": f"cannot import what is needed: {error}"}
+
+    end = time.monotonic() + wait
+    while not (threads := client.nthreads()):
+        message = f"no worker came to {client.scheduler_info()['address']} within {wait:.0f} s"
+        require(time.monotonic() < end, f"{message}: start some, and try again", "cluster.no_worker")
+        time.sleep(0.5 * LOOK)
+    workers, mine = [], identity()
+    for address, answer in sorted(client.run(probe, on_error="return").items()):
+        if isinstance(answer, BaseException):
+            answer = {"host": "?", "identity": None, "wrong": f"{type(answer).__name__}: {answer}"}
+        worker = WorkerReport(address, threads=threads.get(address, 0), **answer)
+        if theirs := worker.identity:
+            codes = f"{theirs.code[:8]}, here {mine.code[:8]}"
+            if theirs.version != mine.version:
+                worker.wrong = f"it has cavirheo {theirs.version}, and this is {mine.version}"
+            elif theirs.code != mine.code:
+                worker.wrong = f"its cavirheo {theirs.version} has other code ({codes})"
+        workers.append(worker)
+    alike = {worker.address: worker.identity.bits for worker in workers if worker.identity and not worker.wrong}
+    ((usual, _),) = Counter(alike.values()).most_common(1) or [("", 0)]
+    for worker in workers:
+        if (bits := alike.get(worker.address, usual)) != usual:
+            worker.wrong = f"its simulations differ in their last bits ({bits[:8]}, the others {usual[:8]})"
+    return workers
+
+
+def admitted(client: Client, say: Callable[[str], None], wait: float) -> Identity:
+    """What each worker must be, now and when it comes later. Raises InputError: there is none, or some are another."""
+    workers = reports(client, wait)
+    wrong = [f"{worker.address} on {worker.host}: {worker.wrong}" for worker in workers if worker.wrong]
+    more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+    remedy = "install the same cavirheo there, or stop them (`cavirheo cluster check` lists all)"
+    require(not wrong, f"refused {'; '.join(wrong[:3])}{more}; {remedy}", "cluster.refused")
+    required = workers[0].identity
+    assert required
+    if required.bits != identity().bits:
+        differ = "note: simulations of the workers differ from this machine's in their last bits"
+        say(f"{differ}: let a data set be made by one kind of machine")
+    threads = sum(worker.threads for worker in workers)
+    say(f"{len(workers)} workers with {threads} threads, all with cavirheo {required.version} and the same bits")
+    return required
+
+
+def seconds_for(threads: int) -> float:
+    """s that a batch is to take, so that batches cost the driver of so many threads a quarter of its time."""
+    return min(max(SECONDS, SECONDS_PER_THREAD * threads), LONGEST)
+
+
+@dataclass(frozen=True)
+class Workers:
+    """All workers of a cluster, also those that come later; each must be as `required`."""
+
+    client: Client
+    required: Identity
+
+    def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
+        """As `Executor.flow`. A worker that is lost costs only time: its batches are done by another. Raises
+        InputError: a worker came that would answer otherwise, or the scheduler is gone; and what `function` raises."""
+        from distributed import as_completed
+
+        waiting = deque(range(len(jobs)))
+        sent: dict[object, Sequence[int]] = {}
+        running = as_completed(with_results=True, raise_errors=False, loop=self.client.loop)
+        size, looked, threads, places = 1.0, 0.0, 1, AHEAD
+        try:
+            while waiting or sent:
+                if time.monotonic() > looked + LOOK:
+                    threads, looked = max(sum(self.client.nthreads().values()), 1), time.monotonic()
+                    places = AHEAD * threads
+                while waiting and len(sent) < places:
+                    count = min(round(size), max(len(waiting) // places, 1), len(waiting))
+                    batch = [waiting.popleft() for _ in range(count)]
+                    content = [jobs[index] for index in batch]
+                    future = self.client.submit(_batch, self.required, function, content, pure=False)
+                    sent[future] = batch
+                    running.add(future)
+                future, outcome = next(running)
+                indices = sent.pop(future)
+                if future.status != "finished":
+                    raise _error_of(future.status, outcome)
+                seconds, results = outcome
+                future.release()
+                ideal = seconds_for(threads) * len(results) / max(seconds, 1e-6)
+                size = 0.5 * size + 0.5 * min(max(ideal, 1.0), MOST)
+                yield from zip(indices, results, strict=True)
+        finally:
+            running.clear()
+            self.client.cancel(list(sent), force=True)
+
+
+def _batch(required: Identity, function: Callable[[Job], Output], jobs: Sequence[Job]) -> tuple[float, list[Output]]:
+    """(s that it took, what came of each job), by a worker."""
+    mine = identity()
+    if mine != required:
+        from distributed import get_worker
+
+        message = f"the worker {get_worker().address} has cavirheo {mine.version} with other code or other last bits"
+        raise InputError(f"{message}: stop it, and the same command goes on", "cluster.refused")
+    began = time.perf_counter()
+    results = [function(job) for job in jobs]
+    return time.perf_counter() - began, results
+
+
+def _error_of(status: str, outcome: object) -> BaseException:
+    """What to raise for a batch that did not end: our own errors as they are."""
+    error = outcome[1] if isinstance(outcome, tuple) and len(outcome) == 3 else outcome
+    if isinstance(error, InputError | SolverError):
+        return error
+    if type(error).__name__ == "KilledWorker":
+        message = f"one unit of work ended several workers, so it is given up: is their memory too small? {error}"
+        return InputError(message, "cluster.killed")
+    if status in ("cancelled", "lost"):
+        return InputError("the scheduler is gone or was restarted: the same command goes on", "cluster.lost")
+    return error if isinstance(error, BaseException) else InputError(f"a unit of work was {status}", "cluster.lost")
+
+
 @contextmanager
 def connected(scheduler: str | None, say: Callable[[str], None]) -> Iterator[Workers | None]:
     """The executor of `--scheduler`: "tcp://HOST:PORT" or "tls://HOST:PORT" of a dask scheduler, or "slurm:FILE.toml";
-    None, this machine, where nothing was asked. Its workers are checked before anything is sent to them.
-
-    Raises:
-        InputError: no such scheduler, no workers, or workers that would answer otherwise (by name).
-    """
+    None, this machine, where nothing was asked. Its workers are checked before anything is sent to them. Raises
+    InputError: no such scheduler, no workers, or workers that would answer otherwise (by name)."""
     if scheduler is None:
         yield None
         return
-    from cavirheo.workflow.workers import Workers, admitted
-
     with client_of(scheduler, say) as (client, wait):
         yield Workers(client, admitted(client, say, wait))
 
@@ -56,14 +254,11 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
     expected = "--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, or slurm:FILE.toml"
     slurm = scheduler.startswith("slurm:")
     require(slurm or bool(_ADDRESS.fullmatch(scheduler)), f"{expected}, got {scheduler!r}", "cluster.scheduler")
-    try:
-        from distributed import Client
+    missing = [name for name in ["distributed"] + ["dask_jobqueue"] * slurm if not find_spec(name)]
+    message = f"--scheduler needs {', '.join(missing)}: pip install 'cavirheo[cluster]' here and on the workers"
+    require(not missing, f"{message}; without it all runs here", "cluster.extra")
+    from distributed import Client
 
-        if slurm and not find_spec("dask_jobqueue"):
-            raise ModuleNotFoundError(name="dask_jobqueue")
-    except ModuleNotFoundError as error:
-        message = f"--scheduler needs {error.name}: pip install 'cavirheo[cluster]' here and on the workers"
-        raise InputError(f"{message}; without it all runs here", "cluster.extra") from None
     if slurm:
         settings = read_settings(Path(scheduler.removeprefix("slurm:")))
         with jobs_of(settings) as cluster, Client(cluster) as client:

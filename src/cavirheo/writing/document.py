@@ -34,8 +34,7 @@ from pydantic import (
 )
 from pydantic_core import to_json
 
-from cavirheo.errors import InputError, printable, require
-from cavirheo.files import as_cell, as_remark, read_bytes, sha256
+from cavirheo.errors import InputError, as_cell, as_remark, printable, read_bytes, require, sha256
 from cavirheo.parameters import Bound
 from cavirheo.writing import digits
 
