@@ -28,7 +28,7 @@ from cavirheo.physics.media import WATER, Medium
 from cavirheo.prior import Prior
 
 if TYPE_CHECKING:
-    from cavirheo.physics.simulation import Simulation
+    from cavirheo.physics.simulate import Simulation
 
 MOST_FRAMES = 5_000  # of a network's grid; training sets of more would not fit a machine
 LONGEST = 1_000.0  # time of the grid in t_c
