@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from cavirheo.inference.verify.verification import Estimation, Verification
 from cavirheo.messages import Message
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.posterior import Evidence, Posterior, WindowAnswer, correlations
-
-if TYPE_CHECKING:
-    from cavirheo.inference.verify.model_average import Part
 
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
@@ -60,12 +57,10 @@ class SearchedEstimation(Estimation):
         return [mode.u for mode in self.modes]
 
     def scanned(self) -> list[Floats]:
-        """None: the search has looked all over the ranges."""
+        """None: the search has looked all over the ranges, in windows that grow."""
         return []
 
-    def windowed(self) -> list[Floats]:
-        """None: the search had windows that grow."""
-        return []
+    windowed = scanned
 
 
 class FitEstimation(SearchedEstimation):
@@ -118,7 +113,7 @@ class FitEstimation(SearchedEstimation):
 
     def _answer(
         self, draws: tuple[Floats, Floats], sample: Sample | None, best: Mode, evidence: Evidence,
-        maxima: Sequence[Mode], more: Mapping[str, Any], limit: Part | None = None,
+        maxima: Sequence[Mode], more: Mapping[str, Any], limit: Estimation | None = None,
     ) -> Posterior:  # fmt: skip
         nearest = min(self.modes, key=lambda mode: float(mode.squares(best.u[None])[0]))
         remaining = [mode for mode in self.modes if mode is not nearest]
