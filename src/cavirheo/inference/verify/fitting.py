@@ -133,7 +133,9 @@ class FitEstimation(SearchedEstimation):
     def _windows(self, x: Floats) -> dict[str, WindowAnswer]:
         """What the windows answer: of the whole one x (all,), of shorter ones the minimum beside the best of their
         search, or beside x where that is nearer."""
-        windows = dict[str, WindowAnswer]()
+        windows, view = dict[str, WindowAnswer](), self.shot.view
+        end_of_last = self.shot.cut_to(view.collapses or None).view.end  # the whole window may end elsewhere
+        whole = view.collapses if abs(end_of_last - view.end) < 1e-6 * view.end else "all"
         for (collapses, end), shot in self.search.shots.items():
             (low, high), fit, best = shot.bounds.T, LeastSquares(shot, self.target.workers), x
             stage = self.search.stages.get((collapses, end))
@@ -145,13 +147,5 @@ class FitEstimation(SearchedEstimation):
             at_end = np.minimum(best - low, high - best) < AT_BOUND * (high - low)
             at_bound = tuple(name for name, at in zip(shot.names, at_end, strict=True) if at)
             rmse = missed if np.isfinite(missed) else None
-            windows[str(collapses or self._whole())] = WindowAnswer(
-                values, shot.view.end / shot.time_scale, rmse, at_bound
-            )
+            windows[str(collapses or whole)] = WindowAnswer(values, shot.view.end / shot.time_scale, rmse, at_bound)
         return windows
-
-    def _whole(self) -> str:
-        """How many collapses the whole window is a window of; "all" where it ends elsewhere."""
-        view = self.shot.view
-        ends = self.shot.cut_to(view.collapses or None).view.end
-        return str(view.collapses) if abs(ends - view.end) < 1e-6 * view.end else "all"

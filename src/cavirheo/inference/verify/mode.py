@@ -129,7 +129,7 @@ class Target(Coordinates):
     def integrated(self, simulated: Simulated) -> Simulated:
         """The same with the camera integrated by importance sampling for those that are likely: Laplace's integral is
         wrong by 1 in log posterior, and by up to 6, where a collapse is beside a frame."""
-        selected = simulated.value > np.max(simulated.value, initial=-np.inf) - TUNING.integrated_height
+        selected = simulated.value > simulated.height - TUNING.integrated_height
         if not np.any(selected) or not self.noise.pulls:
             return simulated
         residual, density_column = simulated.residual.copy(), self.noise.frames.size + self.noise.pulls
