@@ -32,9 +32,9 @@ from cavirheo.io import read_curves
 from cavirheo.parameters import LOG10
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import FIELD, FREE, REAL, Bubble
+from cavirheo.physics.laws import Newtonian
 from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import simulate
-from cavirheo.physics.viscous import Newtonian
 from cavirheo.posterior import Posterior
 
 USUAL: dict[str, Any] = {"others": False, "trust_input": True, "workers": 1}

@@ -31,12 +31,11 @@ from numba import njit
 
 from cavirheo.physics.accuracy import DEFAULT, PRECISE, ROUGH, Accuracy
 from cavirheo.physics.bubble import FIELD, Bubble
-from cavirheo.physics.elastic import Yeoh
+from cavirheo.physics.laws import Viscosity, Yeoh
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
-from cavirheo.physics.viscous import Viscosity
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from validation import field_standard

@@ -19,11 +19,10 @@ from numba import njit
 
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver
-from cavirheo.physics.accuracy import wall_clustered
+from cavirheo.physics.accuracy import RODAS5P, wall_clustered
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.tableau import RODAS5P
 
 GEL, R_MAX, STRETCH = NeoHookeanKelvinVoigt(1e4, 0.05), 200e-6, 6.0
 TIME = np.linspace(0, 100e-6, 101)
@@ -32,7 +31,7 @@ TIME = np.linspace(0, 100e-6, 101)
 def arguments() -> dict[str, Any]:
     """Every argument that the compiled parts take, by name; what they return is added by `measure`."""
     M = forward.DEFAULT[0]
-    grid = wall_clustered(M, forward.WALL_CELL)
+    grid = wall_clustered(M)
     numbers = dimensionless(GEL, WATER, R_MAX, STRETCH)
     R, U, P = 0.3, -1.5, 0.03
     p = P / R**3

@@ -69,7 +69,7 @@ ANSWERS = Page(
             "Of a Population, and of a Simulation",
             {
                 "cavirheo.inference.population.material": "Difference",
-                "cavirheo.physics.simulation": "Contents",
+                "cavirheo.physics.simulate": "Contents",
             },
         ),
         Group(
@@ -106,14 +106,10 @@ LAWS = Page(
         Group("Sums of laws", {"cavirheo.physics.materials": "Viscoelastic"}),
         Group(
             "Your own",
-            {
-                "cavirheo.physics.elastic": "StrainEnergy",
-                "cavirheo.physics.viscous": "Viscosity",
-                "cavirheo.physics.law": "Elastic Viscous Arm Material",
-            },
+            {"cavirheo.physics.laws": "StrainEnergy Viscosity Elastic Viscous Arm Material"},
         ),
         Group("Media", {"cavirheo.physics.media": "medium MEDIA WATER BU2026 ESTRADA2018 ZHU2025 YANG2020"}),
-        Group("Driving", {"cavirheo.physics.driving": "Pulse Trace Driving"}),
+        Group("Driving", {"cavirheo.physics.media": "Pulse Trace Driving"}),
         Group("Damage", {"cavirheo.physics.bubble": "Damage"}),
         Group("Accuracy", {"cavirheo.physics.accuracy": "Accuracy DEFAULT PRECISE ROUGH"}),
         Group("Parameters", {"cavirheo.parameters": "Parameter PARAMETERS"}),

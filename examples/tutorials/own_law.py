@@ -14,10 +14,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import cavirheo
-from cavirheo.physics.elastic import NeoHookean
-from cavirheo.physics.law import Elastic
+from cavirheo.physics.laws import Elastic, NeoHookean, Newtonian
 from cavirheo.physics.materials import Viscoelastic
-from cavirheo.physics.viscous import Newtonian
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from cavirheo.physics.materials import Newtonian as Newtonian
     from cavirheo.physics.materials import QuadraticKelvinVoigt as QuadraticKelvinVoigt
     from cavirheo.physics.media import Medium as Medium
+    from cavirheo.physics.simulate import Simulation as Simulation
     from cavirheo.physics.simulate import simulate as simulate
     from cavirheo.physics.simulate import simulate_many as simulate_many
-    from cavirheo.physics.simulation import Simulation as Simulation
     from cavirheo.posterior import Posterior as Posterior
 
 _NAMES = {  # by module
@@ -44,8 +44,7 @@ _NAMES = {  # by module
     "physics.bubble": "Bubble",
     "physics.materials": "NeoHookeanKelvinVoigt Newtonian QuadraticKelvinVoigt",
     "physics.media": "Medium",
-    "physics.simulate": "simulate simulate_many",
-    "physics.simulation": "Simulation",
+    "physics.simulate": "simulate simulate_many Simulation",
     "posterior": "Posterior",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}

@@ -32,7 +32,7 @@ from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
 
 if TYPE_CHECKING:
-    from cavirheo.physics.simulation import Simulation
+    from cavirheo.physics.simulate import Simulation
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _INSIDE = 1e-12  # of the probability, that u keeps away from the bounds

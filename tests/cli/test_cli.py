@@ -13,7 +13,7 @@ from cavirheo import Bubble, read_curves, simulate
 from cavirheo.io import write_csv
 from cavirheo.physics import materials
 from cavirheo.physics.accuracy import PRECISE
-from cavirheo.physics.driving import Trace
+from cavirheo.physics.media import Trace
 
 
 def infer(run, *words: object, status: int = 0) -> tuple[list[dict], list[dict], str]:

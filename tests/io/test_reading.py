@@ -21,7 +21,7 @@ from cavirheo.io.curves import read_trace
 from cavirheo.io.files import expand
 from cavirheo.io.shots import read_shots
 from cavirheo.io.subprocess_reader import KINDS
-from cavirheo.physics.driving import Trace
+from cavirheo.physics.media import Trace
 from cavirheo.writing.packing import decode, encode
 
 US, UM = TIME * 1e6, RADIUS * 1e6

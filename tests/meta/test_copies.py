@@ -12,8 +12,8 @@ from conftest import EXAMPLE, refused
 
 import cavirheo
 from cavirheo import InputError, Medium, SolverError
-from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.materials import LAWS, Material, parse
+from cavirheo.physics.media import Pulse, Trace
 from cavirheo.posterior import Bubble, Evidence, WindowAnswer
 from cavirheo.reporting import result
 from cavirheo.reporting.table import write_csv

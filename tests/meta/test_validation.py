@@ -5,9 +5,8 @@ import pytest
 from conftest import ROOT
 
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, read_curves, simulate
-from cavirheo.physics.elastic import Fung
+from cavirheo.physics.laws import Fung, Newtonian, PowerLaw
 from cavirheo.physics.materials import Viscoelastic
-from cavirheo.physics.viscous import Newtonian, PowerLaw
 from validation import numbers, pages
 from validation.challenge import answers, camera, make, score, truth
 

@@ -29,9 +29,9 @@ class Planted(NamedTuple):
 
 
 PLANTED = (
-    Planted("mooney-rivlin curvature sign", "physics/elastic.py",
+    Planted("mooney-rivlin curvature sign", "physics/laws.py",
             "+ 12 * self.C2 * q2 * q2", "- 12 * self.C2 * q2 * q2", ("test_materials",)),
-    Planted("fung twice as stiff", "physics/elastic.py",
+    Planted("fung twice as stiff", "physics/laws.py",
             "self.shear_modulus / 2 * np.exp(", "self.shear_modulus * np.exp(", ("test_materials",)),
     Planted("wall twice as near", "physics/bubble.py",
             "0.5 * max_radius / self.wall_distance", "max_radius / self.wall_distance", ("test_bubble_model",)),
@@ -39,7 +39,7 @@ PLANTED = (
             "** a, (1 + b) * u", "** a, (1 - b) * u", ("test_limits",)),
     Planted("polytropic gas with half the exponent", "physics/solver.py",
             "z, p_dot = 0.0, -3 * numbers", "z, p_dot = 0.0, -1.5 * numbers", ("test_limits",)),
-    Planted("ultrasound in cycles, not radians", "physics/driving.py",
+    Planted("ultrasound in cycles, not radians", "physics/media.py",
             "n, omega = self.exponent, 2 * pi * self.frequency", "n, omega = self.exponent, self.frequency",
             ("test_limits",)),
     Planted("constants of no liquid are taken", "physics/media.py",

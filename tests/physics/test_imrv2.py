@@ -15,10 +15,9 @@ from test_limits import textbook
 
 from cavirheo import Bubble, Medium, Newtonian, simulate
 from cavirheo.physics.accuracy import Accuracy
-from cavirheo.physics.driving import Pulse, Trace
-from cavirheo.physics.elastic import NeoHookean, Quadratic
-from cavirheo.physics.law import Elastic
+from cavirheo.physics.laws import Elastic, NeoHookean, Quadratic
 from cavirheo.physics.materials import OldroydB, TotalRelaxation, Viscoelastic
+from cavirheo.physics.media import Pulse, Trace
 from cavirheo.physics.scales import TAIT, dimensionless
 from cavirheo.physics.table import scaled
 

@@ -19,10 +19,9 @@ from cavirheo.physics import materials
 from cavirheo.physics import simulate as forward
 from cavirheo.physics.accuracy import PRECISE, Accuracy, wall_clustered
 from cavirheo.physics.bubble import ACCOMMODATION, CONTENTS, FIELD, MOTIONS, Damage
-from cavirheo.physics.driving import Pulse, Trace
-from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Quadratic
+from cavirheo.physics.laws import Gent, Linear, NeoHookean, Quadratic
 from cavirheo.physics.materials import Maxwell, OldroydB, UpperConvectedMaxwell, Viscoelastic, Zener, parse
-from cavirheo.physics.media import WATER
+from cavirheo.physics.media import WATER, Pulse, Trace
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import remembered
 from cavirheo.physics.table import read

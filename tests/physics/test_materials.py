@@ -12,16 +12,13 @@ from scipy.integrate import quad
 
 from cavirheo import Bubble, Medium, Newtonian, simulate, simulate_many
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics import elastic, materials, viscous
+from cavirheo.physics import laws, materials
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.bubble import Damage
-from cavirheo.physics.driving import Pulse, Trace
-from cavirheo.physics.elastic import Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
-from cavirheo.physics.law import SHEAR, Elastic, Viscous
+from cavirheo.physics.laws import Elastic, Gent, MooneyRivlin, NeoHookean, Ogden, Quadratic, StrainEnergy, Viscous, Yeoh
 from cavirheo.physics.materials import EXAMPLE, LAWS, Material, TotalRelaxation, Viscoelastic, parse, summary, usage
-from cavirheo.physics.media import WATER, medium
+from cavirheo.physics.media import WATER, Pulse, Trace, medium
 from cavirheo.physics.table import read
-from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, PowerLaw, Viscosity
 
 
 def gent_energy(l1, l2, l3):
@@ -29,27 +26,27 @@ def gent_energy(l1, l2, l3):
 
 
 ELASTIC: list[tuple[Elastic, float]] = [  # a law and its small-strain shear modulus, Pa
-    (elastic.Linear(3e3), 3e3),
+    (laws.Linear(3e3), 3e3),
     (NeoHookean(3e3), 3e3),
     (Quadratic(3e3, 0.4), 3e3),
     (MooneyRivlin(1e3, 500.0), 3e3),
     (Yeoh(1.5e3, 20.0, 1.0), 3e3),
-    (elastic.Fung(3e3, 0.3), 3e3),
+    (laws.Fung(3e3, 0.3), 3e3),
     (Gent(3e3, 60.0), 3e3),
-    (elastic.ArrudaBoyce(3e3, 1e3), 3e3 * (1 + 0.6 / 1e3 + 99 / 175 / 1e6)),
+    (laws.ArrudaBoyce(3e3, 1e3), 3e3 * (1 + 0.6 / 1e3 + 99 / 175 / 1e6)),
     (Ogden((2e3, -500.0), (2.5, -2.0)), 3e3),
     (StrainEnergy(gent_energy), 3e3),
 ]
 VISCOUS: list[Viscous] = [
     Newtonian(0.05),
-    PowerLaw(2.0, 0.6),
-    PowerLaw(1e-4, 1.4),
-    HerschelBulkley(50.0, 2.0, 0.6),
-    CarreauYasuda(0.5, 0.01, 1e-4, 0.4),
-    CarreauYasuda(0.5, 0.01, 1e-4, 0.4, 0.7),
-    Cross(0.5, 0.01, 1e-4, 0.8),
-    viscous.PowellEyring(0.5, 0.01, 1e-4),
-    Viscosity(lambda s: 0.01 + 0.4 * np.exp(-1e-5 * s)),
+    laws.PowerLaw(2.0, 0.6),
+    laws.PowerLaw(1e-4, 1.4),
+    laws.HerschelBulkley(50.0, 2.0, 0.6),
+    laws.CarreauYasuda(0.5, 0.01, 1e-4, 0.4),
+    laws.CarreauYasuda(0.5, 0.01, 1e-4, 0.4, 0.7),
+    laws.Cross(0.5, 0.01, 1e-4, 0.8),
+    laws.PowellEyring(0.5, 0.01, 1e-4),
+    laws.Viscosity(lambda s: 0.01 + 0.4 * np.exp(-1e-5 * s)),
 ]
 CLOSED = [law for law, _ in ELASTIC if hasattr(law, "closed")]
 RATIOS = np.concatenate([np.geomspace(0.4, 0.98, 40), np.geomspace(1.02, 5.3, 40)])
@@ -91,14 +88,14 @@ def test_closed_forms(law):
 
 
 PARENTS = [  # a law, and those that reduce to it
-    (NeoHookean(3e3), Quadratic(3e3, 0.0), MooneyRivlin(1500.0, 0.0), Yeoh(1500.0), elastic.Fung(3e3, 0.0)),
-    (NeoHookean(3e3), Gent(3e3, 1e12), elastic.ArrudaBoyce(3e3, inf), Ogden([3e3], [2.0])),
+    (NeoHookean(3e3), Quadratic(3e3, 0.0), MooneyRivlin(1500.0, 0.0), Yeoh(1500.0), laws.Fung(3e3, 0.0)),
+    (NeoHookean(3e3), Gent(3e3, 1e12), laws.ArrudaBoyce(3e3, inf), Ogden([3e3], [2.0])),
     (Quadratic(3e3, 0.6), Yeoh(1500.0, 450.0)),
     (MooneyRivlin(1e3, 500.0), Ogden((2e3, -1e3), (2.0, -2.0))),
     (Gent(3e3, 60.0), StrainEnergy(gent_energy)),
-    (Newtonian(0.3), PowerLaw(0.3, 1.0), HerschelBulkley(0.0, 0.3, 1.0), Viscosity(lambda s: 0.3)),
-    (Newtonian(0.3), CarreauYasuda(0.3, 0.1, 1e-4, 1.0), CarreauYasuda(0.3, 0.1, 0.0, 0.5)),
-    (Newtonian(0.3), Cross(0.3, 0.3, 1e-4, 0.8), viscous.PowellEyring(0.3, 0.1, 0.0)),
+    (Newtonian(0.3), laws.PowerLaw(0.3, 1.0), laws.HerschelBulkley(0.0, 0.3, 1.0), laws.Viscosity(lambda s: 0.3)),
+    (Newtonian(0.3), laws.CarreauYasuda(0.3, 0.1, 1e-4, 1.0), laws.CarreauYasuda(0.3, 0.1, 0.0, 0.5)),
+    (Newtonian(0.3), laws.Cross(0.3, 0.3, 1e-4, 0.8), laws.PowellEyring(0.3, 0.1, 0.0)),
 ]
 
 
@@ -115,12 +112,12 @@ def test_viscous_law(law):
     assert law.stress(0.0) == 0
     assert np.all(law.stress(g) * g < 0)
     assert law.stress(-RATES) == pytest.approx(-law.stress(RATES), rel=1e-15)
-    assert read(law.table(), RATES)[1] == pytest.approx(-4 * law.apparent(SHEAR * RATES), rel=1e-6)
+    assert read(law.table(), RATES)[1] == pytest.approx(-4 * law.apparent(laws.SHEAR * RATES), rel=1e-6)
     bend = (read(law.table(), RATES + h)[1] - read(law.table(), RATES - h)[1]) / (2 * h)
     assert read(law.table(), RATES)[2] == pytest.approx(bend, rel=1e-3, abs=1e-3 * abs(law.stress(1e5)) / 1e10)
-    inner = -4 * float(law.apparent(np.array(SHEAR * 5e-7))) * 1e-6
+    inner = -4 * float(law.apparent(np.array(laws.SHEAR * 5e-7))) * 1e-6
     for rate in RATES[::10]:
-        expected = inner + by_quadrature(lambda e: -4 * law.apparent(SHEAR * e), 1e-6, rate)
+        expected = inner + by_quadrature(lambda e: -4 * law.apparent(laws.SHEAR * e), 1e-6, rate)
         assert law.stress(rate) == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
@@ -128,16 +125,16 @@ def test_viscous_closed_forms():
     assert np.array_equal(Newtonian(0.3).stress(RATES), -4 * 0.3 * RATES)
     n = 0.6  # without the regularisation: -(4/n) K (2 sqrt 3)^(n-1) g^n
     g = np.geomspace(1e8, 1e11, 30)
-    free = -4 / n * 2.0 * SHEAR ** (n - 1) * g**n
-    assert PowerLaw(2.0, n, 1e-2).stress(g) == pytest.approx(free, rel=1e-6)
-    assert HerschelBulkley(0.0, 2.0, n, 1e-2).stress(g) == pytest.approx(free, rel=1e-6)
+    free = -4 / n * 2.0 * laws.SHEAR ** (n - 1) * g**n
+    assert laws.PowerLaw(2.0, n, 1e-2).stress(g) == pytest.approx(free, rel=1e-6)
+    assert laws.HerschelBulkley(0.0, 2.0, n, 1e-2).stress(g) == pytest.approx(free, rel=1e-6)
     g = np.geomspace(1e4, 1e8, 30)
-    cross = -4 / SHEAR * (0.01 * SHEAR * g + 0.49 * np.log1p(1e-4 * SHEAR * g) / 1e-4)
-    assert Cross(0.5, 0.01, 1e-4).stress(g) == pytest.approx(cross, rel=1e-8)
-    carreau = -4 / SHEAR * np.arcsinh(1e-4 * SHEAR * g) / 1e-4
-    assert CarreauYasuda(1.0, 0.0, 1e-4, 0.0).stress(g) == pytest.approx(carreau, rel=1e-8)
-    bingham = -4 / SHEAR * 50.0 * np.arcsinh(SHEAR * g / 3.0)
-    assert HerschelBulkley(50.0, 0.0, 1.0, 3.0).stress(g) == pytest.approx(bingham, rel=1e-8)
+    cross = -4 / laws.SHEAR * (0.01 * laws.SHEAR * g + 0.49 * np.log1p(1e-4 * laws.SHEAR * g) / 1e-4)
+    assert laws.Cross(0.5, 0.01, 1e-4).stress(g) == pytest.approx(cross, rel=1e-8)
+    carreau = -4 / laws.SHEAR * np.arcsinh(1e-4 * laws.SHEAR * g) / 1e-4
+    assert laws.CarreauYasuda(1.0, 0.0, 1e-4, 0.0).stress(g) == pytest.approx(carreau, rel=1e-8)
+    bingham = -4 / laws.SHEAR * 50.0 * np.arcsinh(laws.SHEAR * g / 3.0)
+    assert laws.HerschelBulkley(50.0, 0.0, 1.0, 3.0).stress(g) == pytest.approx(bingham, rel=1e-8)
 
 
 WAY = dict(max_radius=150e-6, stretch=5.0, time=np.linspace(0, 100e-6, 101))
@@ -172,7 +169,7 @@ def test_lock_up_is_a_status():
 
 # --- the registry and the notation
 
-THIN = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
+THIN = Viscoelastic(Gent(2e3, 40.0), laws.CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
 FLUIDS = materials.Maxwell(0.1, 2e-6), materials.UpperConvectedMaxwell(0.2, 1e-5)
 ARMS = Viscoelastic(NeoHookean(1e3), Newtonian(0.01), FLUIDS)
 QSLS = [TotalRelaxation(0.1, 2e-6, grown=False)]
@@ -261,8 +258,8 @@ IMPOSSIBLE: dict[str, list] = {  # by the code of the refusal: texts of laws, an
     "retardation_time": ["oldroyd-b(1, 1e-6, 2e-6)"],
     "shear_modulus": ["zener(-1, 1, 1e-6)", lambda: NeoHookean(nan)],
     "not_analytic": [lambda: StrainEnergy(lambda a, b, c: np.abs(a - 1) * 1e3 + b).table()],
-    "negative_viscosity": [lambda: Viscosity(lambda s: 1 - 1e-5 * s).table()],
-    "rough": [lambda: Viscosity(lambda s: np.random.default_rng(0).uniform(size=s.shape)).table()],
+    "negative_viscosity": [lambda: laws.Viscosity(lambda s: 1 - 1e-5 * s).table()],
+    "rough": [lambda: laws.Viscosity(lambda s: np.random.default_rng(0).uniform(size=s.shape)).table()],
     "followed_twice": [lambda: Viscoelastic(NeoHookean(1e3), None, 2 * [TotalRelaxation(0.1, 1e-6)])],
     "not_Arm": [lambda: Viscoelastic(None, None, [Newtonian(1.0)])],
     "not_Elastic": [lambda: Viscoelastic(Newtonian(1.0), NeoHookean(1e3))],

@@ -21,12 +21,10 @@ from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_network import network_of
-from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, predictive, verification, verify_many
+from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, verification, verify_many
 from cavirheo.inference.verify.mode import Simulated, Target, climb
-from cavirheo.inference.verify.model_average import Part
-from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Coordinates, Mixture, Sample, markov_sample
-from cavirheo.inference.verify.surrogate import climb_emulated
+from cavirheo.inference.verify.surrogate import AdaptiveProposal, climb_emulated
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
@@ -287,12 +285,12 @@ def test_predictive_check_rejects_at_its_nominal_rate():
     p = []
     for i in range(200):
         residual = project @ rng.standard_normal(90)
-        p.append(predictive.predictive_check(residual, J, np.full(90, 0.5), seed=i)["p"])
+        p.append(verification.predictive_check(residual, J, np.full(90, 0.5), seed=i)["p"])
     for name in ("level", "correlation"):
         assert np.mean([one[name] < 0.1 for one in p]) == pytest.approx(0.1, abs=0.05)
     wave = project @ (rng.standard_normal(90) + 1.5 * np.sin(np.arange(90) / 3.0))
-    assert predictive.predictive_check(wave, J, np.ones(90), seed=0)["p_value"] < TUNING.rejected
-    assert predictive.predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
+    assert verification.predictive_check(wave, J, np.ones(90), seed=0)["p_value"] < TUNING.rejected
+    assert verification.predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
 
 
 def test_a_wrong_law_is_rejected():
@@ -482,7 +480,7 @@ def planted(network):
     sampling = adaptive_sampling.AdaptiveSampling(target, network(target), lambda: [target.start(TRUE)], list, seed=1)
     while sampling.short(1.0):
         sampling.weigh(1.0)
-    return sampling.weighted
+    return sampling
 
 
 TRUE = np.array([np.log10(8e3), np.log10(0.05), np.log10(6.5), 0.0, 0.0, 0.0])  # x of `shot`, of the field's bubble
@@ -534,12 +532,12 @@ def test_a_law_is_looked_at_where_a_better_one_is_best():
     for law in ("newtonian", "nhkv"):
         start = Networked(network, law, FIELD, checked=False, trust_input=True).infer(curve)
         settings = Verification(network=network, level="auto")
-        parts.append(Part(verification.Estimation(settings, curve, start), 0.0))
+        parts.append(verification.Estimation(settings, curve, start))
     lost, best = parts
     explorer = lost.sampling.explorer
     explorer.modes = [replace(mode, u=mode.u + 1.5, log_posterior=mode.log_posterior - 50.0) for mode in explorer.modes]
-    explorer.value -= 50.0
-    lost.sampling.sample = Sample(explorer.u, explorer.value, np.zeros(len(explorer.u)))
+    known = explorer.simulated = explorer.simulated._replace(value=explorer.simulated.value - 50.0)
+    lost.sampling.sample = Sample(known.u, known.value, np.zeros(len(known.u)))
     lost.look_where(best)
     assert explorer.height > best.sampling.explorer.height - TUNING.other_law
     assert lost.sampling.short(0.0)  # what was drawn before

@@ -20,7 +20,7 @@ from cavirheo.inference.model import DEFAULT, Network, card, path_of
 from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.options import FREE, FREED, SCALE_BOUND, Options, check_wall
 from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
-from cavirheo.inference.verify import verify_many
+from cavirheo.inference.verify import verify
 from cavirheo.messages import Message
 from cavirheo.parallel import cores, each, one_blas_thread
 from cavirheo.parameters import LOG10
@@ -196,7 +196,7 @@ class Analysis:
                 answers = [start] if start else self._starts(curve, workers)
                 if self.verify == "none":
                     return answers[0]
-                return verify_many([curve], [answers], workers=workers, **settings)[0]
+                return verify(curve, answers, workers=workers, **settings)
         except InputError:  # none of the curves can be answered so
             raise
         except Exception as error:  # a defect, of ours or of a library, costs this curve alone

@@ -44,8 +44,7 @@ from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.simulate import simulate
-from cavirheo.physics.simulation import Simulation
+from cavirheo.physics.simulate import Simulation, simulate
 from cavirheo.posterior import Checks, Verdict, intervals, weighted_quantile
 from cavirheo.prior import Prior
 

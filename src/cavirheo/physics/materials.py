@@ -23,9 +23,8 @@ import numpy as np
 
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import NOT_NEGATIVE, PARAMETERS, POSITIVE, RATE
-from cavirheo.physics.elastic import ArrudaBoyce, Fung, Gent, Linear, MooneyRivlin, NeoHookean, Ogden, Quadratic, Yeoh
-from cavirheo.physics.law import Arm, Elastic, Material, Parts, Viscous
-from cavirheo.physics.viscous import CarreauYasuda, Cross, HerschelBulkley, Newtonian, PowellEyring, PowerLaw
+from cavirheo.physics import laws
+from cavirheo.physics.laws import Arm, Elastic, Linear, Material, NeoHookean, Newtonian, Parts, Quadratic, Viscous
 
 
 @dataclass(frozen=True)
@@ -197,19 +196,23 @@ class QuadraticStandardLinearSolid(Zener):
 MATERIALS: dict[str, type] = {m.name: m for m in (Newtonian, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)}
 
 
-def _by_name(*laws: type[Material]) -> dict[str, Callable[..., Material]]:
-    return {law.name: law for law in laws}
+def _by_name(*kinds: type[Material]) -> dict[str, Callable[..., Material]]:
+    return {law.name: law for law in kinds}
 
 
 KINDS = {
-    "elastic": _by_name(Linear, NeoHookean, Quadratic, MooneyRivlin, Yeoh, Fung, Gent, ArrudaBoyce, Ogden),
-    "viscous": _by_name(Newtonian, PowerLaw, HerschelBulkley, CarreauYasuda, Cross, PowellEyring),
+    "elastic": _by_name(
+        Linear, NeoHookean, Quadratic, laws.MooneyRivlin, laws.Yeoh, laws.Fung, laws.Gent, laws.ArrudaBoyce, laws.Ogden
+    ),
+    "viscous": _by_name(
+        Newtonian, laws.PowerLaw, laws.HerschelBulkley, laws.CarreauYasuda, laws.Cross, laws.PowellEyring
+    ),
     "elastic and viscous": _by_name(NeoHookeanKelvinVoigt, QuadraticKelvinVoigt),
     "with memory": _by_name(
         Maxwell, UpperConvectedMaxwell, OldroydB, Zener, StandardLinearSolid, QuadraticStandardLinearSolid
     ),
 }
-LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
+LAWS = {name: law for kind in KINDS.values() for name, law in kind.items()}
 """Every law by the name that it is written with; a law that is put here is known to all commands."""
 EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
 _HOW = f"write a sum of laws like {EXAMPLE}"

@@ -14,9 +14,8 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import POSITIVE, domain, within
 from cavirheo.physics.bubble import FIELD, Bubble, Damage
-from cavirheo.physics.driving import Driving
-from cavirheo.physics.law import Material, table_of
-from cavirheo.physics.media import Medium
+from cavirheo.physics.laws import Material, table_of
+from cavirheo.physics.media import Driving, Medium
 from cavirheo.physics.table import hermite, read, scaled
 
 
@@ -36,7 +35,7 @@ class Numbers(NamedTuple):
     whole: Floats  # (n, 7) the same below the smallest radius so far, before damage; (0, 7) without damage
     damage: Floats  # (3,) both factors of a tenfold contraction; the smallest R/R_max so far (`damaged`), or 0
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
-    memory: Floats  # (k, 4) C_k/p_inf, power n_k, t_c/tau, p_inf/C_k or 0, of each relaxing term (physics/materials.py)
+    memory: Floats  # (k, 4) C_k/p_inf, power n_k, t_c/tau, p_inf/C_k or 0, of each relaxing term (physics/laws.py)
     delayed: bool  # the elastic part acts through a relaxing term alone
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
     polytropic: float  # exponent of the gas where the contents are polytropic

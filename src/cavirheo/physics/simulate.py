@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import prod
-from typing import Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,22 +13,21 @@ from numpy.typing import ArrayLike
 from cavirheo import parallel
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError, brief, expect, require
+from cavirheo.landmarks import turning_points
 from cavirheo.parameters import DURATION, POSITIVE, RADIUS, within
 from cavirheo.physics import cache, solver
-from cavirheo.physics.accuracy import DEFAULT, NO_SHELLS, Accuracy, Grid, wall_clustered
+from cavirheo.physics.accuracy import DEFAULT, NO_SHELLS, RODAS5P, Accuracy, Grid, wall_clustered
 from cavirheo.physics.bubble import FIELD, Bubble
-from cavirheo.physics.driving import Driving
-from cavirheo.physics.law import Material
-from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.laws import Material, Newtonian
+from cavirheo.physics.media import WATER, Driving, Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.physics.scales import ABSENT, Numbers, dimensionless
-from cavirheo.physics.simulation import Contents, Simulation
-from cavirheo.physics.tableau import RODAS5P
-from cavirheo.physics.viscous import Newtonian
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 POLYTROPIC = 1e-7  # largest relative error of a step without fields, which costs next to nothing
 KINETIC = 0.1  # of the relative error: kinetic contents are less stiff, and longer steps would be less accurate
-WALL_CELL = 1e-4  # thickness of the shell at the wall
 MAX_STEPS = 100_000
 GROWTH_TIME = np.linspace(0.0, 4.0, 401)  # in t_c: an impulse turns within about one
 GROWTH_ERROR = (1e-7, 1e-5)
@@ -35,6 +35,108 @@ GROWTH_NEAR = 0.03  # of R^3, from which memories follow from those of other imp
 LARGEST_IMPULSE = 1e9  # impulse over stretch^3
 _INSIST = " (if it is meant: unusual=True)"
 _EXAMPLE = "NeoHookeanKelvinVoigt(shear_modulus=8e3, viscosity=0.05)"
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """Fields in the bubble, from its centre to its wall.
+
+    Attributes:
+        position: (m,) r/R of the centroids of the shells and of the wall, ascending to 1.
+        temperature: (n, m) K.
+        vapour: (n, m) mass fraction of vapour.
+    """
+
+    position: Floats
+    temperature: Floats
+    vapour: Floats
+
+    def __repr__(self) -> str:
+        frames, places = self.temperature.shape
+        return f"Contents({frames} frames, {places} places, at most {np.nanmax(self.temperature):.4g} K)"
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """One solved (or failed) forward problem. Where a solve failed the arrays hold NaN from there on.
+
+    Attributes:
+        time: (n,) s after the start.
+        radius: (n,) m.
+        velocity: (n,) m/s, of the wall.
+        pressure: (n,) Pa, in the bubble.
+        stress: (n,) Pa, stress integral of the material: positive where it pushes the wall outwards.
+        equilibrium_radius: R_0, m.
+        status: "ok", or what went wrong and where.
+        stats: steps, rejected, gas_drift (relative change of the gas in the bubble).
+        contents: fields in the bubble, if they were asked for.
+    """
+
+    time: Floats
+    radius: Floats
+    velocity: Floats
+    pressure: Floats
+    stress: Floats
+    equilibrium_radius: float
+    status: str
+    stats: dict[str, float]
+    contents: Contents | None = None
+
+    def __repr__(self) -> str:
+        solved = np.isfinite(self.radius)
+        frames = f"{len(self.time)} frames" if solved.all() else f"{solved.sum()} of {len(self.time)} frames"
+        words = [self.status if self.ok else f"failed: {self.status}", frames]
+        if solved.any():
+            words += [
+                f"{1e6 * self.time[0]:.4g} to {1e6 * self.time[solved][-1]:.4g} us",
+                f"R {1e6 * np.nanmin(self.radius):.4g} to {1e6 * np.nanmax(self.radius):.4g} um",
+                f"R_0 {1e6 * self.equilibrium_radius:.4g} um",
+                f"collapses: {self.collapses}",
+            ]
+        return f"Simulation({', '.join(words)})"
+
+    @property
+    def ok(self) -> bool:
+        """Whether it reached the last time."""
+        return self.status == "ok"
+
+    @property
+    def strain(self) -> Floats:
+        """(n,) logarithmic hoop strain at the wall, ln(R/R_0); the radial strain is -2 times as large."""
+        return np.log(self.radius / self.equilibrium_radius)
+
+    @property
+    def strain_rate(self) -> Floats:
+        """(n,) its rate U/R, 1/s; the radial rate is -2 times as large, the shear rate 2 sqrt(3)."""
+        return self.velocity / self.radius
+
+    @property
+    def collapses(self) -> int:
+        """Minima of R after which it rises again by more than 3 % of the largest R, as those of a measured curve."""
+        radius = self.radius[np.isfinite(self.radius)]
+        return len(turning_points(radius, 0.03 * radius.max(initial=0.0))[0])
+
+    @property
+    def columns(self) -> dict[str, Floats]:
+        """(n,) each, named as in the CSV of `cavirheo simulate`: "time_us", "radius_um", "velocity_m_per_s", ..."""
+        wall = {"time_us": self.time * 1e6, "radius_um": self.radius * 1e6, "velocity_m_per_s": self.velocity}
+        forces = {"pressure_Pa": self.pressure, "stress_Pa": self.stress}
+        return wall | forces | {"strain": self.strain, "strain_rate_per_s": self.strain_rate}
+
+    def to_dataframe(self) -> Any:
+        """`columns` as a pandas.DataFrame. Raises InputError without pandas."""
+        from cavirheo.writing.export import dataframe
+
+        return dataframe(self.columns, {"status": self.status, "equilibrium_radius_m": self.equilibrium_radius})
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """R(t), um over us, on these axes or on those of a new figure. Raises InputError without matplotlib."""
+        from cavirheo.writing.style import BLUE, new_axes, new_figure
+
+        if axes is None:
+            axes = new_axes(new_figure(3.5), (0.085, 0.14, 0.89, 0.8), "time after the start (µs)", "radius (µm)")
+        axes.plot(1e6 * self.time, 1e6 * self.radius, color=BLUE, lw=1.5)
+        return axes
 
 
 def simulate(
@@ -61,7 +163,7 @@ def simulate(
         time: (n,) s after the start, ascending, from zero or later.
         medium: liquid and gas constants, or the name of a set of them.
         bubble: equation of the wall, contents, walls around and damage, none of them "free".
-        driving: pressure far from the bubble above the ambient one (physics/driving.py).
+        driving: pressure far from the bubble above the ambient one (`Pulse`, `Trace`).
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
             (`remembered`), but for those that always start so (`qsls`).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
@@ -100,7 +202,7 @@ def simulate(
         equilibrium_radius=max_radius / stretch,
         status=status,
         stats={"steps": int(steps), "rejected": int(rejected), "gas_drift": gas_drift},
-        contents=_contents(out, shells, medium, numbers, _grid(accuracy)) if fields else None,
+        contents=_contents(out, shells, medium, numbers, wall_clustered(accuracy.cells)) if fields else None,
     )
 
 
@@ -115,10 +217,6 @@ def _check(material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driv
     require(not fields or bubble.exponent is None, message, "physics.no_fields")
 
 
-def _grid(accuracy: Accuracy) -> Grid:
-    return wall_clustered(accuracy.cells, min(WALL_CELL, 0.5 / accuracy.cells))
-
-
 def _solve(
     numbers: Numbers, material: Material, times: Floats, t_c: float, accuracy: Accuracy, *, relaxed: bool, fields: bool
 ) -> tuple[Floats, Floats, Floats, str]:
@@ -131,7 +229,7 @@ def _solve(
     out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
     shells = np.full((times.size, 2 * accuracy.cells), np.nan) if fields else np.zeros((0, 0))
     stats = np.zeros(5)
-    grid, relative_error = _grid(accuracy), accuracy.relative_error
+    grid, relative_error = wall_clustered(accuracy.cells), accuracy.relative_error
     if numbers.polytropic:
         grid, relative_error = NO_SHELLS, min(relative_error, POLYTROPIC)
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace
@@ -279,7 +377,8 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
             nearest = sorted(turns, key=abs)[:4]
             if abs(nearest[0]) < exact:
                 return turns[nearest[0]][1]
-            weights = np.array(_at_zero(nearest))
+            # with which values at these give that at 0 of the polynomial through them (Lagrange)
+            weights = np.array([prod(b / (b - a) for b in nearest if b != a) for a in nearest])
             # the error of a cubic through four is about the product of what they missed by
             if abs(nearest[0]) < GROWTH_NEAR and len(nearest) == 4 and prod(map(abs, nearest)) < exact:
                 return np.asarray(weights @ np.array([turns[miss][1] for miss in nearest]))
@@ -289,11 +388,6 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
         if impulse > LARGEST_IMPULSE * numbers.stretch**3:
             break
     raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
-
-
-def _at_zero(x: list[float]) -> list[float]:
-    """Weights with which values at x give the value at 0 of the polynomial through them (Lagrange)."""
-    return [prod(b / (b - a) for j, b in enumerate(x) if j != i) for i, a in enumerate(x)]
 
 
 def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats]:

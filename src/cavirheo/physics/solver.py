@@ -15,7 +15,7 @@ velocity v the contents obey
 v and p' from docs/method/physics.md (3.7) and (3.8): the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006)
 rewritten without approximation; or with a finite rate of condensation and D(T, p), section 3.5 there. A grid without
 shells means polytropic contents. The laws of the material are two tables (physics/table.py) and rows of relaxing terms
-(physics/materials.py); the far-field pressure is a table too.
+(`Arm` of physics/laws.py); the far-field pressure is a table too.
 
 The Jacobian is analytic: a block-tridiagonal part (2x2 lower-triangular blocks) with a border of five unknowns R, U,
 P, p', z, so one linear solve costs O(cells); the memories are eliminated before. Every function that is compiled for

@@ -17,8 +17,8 @@ from cavirheo.writing.terminal import say
 
 if TYPE_CHECKING:
     from cavirheo.physics.bubble import Bubble
-    from cavirheo.physics.law import Material
-    from cavirheo.physics.simulation import Simulation
+    from cavirheo.physics.laws import Material
+    from cavirheo.physics.simulate import Simulation
 
 _VIDEO = ".mp4, .avi, .mkv, .mov, .tif, .cine, .mraw (+ .cihx); a folder of images"
 DRIVEN = "Driving"
@@ -127,7 +127,7 @@ class Simulate(options.Verb, options.Liquid):
         from cavirheo.io.curves import read_trace
         from cavirheo.physics import simulate as forward
         from cavirheo.physics.accuracy import DEFAULT, PRECISE
-        from cavirheo.physics.driving import Pulse, Trace
+        from cavirheo.physics.media import Pulse, Trace
         from cavirheo.writing.document import Outputs
 
         liquid, pulse, driving = self.liquid, self.pulse, self.driving

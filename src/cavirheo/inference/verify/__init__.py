@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 
+from cavirheo.arrays import Floats, log_sum
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import expect
+from cavirheo.errors import SolverError, expect
 from cavirheo.inference.alternatives import (
+    LEAST_PROBABILITY,
+    LIMIT,
     as_alternative,
     averaged_over_laws,
     chosen_among,
@@ -23,51 +26,18 @@ from cavirheo.inference.alternatives import (
 )
 from cavirheo.inference.input_checks import ERRORS, warned
 from cavirheo.inference.law import Family
-from cavirheo.inference.posterior_network import PosteriorModel
+from cavirheo.inference.reconstruct import MISFIT
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
-from cavirheo.inference.verify.model_average import answers_of
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.inference.verify.verification import Estimation, Level, Verification
+from cavirheo.inference.verify.verification import Estimation, Verification
 from cavirheo.messages import Message, of_error
 from cavirheo.parallel import cores, each
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
-from cavirheo.physics.media import Medium
 from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
 
 _log = logging.getLogger(__name__)
-__all__ = ["Verification", "VerificationOptions", "verify", "verify_many"]
-
-
-class VerificationOptions(TypedDict, total=False):
-    """The fields of `Verification` but for its threads."""
-
-    stretch: float | str | None
-    free: Sequence[str] | str
-    t0_bound: float | None
-    scale_bound: float
-    level: Level
-    medium: Medium | str
-    discrepancy: bool
-    search: bool
-    weights: str | None
-    rival: bool
-    ranges: Mapping[str, Sequence[float]] | None
-    seed: int
-    network: PosteriorModel | None
-    own_draws: int
-    scanned: int
-
-
-def verify(
-    curve: RadiusCurve,
-    answer: Posterior,
-    *,
-    bubble: Requested | None = None,
-    workers: int | None = None,
-    **settings: Unpack[VerificationOptions],
-) -> Posterior:
-    """`verify_many` of one curve."""
-    return verify_many([curve], [answer], bubble=bubble, workers=workers, **settings)[0]
+__all__ = ["Verification", "verify", "verify_many"]
+_REPEATED = 4  # times at most that a model is sampled anew after the last round of its surrogates
 
 
 def verify_many(
@@ -77,66 +47,80 @@ def verify_many(
     bubble: Requested | None = None,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
-    **settings: Unpack[VerificationOptions],
+    **settings: Any,
 ) -> list[Posterior]:
-    """Answers of any method brought to the maximum of the posterior and, with level "full", replaced by draws that the
-    likelihood has weighted; on all cores, in their order. `settings` are those of `Verification`.
-
-    `done` is called with the index and the answer of each as it is found. Law and window are the answer's. A failed
-    answer stays as it is; one whose verification fails says so. bubble: as of `infer`, instead of the answer's. Of
-    several answers for a curve, or several bubbles, the simplest is given whose evidence is not smaller than the
-    largest by more than 3.
-    """
+    """`verify` of each curve, on all cores, in their order. `done` is called with the index and the answer of each as
+    it is found."""
     curves = several(curves)
-    candidates: list[Any] = [list(item) if isinstance(item, list | tuple) else [item] for item in answers]
-    for answer in (answer for starts in candidates for answer in starts):
-        expect(answer, Posterior, "a Posterior to be verified, of infer or fit, for each curve")
-    threads = max(cores(workers) // max(len(curves), 1), 1)
-    arguments: dict[str, Any] = {**settings}  # a medium by its name, too
-    verification = Verification(workers=threads, **arguments)
-    estimator = FitEstimation if verification.weights else SearchedEstimation if verification.search else Estimation
+    pairs, threads = list(zip(curves, answers, strict=True)), max(cores(workers) // max(len(curves), 1), 1)
+    return each(lambda pair: verify(*pair, bubble=bubble, workers=threads, **settings), pairs, workers, done)
+
+
+def verify(
+    curve: RadiusCurve,
+    answer: Posterior | Sequence[Posterior],
+    *,
+    bubble: Requested | None = None,
+    workers: int | None = None,
+    **settings: Any,
+) -> Posterior:
+    """An answer of any method brought to the maximum of the posterior and, with level "full", replaced by draws that
+    the likelihood has weighted. `settings` are those of `Verification`.
+
+    Law and window are the answer's. A failed answer stays as it is; one whose verification fails says so. bubble: as of
+    `infer`, instead of the answer's. Of several answers for a curve, or several bubbles, the simplest is given whose
+    evidence is not smaller than the largest by more than 3. Raises InputError: no answer, or a setting out of its
+    domain.
+    """
+    began, (curve,) = time.perf_counter(), several([curve])
+    starts: list[Any] = list(answer) if isinstance(answer, list | tuple) else [answer]
+    for start in starts:
+        expect(start, Posterior, "a Posterior to be verified, of infer or fit, for each curve")
+    verification = Verification(workers=workers, **settings)
     bubbles = () if bubble is None else bubbles_of(bubble)
+    models = [replace(start, bubble=kind) for start in starts for kind in bubbles] or starts
+    posteriors, problems = _answers(verification, curve, models)
+    if not posteriors:
+        return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
+    if len(models) == 1 and verification.level != "map" and not verification.weights:
+        posteriors += _damaged(verification, curve, posteriors[0])
+    best = averaged_over_laws(posteriors) if comparable(posteriors) else _simplest(posteriors)
+    if verification.rival:
+        best = replace(best, others=(*best.others, *_rival(verification, curve, best)))
+    start = next((model for model in models if model_of(model) == model_of(best)), starts[0])
+    messages = [] if best.laws else chosen_among(best, posteriors)
+    checked = start.checks.verdict != "check_input"
+    checks = warned(judged(best, messages), start.checks.warnings, trust_input=checked)
+    before = sum(start.seconds for start in starts)
+    return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 
-    def verified(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
-        (curve, starts), began = pair, time.perf_counter()
-        models = [replace(answer, bubble=kind) for answer in starts for kind in bubbles] or starts
-        posteriors, problems = list[Posterior](), list[Posterior]()
-        estimations = list[Estimation]()
-        settings = verification if len(models) == 1 else replace(verification, own_draws=TUNING.own_draws_each)
-        for model in models:
-            if model.checks.verdict == "failed":
-                problems.append(model)
-                continue
-            try:
-                estimation = estimator(settings, curve, model)
-                if verification.level == "map":
-                    posteriors.append(estimation.laplace())
-                else:
-                    estimations.append(estimation)
-            except ERRORS as error:  # of this shot alone
-                problems.append(_failed(verification, model, error))
-        independent = bool(verification.weights) or verification.search  # a fit and a searched law are sampled alone
-        for batch in [[estimation] for estimation in estimations] if independent else [estimations] * bool(estimations):
-            try:
-                posteriors += answers_of(batch)
-            except ERRORS as error:  # of this shot alone
-                problems.append(_failed(verification, batch[0].answer, error))
-        if not posteriors:
-            return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
-        if len(models) == 1 and verification.level != "map" and not verification.weights:
-            (best,) = posteriors
-            posteriors = [best, *_damaged(verification, curve, best)]
-        best = averaged_over_laws(posteriors) if comparable(posteriors) else _simplest(posteriors)
-        if verification.rival:
-            best = replace(best, others=(*best.others, *_rival(verification, curve, best)))
-        start = next((model for model in models if model_of(model) == model_of(best)), starts[0])
-        checked = start.checks.verdict != "check_input"
-        messages = [] if best.laws else chosen_among(best, posteriors)
-        checks = warned(judged(best, messages), start.checks.warnings, trust_input=checked)
-        before = sum(answer.seconds for answer in starts)
-        return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 
-    return each(verified, zip(curves, candidates, strict=True), workers, done)
+def _answers(
+    verification: Verification, curve: RadiusCurve, models: Sequence[Posterior]
+) -> tuple[list[Posterior], list[Posterior]]:
+    """What the models answer, and the earlier answers of those that have no better one."""
+    posteriors, problems, estimations = list[Posterior](), list[Posterior](), list[Estimation]()
+    estimator = FitEstimation if verification.weights else SearchedEstimation if verification.search else Estimation
+    settings = verification if len(models) == 1 else replace(verification, own_draws=TUNING.own_draws_each)
+    for model in models:
+        if model.checks.verdict == "failed":
+            problems.append(model)
+            continue
+        try:
+            estimation = estimator(settings, curve, model)
+            if verification.level == "map":
+                posteriors.append(estimation.laplace())
+            else:
+                estimations.append(estimation)
+        except ERRORS as error:  # of this shot alone
+            problems.append(_failed(verification, model, error))
+    independent = bool(verification.weights) or verification.search  # a fit and a searched law are sampled alone
+    for batch in [[estimation] for estimation in estimations] if independent else [estimations] * bool(estimations):
+        try:
+            posteriors += answers_of(batch)
+        except ERRORS as error:  # of this shot alone
+            problems.append(_failed(verification, batch[0].answer, error))
+    return posteriors, problems
 
 
 def _failed(settings: Verification, answer: Posterior, error: Exception) -> Posterior:
@@ -196,3 +180,89 @@ def _verify_with_bubble(
     except ERRORS as error:
         _log.debug("%s has no answer of the %s", curve.name, bubble.title, exc_info=error)
         return []
+
+
+def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
+    """The answer of each law, which has the part in the whole that its evidence gives; one that is far from the
+    likeliest has no interval.
+
+    A law of the real bubble has a limit, the field's bubble, in which nothing resists. All models are looked at by few
+    simulations. Those whose part may be seen are then sampled, each by as many draws as its part in the average asks
+    for: a model that hardly counts needs no interval of its own (Hoeting et al. 1999, doi:10.1214/ss/1009212519).
+
+    Raises SolverError: none of them could be simulated.
+    """
+    workers = estimations[0].target.workers
+    errors = each(_look_at, estimations, workers)
+    laws = [law for law, error in zip(estimations, errors, strict=True) if error is None]
+    problems = [error for error in errors if error is not None]
+    if not laws:
+        raise problems[0]
+    if len(laws) > 1 and max(laws, key=lambda law: law.log_probability).sampling.misfit > MISFIT:
+        each(lambda law: law.sampling.search_windows(), laws, workers)  # before it is said that none of them fits
+    limits: dict[int, Estimation] = {}
+    by_share = sorted(enumerate(_shares(laws) if len(laws) > 1 else [1.0]), key=lambda pair: -pair[1])
+    for i, share in by_share:
+        law, real = laws[i], laws[i].answer.bubble == REAL
+        above = [laws[k].log_probability - limit.log_probability for k, limit in limits.items()]
+        unlike = max(above, default=-np.inf) > TUNING.part_unlike
+        limit = law.rival() if share > TUNING.part_small and not unlike else None
+        if limit and _look_at(limit) is None:
+            limit.log_prior = np.log(LIMIT) if real else -np.inf
+            limits[i] = limit
+        if real and (unlike or i in limits):
+            law.log_prior = np.log(1.0 - LIMIT)
+    counted = [law for law in (*laws, *limits.values()) if np.isfinite(law.log_prior)]
+    _sample(counted)
+    answers = []
+    whole = dict(zip(map(id, counted), _shares(counted), strict=True))
+    for i, law in enumerate(laws):
+        share = whole[id(law)]
+        of_law = share + (whole.get(id(limits[i]), 0.0) if i in limits else 0.0)
+        if law.sampling.sample is None and of_law < LEAST_PROBABILITY:
+            continue
+        if law.sampling.sample is None:
+            law.sampling.weigh(max(float(share), TUNING.part_seen))
+        if law.sampling.sample is None:
+            why = f"too few bubbles of {law.shot.family.name} about its maximum can be simulated"
+            problems.append(SolverError(why))
+            continue
+        needed = TUNING.effective_fewest * float(share) * (1.0 - 1e-9)
+        answers.append(law.weighted_answer(needed, limits.get(i)))
+    if not answers:
+        raise problems[0]
+    return answers
+
+
+def _look_at(model: Estimation) -> SolverError | None:
+    """Begin to sample a model; why it could not be simulated."""
+    try:
+        model.sampling  # noqa: B018
+    except SolverError as error:
+        return error
+    return None
+
+
+def _shares(models: Sequence[Estimation]) -> Floats:
+    """(n,) probabilities of the models, as far as they are known."""
+    logs = np.array([model.log_probability for model in models])
+    return np.asarray(np.exp(logs - log_sum(logs)))
+
+
+def _sample(models: Sequence[Estimation]) -> None:
+    """Sample all models whose share may be seen, at once, and those again whose share has become larger."""
+    for _ in range(TUNING.emulated_rounds + _REPEATED):
+        highest = max(models, key=lambda model: model.sampling.explorer.height)
+        for model in models:
+            model.look_where(highest)
+        top = max(model.log_probability for model in models)
+        waiting = []
+        for model, share in zip(models, _shares(models), strict=True):
+            error = model.sampling.evidence.error or 0.0
+            in_reach = model.log_probability + min(error, TUNING.part_unsure) > top + np.log(TUNING.part_seen)
+            large_or_unsure = share > TUNING.part_small or error > TUNING.part_known
+            if in_reach and large_or_unsure and model.sampling.short(float(share)):
+                waiting.append((float(share), model.sampling))
+        if not waiting:
+            return
+        each(lambda pair: pair[1].weigh(pair[0]), waiting, models[0].target.workers)

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,27 +25,11 @@ from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
 from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes
-from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Proposal, Sample, effective_size, tempered
-from cavirheo.inference.verify.surrogate import Emulated, Surrogate, climb_emulated
+from cavirheo.inference.verify.surrogate import AdaptiveProposal, Emulated, Surrogate, climb_emulated
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
-from cavirheo.posterior import Evidence, OtherAnswer
-
-
-class WeightedDraws(NamedTuple):
-    """sample: the weighted draws. residual: (k, size) their extended residuals, of simulations or of a surrogate. best:
-    the maximum beside the highest simulation; None if the default one fails there. modes: all maxima. evidence: with
-    standard error. evidence_gap: how many standard errors the network's own evidence is above that of the others; None
-    if its draws are worth too little. error: standard deviation of the error of the log weights by a surrogate."""
-
-    sample: Sample
-    residual: Floats
-    best: Mode | None
-    modes: list[Mode]
-    evidence: Evidence
-    evidence_gap: float | None
-    error: float
+from cavirheo.posterior import Evidence
 
 
 class TwoFidelityTarget(Target):
@@ -112,15 +96,6 @@ def tolerance(share: float) -> float:
     return min(TUNING.emulated_enough / share, TUNING.emulated_worst)
 
 
-class Preview(NamedTuple):
-    """What a model answers. answer: to be set beside another's; the error of its evidence is LAPLACE where it is not to
-    be relied on. x: (k, all) draws. log_weight: (k,) of them, whose mean is the evidence."""
-
-    answer: OtherAnswer
-    x: Floats
-    log_weight: Floats
-
-
 class AdaptiveSampling:
     """The posterior of one model from few simulations: its modes first, then draws of what the simulations teach.
 
@@ -167,7 +142,7 @@ class AdaptiveSampling:
         self.ended = False
         if network and simulated:
             if not found:
-                self.explorer.learn(*simulated)
+                self.explorer.learn(simulated)
             self.own = Sample(u, simulated.value[: len(u)], network.log_density(u))
 
     def _follow(self, u: Floats, residual: Floats) -> bool:
@@ -197,7 +172,7 @@ class AdaptiveSampling:
     def _rng(self, jumps: int) -> np.random.Generator:
         return np.random.Generator(np.random.Philox(self.seed).jumped(jumps))
 
-    def emulate(self, enough: float, share: float = 1.0) -> bool:
+    def emulate(self, enough: float, share: float) -> bool:
         """Take draws, worth `enough` independent ones, of a surrogate of the simulations so far and of some of its own
         draws that check it, in a few rounds of these, until it is good enough for a model with this share in the
         answer, and what it learnt last has not moved it. Whether there are any."""
@@ -208,11 +183,12 @@ class AdaptiveSampling:
             if emulation is None:
                 return False
             often = TUNING.emulated_more if self.error > TUNING.emulated_wrong else 1
-            draws, some = emulation.sample, emulation.chosen(often * TUNING.emulated_checked, rng)
-            explorer(draws.u[emulation.chosen(TUNING.emulated_flatter, rng, TUNING.flatter)])
+            _, draws = emulation
+            some = draws.chosen_indices(often * TUNING.emulated_checked, rng)
+            explorer(draws.u[draws.chosen_indices(TUNING.emulated_flatter, rng, TUNING.flatter)])
             assert draws.camera is not None
             checked, value = self.two_fidelity.checks(draws.u[some], draws.camera[some])
-            explorer.learn(*checked)
+            explorer.learn(checked)
             explorer.climb_higher()
             wrong = value - draws.log_target[some]
             efficiency = effective_size(wrong) / len(some)
@@ -224,14 +200,14 @@ class AdaptiveSampling:
             emulation = explorer.emulated(self._rng(self.turns), TUNING.emulated_worth * enough)
             if emulation is None:
                 return False
+            surrogate, sample = emulation
             expected = draws.log_evidence[0] + float(log_sum(wrong)) - np.log(len(some))
-            moved = abs(emulation.sample.log_evidence[0] - expected)
+            moved = abs(sample.log_evidence[0] - expected)
             settled = moved < TUNING.emulated_moved / share
             self.error = self.error if settled else max(self.error, moved)
             unsure = TUNING.emulated_unsure + 0.5 * self.error**2  # what no draw met is missing, too
-            unsure = float(np.hypot(unsure, emulation.sample.common))
-            self.surrogate, self.sample = emulation.surrogate, replace(emulation.sample, common=unsure)
-            self.shapes = emulation.surrogate.shapes(emulation.sample.u)
+            self.surrogate, self.sample = surrogate, replace(sample, common=float(np.hypot(unsure, sample.common)))
+            self.shapes = surrogate.shapes(sample.u)
             if settled:
                 break
         return self.sample is not None
@@ -246,13 +222,13 @@ class AdaptiveSampling:
             emulation = self.explorer.emulated(rng, left / TUNING.emulated_draws)
             if emulation is None:
                 break
-            every, shapes = emulation.sample, list[Floats]()
+            (_, every), shapes = emulation, list[Floats]()
             assert every.camera is not None
             order = rng.permutation(len(every.u))[:left]
             u, log_q, camera, value = every.u[order], every.log_q[order], every.camera[order], np.empty(0)
             for some in np.array_split(np.arange(len(u)), max(len(u) // TUNING.draws_per_round, 1)):
                 simulated, log_target = self.target.checks(u[some], camera[some])
-                self.explorer.learn(*simulated)
+                self.explorer.learn(simulated)
                 shapes.append(self.target.noise.shapes(simulated.residual))
                 value, count = np.append(value, log_target), some[-1] + 1
                 draws = Sample(u[:count], value, log_q[:count], camera=camera[:count])
@@ -281,17 +257,14 @@ class AdaptiveSampling:
     def search_windows(self) -> None:
         """Look for further modes by windows that grow, where the best one leaves more than noise."""
         if not self.windows_grown and self.misfit > TUNING.searched_above:
-            self._also(self.windowed())
+            self.explorer.also(modes(self.two_fidelity, self.windowed(), maxima=self.modes))
         self.windows_grown = True
 
     def search_ranges(self) -> None:
         """Look for further modes all over the ranges."""
         if not self.ranged:
-            self._also(self.scanned())
+            self.explorer.also(modes(self.two_fidelity, self.scanned(), maxima=self.modes))
         self.ranged = True
-
-    def _also(self, starts: list[Floats]) -> None:
-        self.explorer.also(modes(self.two_fidelity, starts, maxima=self.modes))
 
     @property
     def modes(self) -> list[Mode]:
@@ -340,10 +313,12 @@ class AdaptiveSampling:
 
     @property
     def evidence_gap(self) -> float | None:
-        """How many standard errors the network's own evidence is above that of the draws; None where it says little."""
+        """How many standard errors the network's own evidence is above that of the draws, which then miss a part of the
+        posterior; below it the network misses one that they have. None where it says little."""
         if self.own is None or self.sample is None or self.own.ess < TUNING.own_worth:
             return None
-        return _standard_errors(self.own, self.sample)
+        (of_network, network_error), (log, error) = self.own.log_evidence, self.sample.log_evidence
+        return (of_network - log) / float(np.hypot(max(network_error, TUNING.own_error), error))
 
     @property
     def _trusted(self) -> bool:
@@ -352,13 +327,16 @@ class AdaptiveSampling:
         return gap is None or gap <= TUNING.agree
 
     @cached_property
-    def weighted(self) -> WeightedDraws:
-        """The draws, with the maximum by a default simulation. For the last call."""
+    def residual(self) -> Floats:
+        """(k, size) extended residuals of the draws, of simulations or of a surrogate. For the last call."""
         assert self.sample is not None
         assert self.sample.camera is not None
-        residual = self.target.extended(self.shapes, self.sample.camera)
-        best = self.two_fidelity.highest(self.explorer.highest, self.surrogate)
-        return WeightedDraws(self.sample, residual, best, self.modes, self.evidence, self.evidence_gap, self.error)
+        return self.target.extended(self.shapes, self.sample.camera)
+
+    @cached_property
+    def best(self) -> Mode | None:
+        """The maximum beside the highest simulation; None if the default one fails there. For the last call."""
+        return self.two_fidelity.highest(self.explorer.highest, self.surrogate)
 
 
 def _likely_simulations(target: TwoFidelityTarget, mode: Mode, simulated: Simulated | None, seed: int) -> Simulated:
@@ -384,10 +362,3 @@ def _unexpected(mode: Mode, simulated: Simulated) -> list[Floats]:
     )
     best = int(np.argmax(likely))
     return [simulated.u[best]] if np.isfinite(likely[best]) else []
-
-
-def _standard_errors(network_draws: Sample, draws: Sample) -> float:
-    """By how much the network's evidence is larger than that of the others, which then miss a part of the posterior.
-    A smaller one says that the network misses a part: they have it."""
-    (a, of_a), (b, of_b) = network_draws.log_evidence, draws.log_evidence
-    return (a - b) / float(np.hypot(max(of_a, TUNING.own_error), of_b))

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from scipy.special import softmax
 
-from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference.alternatives import LAPLACE, as_alternative, chosen_among, contenders, judged, model_of
@@ -23,6 +22,7 @@ from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.population import Population, with_slope_if_any
+from cavirheo.inference.posterior_network import PosteriorModel, network_of
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.messages import Message
 from cavirheo.physics.bubble import REAL, Bubble, Requested, bubbles_of
@@ -125,15 +125,6 @@ def models(laws: Sequence[str], bubbles: Sequence[Bubble] = (REAL,)) -> dict[str
     return candidates
 
 
-def by_network(model: Model, stretch: float | str | None = None) -> bool:
-    """Whether `infer_many` weighs this model from the draws of the shipped network, which takes a fraction of a fit and
-    what follows it."""
-    from cavirheo.inference.posterior_network import PosteriorModel, network_of
-
-    network = network_of(DEFAULT)
-    return isinstance(network, PosteriorModel) and network.knows(*model) and stretch != "plateau"
-
-
 def rank_laws(
     curves: Sequence[RadiusCurve],
     laws: Sequence[str],
@@ -150,8 +141,8 @@ def rank_laws(
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
     bubble: as of `infer`; of several, each law is taken with each of them (`models`). What the shipped network knows
-    is weighed as `infer` does (`by_network`); another law is fitted, and if its Laplace evidence is far below the best
-    of its curve (TUNING.hopeless) it keeps that.
+    is weighed as `infer` does; another law is fitted, and if its Laplace evidence is far below the best of its curve
+    (TUNING.hopeless) it keeps that.
 
     `options` are those of a search (`Analysis`); `ranges` may hold parameters of some of the laws only. `done` is
     called with the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two
@@ -174,13 +165,15 @@ def plans(
     chosen: Mapping[str, Model], *, stretch: float | str | None = None,
     ranges: Mapping[str, Sequence[float]] | None = None, **options: Any,
 ) -> dict[str, Analysis]:  # fmt: skip
-    """What is asked for the evidence of each of `models`, by name: of the network where it knows the model
-    (`by_network`), of a search for the others. options: of `Analysis`; ranges as `rank_laws` has them."""
-    plain = not ranges and options.keys().isdisjoint(("free", "t0_bound", "scale_bound"))
+    """What is asked for the evidence of each of `models`, by name: of the shipped network where it knows the model,
+    which takes a fraction of a search, and of a search for the others. options: of `Analysis`; ranges as `rank_laws`
+    has them."""
+    network = network_of(DEFAULT)
+    plain = not ranges and options.keys().isdisjoint(("free", "t0_bound", "scale_bound")) and stretch != "plateau"
     analyses: dict[str, Analysis] = {}
     for name, (law, bubble) in chosen.items():
         model: dict[str, Any] = {"material": law, "bubble": bubble, "stretch": stretch, **options}
-        if plain and by_network((law, bubble), stretch):
+        if plain and isinstance(network, PosteriorModel) and network.knows(law, bubble):
             analyses[name] = Analysis("infer", **model)
             continue
         parameters = (*Family(law).parameters, "stretch")
@@ -200,20 +193,16 @@ def weigh_models(
     by_law = {law: dict(sorted(run(curves, analysis.before or analysis, None))) for law, analysis in analyses.items()}
     if any(len(answers) < len(curves) for answers in by_law.values()):
         return {law: {} for law in by_law}
-    for law, indices in select_curves({law: list(answers.values()) for law, answers in by_law.items()}).items():
+    answers_of_laws = [answers.values() for answers in by_law.values()]
+    logs = np.array([[answer.evidence.log if answer.evidence else np.inf for answer in row] for row in answers_of_laws])
+    top = np.max(logs, axis=0, where=np.isfinite(logs), initial=-np.inf)
+    for law, in_reach in zip(by_law, logs > top - TUNING.hopeless, strict=True):
+        indices = np.flatnonzero(in_reach).tolist()  # a curve without Laplace's evidence is among them
         if analyses[law].before and indices:
             full = dict(run([curves[i] for i in indices], analyses[law], [by_law[law][i] for i in indices]))
             laplace = {i: answer for i, answer in by_law[law].items() if i not in indices}
             by_law[law] = dict(sorted((laplace | {indices[k]: answer for k, answer in full.items()}).items()))
     return by_law
-
-
-def select_curves(by_law: Mapping[str, Sequence[Posterior]]) -> dict[str, list[int]]:
-    """By law, the curves for which its Laplace evidence is not far below the best; one that has none is among them."""
-    logs = np.array([[answer.evidence.log if answer.evidence else np.inf for answer in row] for row in by_law.values()])
-    top = np.max(logs, axis=0, where=np.isfinite(logs), initial=-np.inf)
-    in_reach = logs > top - TUNING.hopeless
-    return {law: np.flatnonzero(row).tolist() for law, row in zip(by_law, in_reach, strict=True)}
 
 
 def ranked(
@@ -277,7 +266,12 @@ def _rank_group(name: str, members: list[tuple[Ranking, float]], column: str) ->
         evidence[law] = Evidence(float(sum(term.log for term in terms)), float(error))
     logs = {law: np.array([by_law[law].log for by_law in complete]) for law in evidence}  # type: ignore[union-attr]
     order = sorted(logs, key=lambda law: -float(np.sum(logs[law])))
-    pairs = [_pair(a, b, logs[a] - logs[b]) for a, b in combinations(order, 2) if len(complete) > 1]
+    pairs = []
+    for first, second in combinations(order, 2) if len(complete) > 1 else ():
+        differences = logs[first] - logs[second]
+        shots = int(np.sum(differences > 0)), int(np.sum(differences < 0))
+        error = float(np.std(differences, ddof=1) * np.sqrt(len(differences)))
+        pairs.append(Pair(first, second, float(np.sum(differences)), error, shots))
     names, values = [ranking.name for ranking, _ in whole], [value for _, value in whole]
     materials = {
         law: with_slope_if_any(
@@ -286,10 +280,3 @@ def _rank_group(name: str, members: list[tuple[Ranking, float]], column: str) ->
         for law in (evidence if complete else ())
     }
     return Ranking(name, evidence, len(complete), {}, tuple(pairs), materials, column, sizes=members[0][0].sizes)
-
-
-def _pair(first: str, second: str, differences: Floats) -> Pair:
-    count = len(differences)
-    shots = int(np.sum(differences > 0)), int(np.sum(differences < 0))
-    error = np.std(differences, ddof=1) * np.sqrt(count)
-    return Pair(first, second, float(np.sum(differences)), float(error), shots)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from cavirheo.inference.verify.verification import Estimation, Verification
 from cavirheo.messages import Message
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.posterior import Evidence, Posterior, WindowAnswer, correlations
-
-if TYPE_CHECKING:
-    from cavirheo.inference.verify.model_average import Part
 
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
@@ -60,12 +57,10 @@ class SearchedEstimation(Estimation):
         return [mode.u for mode in self.modes]
 
     def scanned(self) -> list[Floats]:
-        """None: the search has looked all over the ranges."""
+        """None: the search has looked all over the ranges, in windows that grow."""
         return []
 
-    def windowed(self) -> list[Floats]:
-        """None: the search had windows that grow."""
-        return []
+    windowed = scanned
 
 
 class FitEstimation(SearchedEstimation):
@@ -118,7 +113,7 @@ class FitEstimation(SearchedEstimation):
 
     def _answer(
         self, draws: tuple[Floats, Floats], sample: Sample | None, best: Mode, evidence: Evidence,
-        maxima: Sequence[Mode], more: Mapping[str, Any], limit: Part | None = None,
+        maxima: Sequence[Mode], more: Mapping[str, Any], limit: Estimation | None = None,
     ) -> Posterior:  # fmt: skip
         nearest = min(self.modes, key=lambda mode: float(mode.squares(best.u[None])[0]))
         remaining = [mode for mode in self.modes if mode is not nearest]
@@ -138,7 +133,9 @@ class FitEstimation(SearchedEstimation):
     def _windows(self, x: Floats) -> dict[str, WindowAnswer]:
         """What the windows answer: of the whole one x (all,), of shorter ones the minimum beside the best of their
         search, or beside x where that is nearer."""
-        windows = dict[str, WindowAnswer]()
+        windows, view = dict[str, WindowAnswer](), self.shot.view
+        end_of_last = self.shot.cut_to(view.collapses or None).view.end  # the whole window may end elsewhere
+        whole = view.collapses if abs(end_of_last - view.end) < 1e-6 * view.end else "all"
         for (collapses, end), shot in self.search.shots.items():
             (low, high), fit, best = shot.bounds.T, LeastSquares(shot, self.target.workers), x
             stage = self.search.stages.get((collapses, end))
@@ -150,13 +147,5 @@ class FitEstimation(SearchedEstimation):
             at_end = np.minimum(best - low, high - best) < AT_BOUND * (high - low)
             at_bound = tuple(name for name, at in zip(shot.names, at_end, strict=True) if at)
             rmse = missed if np.isfinite(missed) else None
-            windows[str(collapses or self._whole())] = WindowAnswer(
-                values, shot.view.end / shot.time_scale, rmse, at_bound
-            )
+            windows[str(collapses or whole)] = WindowAnswer(values, shot.view.end / shot.time_scale, rmse, at_bound)
         return windows
-
-    def _whole(self) -> str:
-        """How many collapses the whole window is a window of; "all" where it ends elsewhere."""
-        view = self.shot.view
-        ends = self.shot.cut_to(view.collapses or None).view.end
-        return str(view.collapses) if abs(ends - view.end) < 1e-6 * view.end else "all"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from cavirheo.inference.verify.sampler import Coordinates, integral_about
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
-from cavirheo.physics.elastic import fung_stress
+from cavirheo.physics.laws import fung_stress
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 from cavirheo.prior import Prior, log_normal
 
@@ -30,18 +29,17 @@ class Target(Coordinates):
     """log p(frames | x(u)) + log p(u) of one experiment, clock, scale and R_max factor being integrated (camera.py);
     -inf where the simulation failed.
 
-    prior: of what is sampled. columns: where its parameters are among those of the experiment.
+    whole: prior of all parameters of the experiment. prior: of what is sampled. columns: where its parameters are among
+    those of the experiment.
     """
 
-    def __init__(self, experiment: Experiment, prior: Prior, noise: Noise, workers: int = 1) -> None:
-        """prior: of all parameters of the experiment."""
-        self.experiment: Experiment = experiment
-        self.whole: Prior = prior
+    def __init__(self, experiment: Experiment, whole: Prior, noise: Noise, workers: int = 1) -> None:
+        self.experiment, self.whole, self.workers = experiment, whole, workers
         self.camera: CameraNuisances = replace(experiment.camera, sized=experiment.camera.resolves_size(noise))
-        self.prior: Prior = prior.of([name for name in prior.names if name not in NAMES])
-        self.columns: list[int] = [prior.names.index(name) for name in self.prior.names]
-        self.noise: MarginalNoise = MarginalNoise(noise, len(self.camera.free), self.camera.size)
-        self.workers: int = workers
+        self.prior = whole.of([name for name in whole.names if name not in NAMES])
+        self.columns = [whole.names.index(name) for name in self.prior.names]
+        self.noise = MarginalNoise(noise, len(self.camera.free), self.camera.size)
+        self._resistance = [i for i, name in enumerate(self.prior.names) if name == "accommodation"]
 
     def follow(self, u: Floats, residual: Floats) -> bool:
         """Let shapes have the collapses, and frames the effect of size, of the bubble at u (d,) with an extended
@@ -63,12 +61,9 @@ class Target(Coordinates):
 
     def residuals(self, u: Floats, accuracy: Accuracy) -> Floats:
         """(k, size) extended residuals at u (k, d); NaN where the simulation failed."""
-        shot, frames = self.experiment, self.noise.frames
-
-        def simulate(x: Floats) -> Floats:
-            return shot.extended(x, self.camera, frames, accuracy)[0]
-
-        return np.array(each(simulate, self.with_camera(u), self.workers))
+        shot, camera, frames = self.experiment, self.camera, self.noise.frames
+        places = self.with_camera(u)
+        return np.array(each(lambda x: shot.extended(x, camera, frames, accuracy)[0], places, self.workers))
 
     def with_camera(self, u: Floats, z: Floats | None = None) -> Floats:
         """x (k, all) of u (k, d) with clock, scale and factor in units of their prior, z (k, m) or nothing; what of the
@@ -134,7 +129,7 @@ class Target(Coordinates):
     def integrated(self, simulated: Simulated) -> Simulated:
         """The same with the camera integrated by importance sampling for those that are likely: Laplace's integral is
         wrong by 1 in log posterior, and by up to 6, where a collapse is beside a frame."""
-        selected = simulated.value > np.max(simulated.value, initial=-np.inf) - TUNING.integrated_height
+        selected = simulated.value > simulated.height - TUNING.integrated_height
         if not np.any(selected) or not self.noise.pulls:
             return simulated
         residual, density_column = simulated.residual.copy(), self.noise.frames.size + self.noise.pulls
@@ -173,11 +168,6 @@ class Target(Coordinates):
         v = np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
         v[:, self._resistance] = np.log1p(_RESISTING * 10.0 ** -x[:, self._resistance])
         return v
-
-    @cached_property
-    def _resistance(self) -> list[int]:
-        """Column of the accommodation, if there is one."""
-        return [i for i, name in enumerate(self.prior.names) if name == "accommodation"]
 
     def straightened(self, w: Floats) -> tuple[Floats, Floats]:
         """v (k, d + m) of u and camera w (k, d + m), as `linear` but for the stress of a law that stiffens, so that
@@ -261,12 +251,7 @@ def climb(target: Target, start: Floats, accuracy: Accuracy, maxima: Sequence[Mo
     """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
     comes to one of the `maxima` or promises to end far below the best of them."""
     u, noise = start, target.noise
-
-    def value_of(residual: Floats, u: Floats) -> float:
-        return float(target.log_posterior(u[None], residual[None])[0])
-
-    residual = target.residuals(u[None], accuracy)[0]
-    value = value_of(residual, u)
+    _, (residual,), (value,) = Simulated.at(target, u[None], accuracy)
     if not np.isfinite(value):
         return None
     damping = 1e-3
@@ -287,8 +272,7 @@ def climb(target: Target, start: Floats, accuracy: Accuracy, maxima: Sequence[Mo
         for _ in range(5):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
             next_u = np.clip(u + step, -5.0, 5.0)
-            next_residual = target.residuals(next_u[None], accuracy)[0]
-            next_value = value_of(next_residual, next_u)
+            _, (next_residual,), (next_value,) = Simulated.at(target, next_u[None], accuracy)
             if next_value > value:
                 break
             damping *= 8.0
@@ -296,7 +280,7 @@ def climb(target: Target, start: Floats, accuracy: Accuracy, maxima: Sequence[Mo
             break
         gain, u, residual, value = next_value - value, next_u, next_residual, next_value
         damping = max(damping / 8.0, 1e-6)
-    return Mode(u, value, np.asarray(np.linalg.inv(curvature), dtype=float), residual, jacobian)
+    return Mode(u, float(value), np.asarray(np.linalg.inv(curvature), dtype=float), residual, jacobian)
 
 
 class Simulated(NamedTuple):
@@ -319,6 +303,16 @@ class Simulated(NamedTuple):
     def after(self, count: int) -> Simulated:
         """Without the first so many."""
         return Simulated(self.u[count:], self.residual[count:], self.value[count:])
+
+    @property
+    def height(self) -> float:
+        """The largest log posterior; -inf without any."""
+        return float(np.max(self.value, initial=-np.inf))
+
+    @property
+    def highest(self) -> Floats:
+        """(d,) u of the largest log posterior."""
+        return np.asarray(self.u[np.argmax(self.value)])
 
     @property
     def finite(self) -> Simulated:

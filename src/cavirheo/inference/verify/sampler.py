@@ -13,6 +13,7 @@ from functools import cache, cached_property
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaln, ndtri
 
 from cavirheo.arrays import Floats, log_sum
@@ -164,6 +165,13 @@ class Sample:
         excess = (scale + shape * excesses[-1]) / (1.0 - shape) if shape < 1.0 else np.inf
         return float(shape), float(max(excess, 0.0) / np.sum(np.exp(finite - finite[-1])))
 
+    def chosen_indices(self, count: int, rng: np.random.Generator, power: float = 1.0) -> NDArray[np.int64]:
+        """Of so many draws of the target, or of this power of it."""
+        log_weight = tempered(power * self.log_target - self.log_q, 2.0 * count)
+        weight = np.exp(log_weight - log_sum(log_weight))
+        count = min(count, int(np.count_nonzero(weight)))
+        return np.asarray(rng.choice(len(weight), count, replace=False, p=weight / np.sum(weight)))
+
     @property
     def reliable(self) -> bool:
         """Whether the mean of the weights can be trusted; where they are too few to tell, it has to be."""
@@ -193,31 +201,37 @@ Adapt = Callable[["Sample", np.random.Generator], Proposal]
 
 
 def importance_sample(
-    target: Density, proposal: Proposal, adapt: Adapt, rng: np.random.Generator, *, enough: float, each: int,
-    fewest: int = 0, most: int = TUNING.adapted_most,
-) -> Sample:  # fmt: skip
+    target: Density, proposal: Proposal, adapt: Adapt, rng: np.random.Generator, enough: float, each: int, fewest: int
+) -> Sample:
     """Weighted draws of a density that is quick to know, worth `enough` independent ones if they can be had.
 
-    Rounds of `each` draws, `most` at most. While too few of the draws of a proposal are effective, or it is one of the
+    Rounds of `each` draws. While too few of the draws of a proposal are effective, or it is one of the
     first `fewest`, the next one is adapted to the last rounds; each that is not good enough makes that easier. Only
     rounds of one proposal are given, so that no draw counts that shaped its own.
     """
     rounds: list[Sample] = []
-    best, draws, adapted = None, None, 0
-    while len(rounds) < most:
+    best, first, adapted = None, 0, 0  # first: round of the proposal
+    while len(rounds) < TUNING.adapted_most:
         u = proposal.draw(each, rng)
         rounds.append(Sample(u, target(u), proposal.log_density(u)))
-        draws = joined([draws, rounds[-1]]) if draws else rounds[-1]
+        draws = _joined(rounds[first:])
         if adapted < fewest or draws.ess < TUNING.adapted_good * TUNING.adapted_eased**adapted * len(draws.u):
             if not draws.ess:
                 break
-            proposal = adapt(joined(rounds[-TUNING.adapted_last :]), rng)
-            draws, adapted = None, adapted + 1
+            proposal = adapt(_joined(rounds[-TUNING.adapted_last :]), rng)
+            first, adapted = len(rounds), adapted + 1
             continue
         best = draws if best is None or draws.ess > best.ess else best
         if best.ess >= enough:
             break
     return best or rounds[-1]
+
+
+def _joined(samples: Sequence[Sample]) -> Sample:
+    """The draws of all, each with its own weight."""
+    names = ("u", "log_target", "log_q")
+    u, log_target, log_q = (np.concatenate([getattr(each, name) for each in samples]) for name in names)
+    return Sample(u, log_target, log_q)
 
 
 _NEVER = -1e9  # log density that stands for nothing, so that two have a difference
@@ -254,17 +268,11 @@ class Walkers:
         self.before, self.mixtures = self.u.copy(), list[Mixture]()
         self.before_straight = self.coordinates.straightened(self.before)[0]
         for i, half in enumerate((second, first)):
-            fit = self._fitted(self.fitted[i], half, rng)
+            equal, last = np.zeros(len(half)), self.fitted[i]
+            count = int(np.clip(len(half) / (TUNING.joint_each * half.shape[1]), 1, TUNING.joint_components))
+            fit = self.fitted[i] = last.fitted(half, equal) if last else Mixture.through(half, equal, count, rng)
             mixture, further = fit.widened(TUNING.joint_wide, TUNING.joint_factor), self.further(half)
             self.mixtures.append(mixture.mixed_with(further, TUNING.shelf_share) if further else mixture)
-            self.fitted[i] = fit
-
-    def _fitted(self, last: Mixture | None, half: Floats, rng: np.random.Generator) -> Mixture:
-        equal = np.zeros(len(half))
-        if last:
-            return last.fitted(half, equal)
-        count = int(np.clip(len(half) / (TUNING.joint_each * half.shape[1]), 1, TUNING.joint_components))
-        return Mixture.through(half, equal, count, rng)
 
     def _log_mixture(self, u: Floats) -> Floats:
         halves = zip(self.mixtures, np.array_split(u, 2), strict=True)
@@ -357,18 +365,9 @@ def bridge(at: Floats, drawn: Floats, worth: float) -> tuple[float, float]:
         of_others = others / (share * others + (1.0 - share) * integral)
         of_draws = 1.0 / (share * above + (1.0 - share) * integral)
         integral = float(np.mean(of_others) / np.mean(of_draws))
-    squares = (
-        np.var(of_others) / np.mean(of_others) ** 2 / len(drawn),
-        np.var(of_draws) / np.mean(of_draws) ** 2 / worth,
-    )
-    return top + float(np.log(integral)), float(np.sqrt(sum(squares)))
-
-
-def joined(samples: Sequence[Sample]) -> Sample:
-    """The draws of all, each with its own weight."""
-    values = zip(*((each.u, each.log_target, each.log_q) for each in samples), strict=True)
-    u, log_target, log_q = (np.concatenate(value) for value in values)
-    return Sample(u, log_target, log_q)
+    variance = np.var(of_others) / np.mean(of_others) ** 2 / len(drawn)
+    variance += np.var(of_draws) / np.mean(of_draws) ** 2 / worth
+    return top + float(np.log(integral)), float(np.sqrt(variance))
 
 
 def integral_about(log_density: Density, middle: Floats, scale: float, counts: Sequence[int]) -> float:

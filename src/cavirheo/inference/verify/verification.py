@@ -6,7 +6,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,9 +19,8 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.inference.search import LIMITS, STARTS, LeastSquares, Scan, Search
-from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview, WeightedDraws
+from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.mode import INSIDE, Mode, Target, answer_at, climb, modes, same
-from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Proposal, Sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.messages import Message
@@ -33,9 +32,6 @@ from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, intervals
 from cavirheo.prior import log_normal
-
-if TYPE_CHECKING:
-    from cavirheo.inference.verify.model_average import Part
 
 _log = logging.getLogger(__name__)
 _CARRIED = ("cavirheo", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
@@ -123,6 +119,8 @@ class Estimation:
         self.target = Target(self.shot, self.prior, noise, cores(settings.workers))
         self.noise = self.target.noise  # by which the answer is judged
         self.messages: list[Message] = []
+        self.log_prior = 0.0  # of the probability of this model, before the curve is seen
+        self._looked: Floats | None = None  # u of another model, last looked at
 
     def laplace(self) -> Posterior:
         """The answer of level "map"."""
@@ -159,37 +157,51 @@ class Estimation:
         estimation = Estimation(settings, self.shot.curve, replace(self.answer, bubble=rival))
         return estimation if estimation.network else None
 
-    def weighted_answer(self, draws: WeightedDraws, needed: float, limit: Part | None) -> Posterior:
-        """The answer of weighted draws. needed: effective draws that an interval takes. limit: of the rival."""
-        best, sample = draws.best or self._best(draws.modes), draws.sample
-        summary = {"evidences_apart_in_standard_errors": draws.evidence_gap, "log_weight_error": draws.error}
-        trusted = self._trusted_draws(sample, draws.residual, best, needed)
-        return self._answer(trusted, sample, best, draws.evidence, draws.modes, summary, limit)
+    def weighted_answer(self, needed: float, limit: Estimation | None) -> Posterior:
+        """The answer of the weighted draws. needed: effective draws that an interval takes. limit: of the rival."""
+        sampling, sample = self.sampling, self.sampling.sample
+        assert sample is not None
+        best = sampling.best or self._best(sampling.modes)
+        summary = {"evidences_apart_in_standard_errors": sampling.evidence_gap, "log_weight_error": sampling.error}
+        draws = sample.u, sampling.residual
+        if distrust := sample.distrust(needed):
+            self.messages.append(distrust)
+            draws = best.u[None], best.residual[None]
+        return self._answer(draws, sample, best, sampling.evidence, sampling.modes, summary, limit)
 
-    def as_part(self, draws: WeightedDraws) -> Preview:
-        """Weighted draws in the form of a preview."""
-        sample, best = draws.sample, draws.best or draws.modes[0]
-        x, _ = self.target.drawn(sample.u, self.target.camera.z(draws.residual))
+    def preview(self) -> tuple[OtherAnswer, Floats, Floats]:
+        """What the weighted draws tell, or the Gaussian about the maximum without any, to be set beside another model's
+        answer; their x (k, all), and their log weights (k,), whose mean is the evidence."""
+        target, sampling, sample = self.target, self.sampling, self.sampling.sample
+        if sample is None:
+            mode = max(sampling.modes, key=lambda mode: mode.log_posterior)
+            u, z = mode.draws(TUNING.draws, self.settings.seed), target.camera.z(mode.residual)
+            x, log_weight = target.with_camera(u, np.tile(z, (len(u), 1))), np.full(len(u), sampling.log_laplace)
+            return replace(answer_at(target, mode), evidence=sampling.evidence), x, log_weight
+        x, _ = target.drawn(sample.u, target.camera.z(sampling.residual))
         quantiles = intervals(*self.shot.answer(x), sample.log_weight)
-        answer = replace(answer_at(self.target, best), intervals=quantiles, evidence=draws.evidence)
-        return Preview(answer, x, sample.log_weight)
+        answer = answer_at(target, sampling.best or sampling.modes[0])
+        return replace(answer, intervals=quantiles, evidence=sampling.evidence), x, sample.log_weight
 
-    def at_maximum(self) -> Preview:
-        """What the Gaussian about the maximum answers."""
-        target, sampling = self.target, self.sampling
-        mode = max(sampling.explorer.modes, key=lambda mode: mode.log_posterior)
-        u, z = mode.draws(TUNING.draws, self.settings.seed), target.camera.z(mode.residual)
-        answer = replace(answer_at(target, mode), evidence=sampling.evidence)
-        x = target.with_camera(u, np.tile(z, (len(u), 1)))
-        return Preview(answer, x, np.full(len(u), sampling.log_laplace))
+    @property
+    def log_probability(self) -> float:
+        """Of the evidence, as far as it is known, times the probability of the model before the curve is seen."""
+        return self.sampling.evidence.log + self.log_prior
 
-    def _trusted_draws(
-        self, sample: Sample, residuals: Floats, best: Mode, needed: float = TUNING.effective_fewest
-    ) -> tuple[Floats, Floats]:
-        """u (k, d) and extended residuals (k, size) of the draws, or of the maximum where they are not trusted."""
-        distrust = sample.distrust(needed)
-        self.messages += [distrust] if distrust else []
-        return (best.u[None], best.residual[None]) if distrust else (sample.u, residuals)
+    def look_where(self, other: Estimation) -> None:
+        """Climb from where another model is best, if that is above all that is known of this one: laws contain each
+        other, and a search may have missed there what the other's has found. Draws that have missed it do not count."""
+        explorer, highest = self.sampling.explorer, other.sampling.explorer.highest
+        looked_at = self._looked is not None and np.array_equal(highest, self._looked)
+        height = explorer.height
+        if other.sampling.explorer.height - height < TUNING.other_law or looked_at:
+            return
+        self._looked = highest
+        start = self.start_at(other.shot.best(other.target.with_camera(highest[None])[0]))
+        explorer(start[None])
+        explorer.climb_from(start)
+        if explorer.height - height > TUNING.other_law:
+            self.sampling.sample = None
 
     def _best(self, maxima: Sequence[Mode]) -> Mode:
         """The highest of rough modes that the default solver can simulate, at its maximum."""
@@ -277,7 +289,7 @@ class Estimation:
 
     def _answer(
         self, draws: tuple[Floats, Floats], sample: Sample | None, best: Mode, evidence: Evidence,
-        maxima: Sequence[Mode], more: Mapping[str, Any], limit: Part | None = None,
+        maxima: Sequence[Mode], more: Mapping[str, Any], limit: Estimation | None = None,
     ) -> Posterior:  # fmt: skip
         """The Posterior of u (k, d) with extended residuals: weighted draws, the maximum where they are not to be
         trusted, or a Gaussian. limit: what the rival of its bubble answers, whose draws count beside these where it is
@@ -289,43 +301,42 @@ class Estimation:
         if len(u) > 1:
             z = target.camera.z(residuals)
             x, log_camera = target.drawn(u, z) if sample else target.completed(u, z, best.u, settings.seed)
-        if sample is not None and len(u) > 1:
-            over_scale = self._moved_modulus(best, u, residuals, sample.log_weight)
-        else:
-            over_scale = self._moved_gaussian(best)
+        trusted = sample if len(u) > 1 else None
+        over_scale = self._modulus_over_scale(best, trusted, residuals)
         log_q = log_weight = None
-        sample_quality: dict[str, Any] = {}
         alternatives = self._alternatives(best, maxima)
-        if sample is not None:
-            sample_quality = {"draws": len(sample.u), "effective_sample_size": sample.ess, "tail_index": sample.tail[0]}
-        if sample and len(u) > 1:  # from u to the answer's parameters
-            log_weight = sample.log_weight
-            log_q = sample.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
+        if trusted:  # from u to the answer's parameters
+            log_weight = trusted.log_weight
+            log_q = trusted.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
             log_q += log_camera - shot.log_stretched(shot.answer(x)[1])
         if limit:
-            view, real = limit.view, self.answer.bubble == REAL
-            rival = view.answer
+            rival, rival_x, rival_weight = limit.preview()
+            real = self.answer.bubble == REAL
             if log_weight is not None and rival.evidence and rival.evidence.error != LAPLACE and real:
-                average = averaged(log_weight, evidence, view.log_weight, rival.evidence)
+                average = averaged(log_weight, evidence, rival_weight, rival.evidence)
                 rival = replace(rival, weight=average.probability)
                 if average.probability > LEAST_PROBABILITY:
                     evidence, log_weight, log_q = average.evidence, average.log_weight, None
-                    if average.probability > 0.5 and limit.sampling.sample:
-                        over_scale = limit.estimation.modulus_over_scale(limit.sampling.weighted)
-                    x = np.concatenate([x, shot.as_limit(view.x, limit.estimation.shot.names)])
+                    if average.probability > 0.5:
+                        sampling = limit.sampling
+                        nearest = sampling.best or sampling.modes[0]
+                        over_scale = limit._modulus_over_scale(nearest, sampling.sample, sampling.residual)
+                    x = np.concatenate([x, shot.as_limit(rival_x, limit.shot.names)])
             alternatives = (*alternatives, rival)
         summary: dict[str, Any] = {"modes": len(maxima), **more}
+        sample_quality: dict[str, Any] = {}
         if sample is None:
             summary["log_evidence_laplace"] = evidence.log
         else:
             summary |= {"log_evidence": evidence.log, "log_evidence_error": evidence.error}
+            sample_quality = {"draws": len(sample.u), "effective_sample_size": sample.ess, "tail_index": sample.tail[0]}
         names, theta = shot.answer(x)
         frames, slopes = noise.split(best.residual)[0], noise.split(best.jacobian.T)[0].T
         predictive = predictive_check(frames, slopes, noise.frames.deviation, settings.seed)
         excess = shot.misfit(frames)
         if predictive and predictive["p_value"] < TUNING.rejected:  # how near can the model come?
-            at, nearest = self._nearest(at)
-            excess = min(excess, nearest)
+            at, least_excess = self._nearest(at)
+            excess = min(excess, least_excess)
         values = shot.best(at)
         diagnostics = {
             "stretch_source": shot.stretch_source(),
@@ -346,7 +357,7 @@ class Estimation:
             "seed": settings.seed,
         }  # fmt: skip
         verdict = self._verdict(at, predictive, excess, x, log_weight)
-        verdict = "no_interval" if sample and len(u) == 1 and verdict == "ok" else verdict
+        verdict = "no_interval" if sample and not trusted and verdict == "ok" else verdict
         checks = shot.checks(at, verdict, self.messages)
         return Posterior(
             names, units(names), theta, checks, shot.family.name, self.method if sample else "laplace", provenance,
@@ -355,20 +366,11 @@ class Estimation:
             others=alternatives, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
         )  # fmt: skip
 
-    def modulus_over_scale(self, draws: WeightedDraws) -> float | None:
-        """Relative change of G over that of R_max, of weighted draws."""
-        sample = draws.sample
-        return self._moved_modulus(draws.best or draws.modes[0], sample.u, draws.residual, sample.log_weight)
-
-    def _moved_gaussian(self, best: Mode) -> float | None:
-        """As `_moved_modulus`, of draws of the Gaussian about the maximum, whose frames are linear in u."""
-        u = best.draws(TUNING.draws, self.settings.seed)
-        return self._moved_modulus(best, u, best.residual - (u - best.u) @ best.jacobian.T, np.zeros(len(u)))
-
-    def _moved_modulus(self, best: Mode, u: Floats, residuals: Floats, log_weight: Floats) -> float | None:
+    def _modulus_over_scale(self, best: Mode, sample: Sample | None, residuals: Floats) -> float | None:
         """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in t_c, and the draws
-        u (k, d) with extended residuals (k, size) are weighted anew by frames that are moved so. The camera
-        follows. None for a law without G, or where a simulation failed."""
+        with extended residuals (k, size) are weighted anew by frames that are moved so; without any, draws of the
+        Gaussian about the maximum, whose frames are linear in u. The camera follows. None for a law without G, or where
+        a simulation failed."""
         shot, target, names = self.shot, self.target, self.prior.names
         if "shear_modulus" not in names:
             return None
@@ -376,6 +378,9 @@ class Estimation:
         bubble = shot.sampled(target.with_camera(best.u[None])[0], camera)
         if bubble is None:
             return None
+        u = sample.u if sample else best.draws(TUNING.draws, self.settings.seed)
+        log_weight = sample.log_weight if sample else np.zeros(len(u))
+        residuals = residuals if sample else best.residual - (u - best.u) @ best.jacobian.T
         sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
         nearer, farther = (side.extended(bubble, noise)[0] for side in sides)
         counted = np.isfinite(log_weight)
@@ -419,3 +424,46 @@ class Estimation:
         """Which of the free parameters of bubble and camera are at the end of their prior, at x (all,)."""
         u = zip(self.prior.names, self.prior.to_u(x, INSIDE), strict=True)
         return tuple(name for name, value in u if name in self.shot.free and abs(value) > TUNING.pulled)
+
+
+def statistics(residuals: Floats) -> dict[str, Floats]:
+    """Of residuals (k, n), n >= 9, each over its assumed deviation, three (k,) that do not depend on its size: level
+    (standard deviation over the frame-to-frame noise of third differences, which cancel a smooth misfit), correlation
+    (of neighbours) and run (longest, of one sign)."""
+    k, n = residuals.shape
+    rough = 1.4826 * np.median(np.abs(np.diff(residuals, 3, axis=1)), axis=1) / np.sqrt(20.0)
+    r = residuals - np.mean(residuals, axis=1, keepdims=True)
+    power = np.sum(r**2, axis=1)
+    longest, run = np.ones(k), np.ones(k)
+    for i in range(1, n):
+        run = np.where((residuals[:, i] > 0) == (residuals[:, i - 1] > 0), run + 1.0, 1.0)
+        longest = np.maximum(longest, run)
+    return {
+        "level": np.sqrt(np.mean(residuals**2, axis=1)) / rough,
+        "correlation": np.sum(r[:, 1:] * r[:, :-1], axis=1) / power,
+        "run": longest,
+    }
+
+
+def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed: int) -> dict[str, Any] | None:
+    """Could the law have left these residuals (n,), at a maximum of the posterior with the frames' derivatives (n, d)
+    there and the frames' assumed deviations (n,)? A check against white noise; None below 9 frames.
+
+    Replicates are independent noise z that is refitted, as the measurement was: (1 - J (J'J + ridge)^-1 J') z is left,
+    so none costs a simulation. p is the share of replicates that are as extreme. Gelman, Meng and Stern 1996,
+    Statistica Sinica 6, 733; with refitting the check is not too timid (Robins, van der Vaart and Ventura 2000,
+    doi:10.1080/01621459.2000.10474310).
+    """
+    n, d = jacobian.shape
+    if n < max(9, d + 3):
+        return None
+    scaled, J = residual / deviation, jacobian / deviation[:, None]
+    variance = float(scaled @ scaled) / max(n - d, 1)
+    fitted = np.linalg.solve(J.T @ J + variance * np.eye(d), J.T)
+    noise = np.random.Generator(np.random.Philox(seed)).standard_normal((TUNING.replicates, n))
+    replicated = statistics(noise - (noise @ fitted.T) @ J.T)
+    observed = {name: float(value[0]) for name, value in statistics(scaled[None]).items()}
+    extreme = {name: np.count_nonzero(values >= observed[name]) for name, values in replicated.items()}
+    p = {name: float((1 + count) / (1 + TUNING.replicates)) for name, count in extreme.items()}
+    worst = min(1.0, len(p) * min(p.values()))  # the most extreme of three has been looked at (Bonferroni)
+    return {"p": p, "observed": observed, "p_value": worst, "least": len(p) / (1 + TUNING.replicates)}

@@ -1,0 +1,524 @@
+"""Laws of materials: elastic, viscous, and the bases of these and of arms with memory.
+
+An elastic law is one function of one number, the stress integral S_el(L) at L = R/R_0. With stretches (b^-2, b, b)
+around the bubble, What(b) = W(b^-2, b, b), W_1 = dW/dI_1 and q = 1/L (docs/method/physics.md, section 4),
+
+    dS_el/dL = -What'(L)/(L^3 - 1),  for W(I_1):  dS_el/dL = -4 W_1 (q^2 + q^5),  S_el(1) = 0.
+
+So a law is complete with `slope`, dS_el/dL; the table for the solver follows by quadrature. The laws with a short
+closed form are tabulated from that. A viscous law is the stress integral S_v(g) at the wall's hoop rate g = U/R. The
+shear rate sqrt(2 D:D) is 2 sqrt3 |g| at the wall and falls as r^-3, so
+
+    S_v(g) = -4 int_0^g mu(2 sqrt3 |e|) de,   dS_v/dg = -4 mu(2 sqrt3 |g|):
+
+a law is complete with `apparent`, its viscosity mu at a shear rate. Every law is by itself the material of a purely
+elastic solid or of a fluid.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from inspect import cleandoc, get_annotations
+from math import inf, sqrt
+from typing import Any, ClassVar, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import InputError, require
+from cavirheo.parameters import FINITE, NOT_NEGATIVE, PARAMETERS, POSITIVE, POSITIVE_OR_INFINITE, check, within
+from cavirheo.physics.table import continued, hermite, read, scaled, tabulate
+
+_RAISES = "Raises:\n    InputError: a parameter that is no number or out of its domain."
+SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
+
+
+def nodes(spacing: float) -> Floats:
+    """From SMALLEST to LARGEST, about `spacing` apart in log L; 1 is one of them."""
+    n = int(np.ceil(np.log(LARGEST) / spacing))
+    return np.concatenate([np.geomspace(SMALLEST, 1, n + 1)[:-1], np.geomspace(1, LARGEST, n + 1)])
+
+
+_COARSE = nodes(0.1)  # halved where a law needs it
+_FINE = nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest term, q^8
+SHEAR = 2 * sqrt(3)  # shear rate at the wall over |U/R|
+SLOWEST, FASTEST = 1e-3, 1e12  # U/R in 1/s: below the first and above the second the viscosity counts as constant
+
+
+class Parts(NamedTuple):
+    """What a material is made of; the stresses add."""
+
+    elastic: Elastic | None = None
+    viscous: Viscous | None = None
+    memory: tuple[Arm, ...] = ()
+
+
+class Material:
+    """A law, or a sum of laws: a new one defines `parts`. It is a frozen dataclass with SI parameters."""
+
+    proportional: ClassVar[str] = ""  # the parameter that all of the stress is proportional to, where there is one
+    name: ClassVar[str]  # as it is written; by default that of the class, "power-law" of PowerLaw
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """help() of a law ends with its parameters, as parameters.py knows them."""
+        super().__init_subclass__(**options)
+        if "name" not in cls.__dict__:
+            cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower()
+        names = [name for base in reversed(cls.__mro__) for name in get_annotations(base) if name in PARAMETERS]
+        described = [f"{name} ({PARAMETERS[name].symbol}, {PARAMETERS[name].unit})" for name in dict.fromkeys(names)]
+        if described:
+            cls.__doc__ = (
+                f"{cleandoc(cls.__dict__.get('__doc__') or '')}\n\nParameters: {', '.join(described)}.\n\n{_RAISES}"
+            )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def parts(self) -> Parts:
+        """The elastic and the viscous part and the arms with memory of which it is the sum."""
+        return Parts()
+
+    @property
+    def elastic(self) -> Elastic | None:
+        return self.parts().elastic
+
+    @property
+    def viscous(self) -> Viscous | None:
+        return self.parts().viscous
+
+    @property
+    def memory(self) -> tuple[Arm, ...]:
+        return self.parts().memory
+
+
+class Elastic(Material):
+    """Base of the elastic laws: a new one defines `slope`, or `first` if its energy depends on I_1 only."""
+
+    def parts(self) -> Parts:
+        return Parts(elastic=self)
+
+    def first(self, I1: Floats) -> Floats:
+        """W_1 = dW/dI_1 in Pa at the first invariant I1 (any shape)."""
+        raise NotImplementedError
+
+    def slope(self, ratio: Floats) -> Floats:
+        """dS_el/dL in Pa at L = ratio = R/R_0 (any shape); not finite where the law does not hold."""
+        q2 = 1 / (ratio * ratio)
+        return -4 * self.first(q2 * q2 + 2 * ratio * ratio) * (q2 + q2 * q2 / ratio)
+
+    def table(self) -> Floats:
+        """(n, 7) S_el over L in Pa for the solver (physics/table.py); it ends where the law does."""
+        table = tabulate(self.slope, _COARSE, origin=1.0)
+        why = f"the stress of {self} must be finite and smooth around R = R_0, which it is not"
+        require(bool(table[0, 0] < 1 < table[-1, 0]), why, "physics.no_stress_at_rest")
+        return table
+
+    def stress(self, ratio: ArrayLike) -> Floats:
+        """S_el in Pa at R/R_0 (any shape); NaN where the law does not hold."""
+        return read(table_of(self), ratio)[0]
+
+
+class Viscous(Material):
+    """Base of the viscous laws: a new one defines `apparent`."""
+
+    def parts(self) -> Parts:
+        return Parts(viscous=self)
+
+    def apparent(self, shear_rate: Floats) -> Floats:
+        """Viscosity in Pa s at a shear rate in 1/s (any shape, not negative)."""
+        raise NotImplementedError
+
+    def stress(self, rate: ArrayLike) -> Floats:
+        """S_v in Pa at U/R in 1/s (any shape)."""
+        rate = np.asarray(rate, float)
+        return np.sign(rate) * read(table_of(self), np.abs(rate))[0]
+
+    def table(self) -> Floats:
+        """(n, 7) S_v over g >= 0 in Pa for the solver (physics/table.py)."""
+        nodes = np.geomspace(SLOWEST, FASTEST, 200)
+        table = tabulate(lambda g: -4 * self.apparent(SHEAR * g), nodes, origin=SLOWEST)
+        fine = (table[0, 0], table[-1, 0]) == (SLOWEST, FASTEST) and np.all(table[:, 2] <= 0)
+        why = f"the viscosity of {self} must be finite and not negative at all shear rates"
+        require(bool(fine), why, "physics.negative_viscosity")
+        slope, (value, last_slope, _) = table[0, 2], read(table, FASTEST)
+        table[:, 1] += SLOWEST * slope
+        return continued(table, (0.0, 0.0, slope), (FASTEST, float(value) + SLOWEST * slope, float(last_slope)))
+
+
+@dataclass(frozen=True)
+class Arm(Material):
+    """Base of the arms: viscosity in Pa s and relaxation time tau in s; the spring's shear modulus is their ratio."""
+
+    viscosity: float = field(metadata=NOT_NEGATIVE)
+    relaxation_time: float = field(metadata=POSITIVE)
+    terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
+    follows: ClassVar[bool] = False  # whether the elastic part of the material acts through this arm alone
+
+    @property
+    def starts_stressed(self) -> bool:
+        """Whether the growth to R_max leaves stress in it, where the simulation does not start relaxed."""
+        return True
+
+    def parts(self) -> Parts:
+        return Parts(memory=(self,))
+
+    @property
+    def modulus(self) -> float:
+        """Shear modulus of the spring, Pa."""
+        return self.viscosity / self.relaxation_time
+
+    def table(self) -> Floats:
+        """(k, 4) rows C_k in Pa, n_k, 1/tau in 1/s, and 1/C_k in 1/Pa of an arm that follows the elastic part or 0,
+        for the solver."""
+        stiff = [(self.modulus * c, n) for c, n in self.terms]
+        return np.array([[C, n, 1 / self.relaxation_time, 1 / C if self.follows else 0.0] for C, n in stiff])
+
+
+def table_of(law: Elastic | Viscous) -> Floats:
+    """`law.table()`, kept once computed; of a law that is proportional to a modulus it is kept for 1 Pa."""
+    if not law.proportional:
+        return _table_of(law)
+    unit: Any = {law.proportional: 1.0}
+    return scaled(_table_of(replace(cast("Any", law), **unit)), 1.0, getattr(law, law.proportional))
+
+
+@lru_cache(maxsize=128)
+def _table_of(law: Elastic | Viscous) -> Floats:
+    return law.table()
+
+
+class _Closed(Elastic):
+    """A law with S_el(L) and two derivatives in closed form."""
+
+    def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+        """S_el, dS_el/dL, d2S_el/dL2 in Pa."""
+        raise NotImplementedError
+
+    def slope(self, ratio: Floats) -> Floats:
+        return self.closed(ratio)[1]
+
+    def stress(self, ratio: ArrayLike) -> Floats:
+        return self.closed(np.asarray(ratio, float))[0]
+
+    def table(self) -> Floats:
+        return hermite(_FINE, *self.closed(_FINE))
+
+
+@dataclass(frozen=True)
+class Linear(_Closed):
+    """Linear elasticity, shear modulus G in Pa: S_el = -(4/3) G (1 - q^3).
+    Yang and Church 2005, doi:10.1121/1.2118307."""
+
+    proportional = "shear_modulus"
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+
+    def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+        G, q = self.shear_modulus, 1 / ratio
+        q3 = q * q * q
+        return -4 / 3 * G * (1 - q3), -4 * G * q3 * q, 16 * G * q3 * q * q
+
+
+@dataclass(frozen=True)
+class Quadratic(_Closed):
+    """W = G/2 [(I_1-3) + alpha/2 (I_1-3)^2], G in Pa; stiffening alpha = 0 is neo-Hookean.
+    Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
+
+    proportional = "shear_modulus"
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+    stiffening: float = field(default=0.0, metadata=NOT_NEGATIVE)
+
+    def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+        G, a, q = self.shear_modulus, self.stiffening, 1 / ratio
+        b = 3 * a - 1
+        q2 = q * q
+        q3, q4 = q2 * q, q2 * q2
+        q5, q8 = q4 * q, q4 * q4
+        return (
+            G * (b * (5 - 4 * q - q4) / 2 + 2 * a * (27 / 40 + q8 / 8 + q5 / 5 + q2 - 2 * ratio)),
+            G * (2 * b * (q2 + q5) - 2 * a * (q8 * q + q5 * q + 2 * q3 + 2)),
+            G * (-2 * b * (2 * q3 + 5 * q5 * q) + 2 * a * (9 * q8 * q2 + 6 * q5 * q2 + 6 * q4)),
+        )
+
+
+@dataclass(frozen=True)
+class NeoHookean(Quadratic):
+    """W = G/2 (I_1-3), shear modulus G in Pa.
+    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7."""
+
+    stiffening: float = field(default=0.0, init=False, repr=False)
+
+
+@dataclass(frozen=True)
+class MooneyRivlin(_Closed):
+    """W = C_1 (I_1-3) + C_2 (I_2-3), Pa; shear modulus 2 (C_1 + C_2).
+    Mooney 1940, doi:10.1063/1.1712836; Rivlin 1948, doi:10.1098/rsta.1948.0024."""
+
+    C1: float = field(metadata=FINITE)
+    C2: float = field(metadata=FINITE)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        within(NOT_NEGATIVE, "C1 + C2", self.C1 + self.C2)
+
+    def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
+        q = 1 / ratio
+        q2 = q * q
+        q3, q5 = q2 * q, q2 * q2 * q
+        return (
+            -self.C1 * (5 - 4 * q - q2 * q2) - 2 * self.C2 * (2 * ratio - 1 - q2),
+            -4 * self.C1 * (q2 + q5) - 4 * self.C2 * (1 + q3),
+            4 * self.C1 * (2 * q3 + 5 * q5 * q) + 12 * self.C2 * q2 * q2,
+        )
+
+
+@dataclass(frozen=True)
+class Yeoh(Elastic):
+    """W = C_1 (I_1-3) + C_2 (I_1-3)^2 + C_3 (I_1-3)^3, Pa; shear modulus 2 C_1.
+    Yeoh 1993, doi:10.5254/1.3538343."""
+
+    C1: float = field(metadata=NOT_NEGATIVE)
+    C2: float = field(default=0.0, metadata=FINITE)
+    C3: float = field(default=0.0, metadata=FINITE)
+
+    def first(self, I1: Floats) -> Floats:
+        J = I1 - 3
+        return self.C1 + J * (2 * self.C2 + 3 * self.C3 * J)
+
+
+@dataclass(frozen=True)
+class Fung(Elastic):
+    """W = G/(2a) [exp(a (I_1-3)) - 1], shear modulus G in Pa; stiffening a = 0 is neo-Hookean.
+    Fung 1967, doi:10.1152/ajplegacy.1967.213.6.1532, in its isotropic form."""
+
+    proportional = "shear_modulus"
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+    stiffening: float = field(metadata=NOT_NEGATIVE)
+
+    def first(self, I1: Floats) -> Floats:
+        return self.shear_modulus / 2 * np.exp(self.stiffening * (I1 - 3))
+
+
+def fung_stress(modulus: Floats, stiffening: Floats, ratio: Floats) -> Floats:
+    """(k,) -S_el of Fung's law, Pa, at ratios L > 1, of its parameters (k,): in closed form by Dawson's integral, but
+    that I_1 - 3 is taken as 2 L^2 - 3 and what goes with q^5 as neo-Hookean: within 10 % from L = 3 on."""
+    from scipy.special import dawsn  # simulations need not wait for it
+
+    root = np.sqrt(2.0 * stiffening)
+
+    def part(ratio: Floats | float) -> Floats:
+        energy = np.exp(np.minimum(stiffening * (2.0 * ratio**2 - 3.0), 50.0))
+        return np.asarray(energy * (2.0 * root * dawsn(root * ratio) - 1.0 / ratio))
+
+    return np.asarray(2.0 * modulus * (part(ratio) - part(1.0) + 0.25 * (1.0 - ratio**-4)))
+
+
+@dataclass(frozen=True)
+class Gent(Elastic):
+    """W = -(G J_m/2) ln(1 - (I_1-3)/J_m), shear modulus G in Pa: the chains are taut (lock-up) at I_1 - 3 = J_m.
+    Gent 1996, doi:10.5254/1.3538357."""
+
+    proportional = "shear_modulus"
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+    limit: float = field(metadata=POSITIVE)  # J_m
+
+    def first(self, I1: Floats) -> Floats:
+        J = (I1 - 3) / self.limit
+        return self.shear_modulus / 2 / np.where(J < 1, 1 - J, np.nan)
+
+
+@dataclass(frozen=True)
+class ArrudaBoyce(Elastic):
+    """Eight-chain network of chains with N segments, the energy's series to fifth order; modulus G in Pa.
+    W = G sum_i c_i (I_1^i - 3^i)/N^(i-1). N -> infinity is neo-Hookean; at finite N the small-strain modulus is
+    somewhat above G. Arruda and Boyce 1993, doi:10.1016/0022-5096(93)90013-6."""
+
+    proportional = "shear_modulus"
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+    segments: float = field(metadata=POSITIVE_OR_INFINITE)  # N
+
+    def first(self, I1: Floats) -> Floats:
+        x = I1 / self.segments
+        return self.shear_modulus * (1 / 2 + x * (1 / 10 + x * (33 / 1050 + x * (76 / 7000 + x * 2595 / 673750))))
+
+
+@dataclass(frozen=True)
+class Ogden(Elastic):
+    """W = sum_i mu_i/alpha_i (l1^alpha_i + l2^alpha_i + l3^alpha_i - 3), mu_i in Pa; shear modulus sum mu_i alpha_i/2.
+    Each mu_i alpha_i must not be negative (stability). Ogden 1972, doi:10.1098/rspa.1972.0026."""
+
+    moduli: tuple[float, ...]
+    exponents: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("moduli", "exponents"):  # lists are welcome, but could not be the key of a kept table
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        several = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
+        require(len(self.moduli) == len(self.exponents) > 0, several, "physics.terms")
+        for modulus, exponent in zip(self.moduli, self.exponents, strict=True):
+            within(FINITE, "modulus", modulus)
+            within(FINITE, "exponent", exponent)
+            sign = f"modulus and exponent must have the same sign, the exponent not be 0; got {modulus} and {exponent}"
+            require(exponent != 0 and modulus * exponent >= 0, sign, "physics.unstable")
+
+    def slope(self, ratio: Floats) -> Floats:
+        log = np.log(ratio)
+        volume = np.expm1(3 * log)  # L^3 - 1
+        safe = np.where(volume == 0, 1.0, volume)
+        total = np.zeros_like(log)
+        for mu, alpha in zip(self.moduli, self.exponents, strict=True):
+            quotient = np.where(volume == 0, alpha, np.expm1(3 * alpha * log) / safe)
+            total -= 2 * mu * ratio ** (-2 * alpha - 1) * quotient
+        return total
+
+
+@dataclass(frozen=True)
+class StrainEnergy(Elastic):
+    """Any isotropic incompressible solid: energy(l1, l2, l3) in Pa of the principal stretches, a Python function.
+
+    The function gets complex arrays, because its derivative is taken by a complex step (exact to round-off): write it
+    with arithmetic and numpy functions, without abs, max, or conditions.
+
+    Raises:
+        InputError: at its first use, if the function cannot be differentiated so.
+    """
+
+    energy: Callable[[Any, Any, Any], Any]
+
+    def __repr__(self) -> str:
+        return f"StrainEnergy({getattr(self.energy, '__name__', self.energy)})"
+
+    def _derivative(self, b: Floats) -> Floats:
+        """dWhat/db."""
+        c = b + 1e-30j
+        try:
+            return np.broadcast_to(np.imag(self.energy(c**-2, c, c)) / 1e-30, b.shape)
+        except TypeError as error:
+            why = f"a strain energy must accept complex arrays (use numpy functions); got: {error}"
+            raise InputError(why, "physics.not_analytic") from None
+
+    def slope(self, ratio: Floats) -> Floats:
+        close = np.abs(ratio - 1) < 2e-3  # 0/0 at 1: there a polynomial through six points beside it
+        away = np.where(close, 2.0, ratio)
+        x = np.array([-3, -2, -1, 1, 2, 3])
+        b = 1 + 2e-3 * x
+        through = np.polynomial.Polynomial.fit(x, -self._derivative(b) / (b**3 - 1), 5)
+        slope = np.where(close, through((ratio - 1) / 2e-3), -self._derivative(away) / (away**3 - 1))
+        return np.asarray(slope, float)
+
+    def table(self) -> Floats:
+        b, h = np.array([0.6, 0.9, 1.2, 1.7]), 1e-5
+        by_step = self._derivative(b)
+        above, below = (np.array([self.energy(c**-2, c, c) for c in ends]) for ends in (b + h, b - h))
+        alike = np.allclose(by_step, (above - below) / (2 * h), rtol=1e-4, atol=1e-4 * np.abs(by_step).max())
+        why = "the strain energy is not analytic in the stretches: use no abs, max, real or conditions"
+        require(alike, why, "physics.not_analytic")
+        return super().table()
+
+
+@dataclass(frozen=True)
+class Newtonian(Viscous):
+    """A fluid of constant viscosity in Pa s; S_v = -4 mu g, exactly."""
+
+    viscosity: float = field(metadata=NOT_NEGATIVE)
+
+    def apparent(self, shear_rate: Floats) -> Floats:
+        return np.full_like(shear_rate, self.viscosity)
+
+    def table(self) -> Floats:
+        return np.array([[0, 0, -4 * self.viscosity, 0, 0, 0, 0], [inf, 0, 0, 0, 0, 0, 0]])
+
+
+@dataclass(frozen=True)
+class PowerLaw(Viscous):
+    """mu = K s^(n-1), consistency K in Pa s^n, exponent n; a viscosity that is finite at rest.
+    With n < 1 the law itself diverges at rest: s stands for sqrt(shear_rate^2 + rest_rate^2). Collapses have rates of
+    1e4 to 1e7 1/s. Ostwald 1925, doi:10.1007/BF01431449."""
+
+    consistency: float = field(metadata=NOT_NEGATIVE)
+    exponent: float = field(metadata=POSITIVE)
+    rest_rate: float = field(default=1.0, metadata=POSITIVE)  # 1/s
+
+    def apparent(self, shear_rate: Floats) -> Floats:
+        return self.consistency * np.hypot(shear_rate, self.rest_rate) ** (self.exponent - 1)
+
+
+@dataclass(frozen=True)
+class HerschelBulkley(Viscous):
+    """mu = tau_y/s + K s^(n-1), yield stress tau_y in Pa, consistency K in Pa s^n, exponent n.
+    Regularised: s stands for sqrt(shear_rate^2 + rest_rate^2), so that below the yield stress the material creeps with
+    the viscosity tau_y/rest_rate instead of being rigid. Herschel and Bulkley 1926, doi:10.1007/BF01432034; the
+    regularisation is that of Bercovier and Engelman 1980, doi:10.1016/0021-9991(80)90163-1."""
+
+    yield_stress: float = field(metadata=NOT_NEGATIVE)
+    consistency: float = field(metadata=NOT_NEGATIVE)
+    exponent: float = field(metadata=POSITIVE)
+    rest_rate: float = field(default=1.0, metadata=POSITIVE)  # 1/s
+
+    def apparent(self, shear_rate: Floats) -> Floats:
+        s = np.hypot(shear_rate, self.rest_rate)
+        return self.yield_stress / s + self.consistency * s ** (self.exponent - 1)
+
+
+@dataclass(frozen=True)
+class _Thinning(Viscous):
+    """From one plateau, mu_0 at rest, to another."""
+
+    zero_rate: float = field(metadata=NOT_NEGATIVE)
+    infinite_rate: float = field(metadata=NOT_NEGATIVE)
+    time: float = field(metadata=NOT_NEGATIVE)
+
+    def between(self, fall: Floats) -> Floats:
+        """The viscosity where `fall` has come down from 1 at rest."""
+        return self.infinite_rate + (self.zero_rate - self.infinite_rate) * fall
+
+
+@dataclass(frozen=True)
+class CarreauYasuda(_Thinning):
+    """mu = mu_inf + (mu_0 - mu_inf) [1 + (tau s)^a]^((n-1)/a), viscosities in Pa s, tau in s; a = 2 is Carreau's law.
+    Carreau 1972, doi:10.1122/1.549276; Yasuda, Armstrong and Cohen 1981, doi:10.1007/BF01513059."""
+
+    exponent: float = field(metadata=FINITE)
+    transition: float = field(default=2.0, metadata=POSITIVE)
+
+    def apparent(self, shear_rate: Floats) -> Floats:
+        x = 1 + (self.time * shear_rate) ** self.transition
+        return self.between(x ** ((self.exponent - 1) / self.transition))
+
+
+@dataclass(frozen=True)
+class Cross(_Thinning):
+    """mu = mu_inf + (mu_0 - mu_inf)/[1 + (tau s)^m], viscosities in Pa s, tau in s.
+    Cross 1965, doi:10.1016/0095-8522(65)90022-X."""
+
+    exponent: float = field(default=1.0, metadata=POSITIVE)
+
+    def apparent(self, shear_rate: Floats) -> Floats:
+        return self.between(1 / (1 + (self.time * shear_rate) ** self.exponent))
+
+
+@dataclass(frozen=True)
+class PowellEyring(_Thinning):
+    """mu = mu_inf + (mu_0 - mu_inf) asinh(tau s)/(tau s), viscosities in Pa s, tau in s.
+    Powell and Eyring 1944, doi:10.1038/154427a0."""
+
+    def apparent(self, shear_rate: Floats) -> Floats:
+        x = self.time * shear_rate
+        small = x < 1e-8
+        return self.between(np.where(small, 1.0, np.arcsinh(x) / np.where(small, 1.0, x)))
+
+
+@dataclass(frozen=True)
+class Viscosity(Viscous):
+    """Any generalised Newtonian fluid: function(shear_rate) gives Pa s for an array of 1/s; a Python function."""
+
+    function: Callable[[Any], Any]
+
+    def __repr__(self) -> str:
+        return f"Viscosity({getattr(self.function, '__name__', self.function)})"
+
+    def apparent(self, shear_rate: Floats) -> Floats:
+        return np.broadcast_to(np.asarray(self.function(shear_rate), float), np.shape(shear_rate))
