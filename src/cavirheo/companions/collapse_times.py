@@ -15,7 +15,7 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.files import sha256
-from cavirheo.inference import input_checks
+from cavirheo.inference import checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.io.files import file_label, guarded
 from cavirheo.io.formats import LENGTH_UNITS, TIME_UNITS
@@ -187,7 +187,7 @@ def read_groups(
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
         warnings = [
-            f"{curve.name}: {warning.text}" for curve in mine for warning in input_checks.curve_warnings(curve, medium)
+            f"{curve.name}: {warning.text}" for curve in mine for warning in checks.curve_warnings(curve, medium)
         ]
         shots = [_of_curve(curve, stretch) for curve in mine]
         groups.append(

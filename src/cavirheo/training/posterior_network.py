@@ -17,8 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from cavirheo.inference.bins import SIZE
-from cavirheo.inference.latent import COORDINATES, used
+from cavirheo.inference.posterior_network import COORDINATES, SIZE, used
 from cavirheo.training.loop import Training
 from cavirheo.training.recipe import PosteriorNetworkTable, PosteriorRecipe
 from cavirheo.training.recordings import CurveStore, Filmed, film

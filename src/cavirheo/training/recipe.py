@@ -21,8 +21,8 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat
 
 from cavirheo.errors import InputError, require, validation_message
 from cavirheo.files import read_bytes
-from cavirheo.inference.latent import BUBBLE_NAMES, CAMERA, COORDINATES, used
-from cavirheo.inference.law import Family
+from cavirheo.inference.assumptions import Family
+from cavirheo.inference.posterior_network import BUBBLE_NAMES, CAMERA, COORDINATES, used
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import Prior
 from cavirheo.problem import FrameGrid, TrainingProblem

@@ -38,11 +38,8 @@ from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
 from cavirheo.errors import require
-from cavirheo.inference.bins import SIZE
-from cavirheo.inference.graph import check_graph
-from cavirheo.inference.latent import COORDINATES
-from cavirheo.inference.model import ModelCard, PosteriorCard, predict
-from cavirheo.inference.posterior_network import INPUTS
+from cavirheo.inference.model import ModelCard, PosteriorCard, check_graph, predict
+from cavirheo.inference.posterior_network import COORDINATES, INPUTS, SIZE
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.physics.media import WATER
 from cavirheo.problem import TrainingProblem

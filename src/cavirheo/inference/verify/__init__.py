@@ -21,8 +21,8 @@ from cavirheo.inference.alternatives import (
     judged,
     model_of,
 )
-from cavirheo.inference.input_checks import ERRORS, warned
-from cavirheo.inference.law import Family
+from cavirheo.inference.assumptions import Family
+from cavirheo.inference.checks import ERRORS, warned
 from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.model_average import answers_of

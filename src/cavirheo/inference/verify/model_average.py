@@ -14,7 +14,7 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.errors import SolverError
 from cavirheo.inference.alternatives import LEAST_PROBABILITY, LIMIT
-from cavirheo.inference.reconstruct import MISFIT
+from cavirheo.inference.checks import MISFIT
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation
