@@ -231,12 +231,12 @@ class Analysis:
             check_outputs(network)
         empty = self._empty_answer(curve, law, bubble, network)
         try:
-            found, warnings = self._read(curve, law, bubble, network)
-            found["checks"] = warned(found["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
+            values, warnings = self._read(curve, law, bubble, network)
+            values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
         except ERRORS as error:  # of this curve alone
-            found = {"checks": failed(error, curve, medium)}
-        provenance = {**empty.provenance, **found.pop("provenance", {})}
-        return replace(empty, **found, provenance=provenance, seconds=perf_counter() - began)
+            values = {"checks": failed(error, curve, medium)}
+        provenance = {**empty.provenance, **values.pop("provenance", {})}
+        return replace(empty, **values, provenance=provenance, seconds=perf_counter() - began)
 
     def _read(self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None) -> Answer:
         """The fields of what a verification begins with, and further input warnings."""
@@ -249,10 +249,10 @@ class Analysis:
         if network is None:
             return {"checks": checks}, wall_warnings(shot)
         checked = self.verify == "none"
-        found, warnings = read_draws(
+        values, warnings = read_draws(
             shot, network, checks, discrepancy=self.discrepancy, seed=self.seed, checked=checked
         )
-        return found, [*warnings, *wall_warnings(shot)]
+        return values, [*warnings, *wall_warnings(shot)]
 
     def _empty_answer(
         self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None = None

@@ -52,17 +52,17 @@ def read_draws(
     source = "given" if shot.stretch else "inferred with the other parameters"
     fields: dict[str, Any] = {"checks": checks, "diagnostics": Diagnostics(stretch_source=source)}
 
-    def drawn(shot: Experiment) -> tuple[Any, Floats]:
+    def network_draws(shot: Experiment) -> tuple[Any, Floats]:
         proposal = model.proposal(shot, shot.prior(), discrepancy)
         return proposal, proposal.draw(DRAWS, np.random.Generator(np.random.Philox(seed)))
 
     def medians(curve: RadiusCurve) -> Floats:
-        again = Experiment(curve, shot.family, shot.medium, shot.options)
-        proposal, u = drawn(again)
-        return np.asarray(np.median(again.answer(proposal.prior.to_x(u))[1], axis=0))
+        shot_without_spikes = Experiment(curve, shot.family, shot.medium, shot.options)
+        proposal, u = network_draws(shot_without_spikes)
+        return np.asarray(np.median(shot_without_spikes.answer(proposal.prior.to_x(u))[1], axis=0))
 
     try:
-        proposal, u = drawn(shot)
+        proposal, u = network_draws(shot)
     except InputError as error:
         if checked or not error.code.startswith("network"):
             raise
@@ -166,9 +166,11 @@ def read_values(
         "diagnostics": Diagnostics(stretch_source=source),
         "provenance": {"stretch": stretch, "stretch_source": source},
     }
-    return fields, spike_warnings(
-        curve, outputs, lambda other: for_shot(network, shot_values(network, other, medium)[1]), point
-    )
+
+    def read(curve: RadiusCurve) -> Floats:
+        return for_shot(network, shot_values(network, curve, medium)[1])
+
+    return fields, spike_warnings(curve, outputs, read, point)
 
 
 def _outside(name: str, value: float, low: float, high: float, **more: float) -> Message:
