@@ -40,7 +40,6 @@ _REASONS = {  # why a shot does not count, in words, besides its verdict
     "other_model": "of another model",
     "copy": "a copy of another",
 }
-Interval = tuple[float, float, float]
 _LN10 = float(np.log(10.0))
 UNLIKE = 0.3  # decades: how far two materials are apart that are compared, before they are seen (standard deviation)
 
@@ -55,7 +54,7 @@ class Difference(NamedTuple):
             about 2 apart (UNLIKE decades).
     """
 
-    ratio: Interval
+    ratio: tuple[float, float, float]
     probability_higher: float
     probability_differs: float
 
@@ -114,10 +113,10 @@ class Population:
         require(len(self.centre) > 0, f"the population has no draws: {'; '.join(self.warnings)}", "population.no_draws")
         return self.names.index(name)
 
-    def _ends(self, draws: Floats, name: str, level: float) -> Interval:
+    def _ends(self, draws: Floats, name: str, level: float) -> tuple[float, float, float]:
         return _quantiles(draws[:, self._column(name)], level)
 
-    def interval(self, name: str, level: float = 0.9) -> Interval:
+    def interval(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the material's parameter, SI. Raises InputError: no such parameter, or no draws."""
         low, middle, high = self._ends(self.centre, name, level)
         return 10.0**low, 10.0**middle, 10.0**high
@@ -140,18 +139,18 @@ class Population:
         """Parameters that the shots determine, and not only bound; none without draws."""
         return [name for name in self.names if len(self.centre) and self.bound(name) is None]
 
-    def if_common(self, name: str, level: float = 0.9) -> Interval:
+    def if_common(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the material's parameter, SI, if all shots that belong had it exactly; as `interval`.
 
         Too narrow where shots scatter: `scattered` says how probable that is."""
         low, middle, high = self._ends(self.common, name, level)
         return 10.0**low, 10.0**middle, 10.0**high
 
-    def scatter(self, name: str, level: float = 0.9) -> Interval:
+    def scatter(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the standard deviation of the shots about the material, decades; as `interval`."""
         return self._ends(self.spread, name, level)
 
-    def trend(self, name: str, level: float = 0.9) -> Interval:
+    def trend(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the slope along the column, decades per unit; as `interval`."""
         require(self.slope is not None, "the population was made without a column (along)", "population.along")
         return self._ends(np.asarray(self.slope), name, level)
@@ -274,7 +273,7 @@ class Population:
     def _metadata(self) -> dict[str, str]:
         return {"material": self.material, "bubble": self.bubble.name, "line": self.line}
 
-    def correlations(self) -> dict[str, Interval]:
+    def correlations(self) -> dict[str, tuple[float, float, float]]:
         """(5 %, 50 %, 95 %) of the scatter's correlations, by "name, name"."""
         ends = {}
         for i, name in enumerate(self.names):
@@ -283,7 +282,7 @@ class Population:
         return ends
 
 
-def _quantiles(values: Floats, level: float) -> Interval:
+def _quantiles(values: Floats, level: float) -> tuple[float, float, float]:
     low, middle, high = np.quantile(values, [(1.0 - level) / 2.0, 0.5, (1.0 + level) / 2.0]).tolist()
     return low, middle, high
 
