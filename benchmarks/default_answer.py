@@ -22,7 +22,7 @@ import numpy as np
 
 from cavirheo import RadiusCurve, read_curves
 from cavirheo.inference import infer_many
-from cavirheo.inference.law import Family
+from cavirheo.inference.assumptions import Family
 from cavirheo.physics.simulate import simulate
 from cavirheo.prior import uniforms
 

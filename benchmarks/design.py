@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo import InputError, SolverError, infer_many, population
+from cavirheo.inference.assumptions import Family
 from cavirheo.inference.design import NORMAL_90, Draws, Setting, expected, shared, shots_wanted
-from cavirheo.inference.law import Family
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
 from cavirheo.reporting.material import population_record

@@ -21,10 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
+from cavirheo.inference import fit
+from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.fit import fit
-from cavirheo.inference.law import Family
-from cavirheo.inference.options import Options
 from cavirheo.inference.search import LeastSquares, spread_starts
 from cavirheo.io.shots import read_shots
 from cavirheo.physics.accuracy import PRECISE

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo import RadiusCurve, infer
-from cavirheo.inference.latent import COORDINATES, used, z_index
-from cavirheo.inference.network_answer import Networked
-from cavirheo.inference.posterior_network import network_of
+from cavirheo.inference.analysis import Analysis
+from cavirheo.inference.posterior_network import COORDINATES, network_of, used, z_index
 from cavirheo.physics.bubble import FIELD
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate_many
@@ -65,9 +64,8 @@ def r2_table(n: int, weighed: bool = False) -> list[str]:
     materials = [MATERIALS["nhkv"](shear_modulus=10**g, viscosity=10**m) for g, m in logs]
     times = np.arange(FRAMES * fine) * (FRAME / fine)
     runs = simulate_many(materials, max_radius=RADIUS, stretch=stretch, time=times)
-    settings: Any = {"checked": False, "discrepancy": False, "trust_input": True, "window": "all", "bubble": FIELD}
-    estimator = Networked(network_of(), **settings)
     exact: Any = {"discrepancy": False, "trust_input": True, "bubble": FIELD}
+    alone = Analysis(material="nhkv", window="all", **exact)
     rows = [f"| {n} curves drawn as the paper's | answered | R2 of log G | R2 of log mu |", "|---|---|---|---|"]
     for name, view in VIEWS.items():
         truth, found = [], []
@@ -76,7 +74,7 @@ def r2_table(n: int, weighed: bool = False) -> list[str]:
                 continue
             try:
                 curve = seen(i, run.radius, view, fine)
-                answer = infer(curve, **exact) if weighed else estimator.infer(curve)
+                answer = infer(curve, **exact) if weighed else alone.starts(curve)[0]
             except Exception:
                 continue
             if answer.checks.verdict != "failed" and answer.log_q is not None:

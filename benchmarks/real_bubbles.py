@@ -24,10 +24,9 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
+from cavirheo.inference import fit_many
+from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.fit import fit_many
-from cavirheo.inference.law import Family
-from cavirheo.inference.options import Options
 from cavirheo.io import read_curves
 from cavirheo.parameters import LOG10
 from cavirheo.physics.accuracy import ROUGH

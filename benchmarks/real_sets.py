@@ -24,7 +24,7 @@ import numpy as np
 from cavirheo import population
 from cavirheo.companions.comparison import shots_of
 from cavirheo.companions.published_values import ReferenceSet, read_references
-from cavirheo.inference.fit import fit_many
+from cavirheo.inference import fit_many
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, spread_of

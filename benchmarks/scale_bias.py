@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference import infer_many
-from cavirheo.inference.bdt import Amortised
+from cavirheo.inference.network_answer import for_shot, shot_values
 from cavirheo.inference.posterior_network import network_of
 from cavirheo.parameters import LOG10, natural_name, scaled
 from cavirheo.physics.accuracy import ROUGH
@@ -112,8 +112,8 @@ def main() -> None:
             answers = infer_many(curves, **how)
             found = np.array([[scaled(name, a.median(natural_name(name))) for name in model.outputs] for a in answers])
         else:
-            answers, estimator = [], Amortised(model, problem.medium)
-            found = np.array([estimator.network_only(curve) for curve in curves])
+            answers, medium = [], problem.medium
+            found = np.array([for_shot(model, shot_values(model, curve, medium)[1]) for curve in curves])
         failed = [a for a in answers if a.checks.verdict in ("failed", "no_interval")]
         error = found - of_outputs
         print(f"\n{way}, {len(failed)} failed or without an interval\n")

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from fit import cases, sets_below
 
-from cavirheo.inference.fit import fit
+from cavirheo.inference import fit
 from cavirheo.inference.verify import verify_many
 
 

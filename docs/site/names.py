@@ -68,7 +68,7 @@ ANSWERS = Page(
         Group(
             "Of a Population, and of a Simulation",
             {
-                "cavirheo.inference.population.material": "Difference",
+                "cavirheo.inference.population": "Difference",
                 "cavirheo.physics.simulate": "Contents",
             },
         ),

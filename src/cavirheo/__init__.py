@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve as RadiusCurve
     from cavirheo.errors import InputError as InputError
     from cavirheo.errors import SolverError as SolverError
+    from cavirheo.inference import fit as fit
+    from cavirheo.inference import fit_many as fit_many
     from cavirheo.inference import infer as infer
     from cavirheo.inference import infer_many as infer_many
-    from cavirheo.inference.fit import fit as fit
-    from cavirheo.inference.fit import fit_many as fit_many
     from cavirheo.inference.population import Population as Population
     from cavirheo.inference.population import population as population
     from cavirheo.io import read_curves as read_curves
@@ -35,8 +35,7 @@ _NAMES = {  # by module
     "companions.design": "design Rig",
     "curve": "RadiusCurve",
     "errors": "InputError SolverError",
-    "inference": "infer infer_many",
-    "inference.fit": "fit fit_many",
+    "inference": "fit fit_many infer infer_many",
     "inference.population": "population Population",
     "io": "read_curves",
     "io.videos": "measure",

@@ -8,8 +8,8 @@ from conftest import code_of, done, error_of, refused
 import cavirheo
 from cavirheo import Rig
 from cavirheo.inference import design
+from cavirheo.inference.assumptions import Family
 from cavirheo.inference.design import NORMAL_90, Setting, expected, gain, linearised, shared, shots_wanted
-from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import result, result_of

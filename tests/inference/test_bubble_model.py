@@ -9,9 +9,8 @@ from conftest import code_of, slow
 
 import cavirheo
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, infer
+from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.law import Family
-from cavirheo.inference.options import Options
 from cavirheo.physics.bubble import ACCOMMODATION, FIELD, REAL, Damage
 from cavirheo.reporting.answer import curve_record
 

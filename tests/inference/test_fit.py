@@ -11,9 +11,8 @@ from conftest import done, slow
 
 from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, load, simulate
 from cavirheo.inference import experiment
+from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.law import Family
-from cavirheo.inference.options import Options
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import ACCOMMODATION
 from cavirheo.physics.materials import parse

@@ -14,11 +14,10 @@ from conftest import BDT, EXAMPLE, ROOT, code_of, rows_of
 
 import cavirheo
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves
-from cavirheo.inference import input_checks
+from cavirheo.inference import checks
+from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.law import Family
 from cavirheo.inference.model import path_of
-from cavirheo.inference.options import Options
 from cavirheo.inference.posterior_network import network_of
 from cavirheo.io import write_csv
 from cavirheo.io.shots import read_shots
@@ -188,7 +187,7 @@ def test_a_recording_that_starts_at_the_maximum_is_no_doubt():
 
 
 def doubts(curve) -> list[str]:
-    return [one.code.removeprefix("check_input.") for one in input_checks.curve_warnings(curve, WATER)]
+    return [one.code.removeprefix("check_input.") for one in checks.curve_warnings(curve, WATER)]
 
 
 def test_frames_that_stand_several_times_or_backwards_are_a_doubt():
@@ -237,7 +236,7 @@ def test_stiff_gels_are_told_from_soft_ones_misread():
 @pytest.mark.parametrize(("scale", "factor"), [(2.0, 2.0), (0.4, 2.5)])
 def test_the_doubt_of_a_scale_says_how_far_it_is_off(scale, factor):
     curve = recorded(NeoHookeanKelvinVoigt(8e3, 0.05), 7.0)
-    (said,) = input_checks.curve_warnings(RadiusCurve(curve.time, scale * curve.radius), WATER)
+    (said,) = checks.curve_warnings(RadiusCurve(curve.time, scale * curve.radius), WATER)
     assert 0.95 * said.parameters["factors"][0] <= factor <= 1.05 * said.parameters["factors"][-1]
     assert ("too large" in said.text) == (scale > 1.0)
     assert "--rmax-um" in said.text
@@ -271,7 +270,7 @@ def test_a_single_wrong_frame_is_a_doubt_where_it_decides():
     warnings = infer(spiking).checks.warnings
     assert "check_input.spikes" in [one.code for one in warnings]
     for factor, doubted in ((0.5, True), (0.9, False), (1.2, False), (2.0, True)):
-        said = input_checks.spike_warnings(spiking, names, lambda _, f=factor: np.log10([f]), np.zeros(1))
+        said = checks.spike_warnings(spiking, names, lambda _, f=factor: np.log10([f]), np.zeros(1))
         assert bool(said) is doubted, factor
 
 
@@ -283,7 +282,7 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
 
     def said(curve, law="newtonian", **around):
         options = Options(window=1, bubble=Bubble(**around))
-        return input_checks.wall_warnings(Experiment(curve, Family(law), options=options))
+        return checks.wall_warnings(Experiment(curve, Family(law), options=options))
 
     assert said(fall)
     assert said(whole) == said(fall, "nhkv") == said(fall, confinement_inertia="free") == []

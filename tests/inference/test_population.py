@@ -11,8 +11,7 @@ from conftest import EXAMPLE, code_of, done, refusal
 from scipy.stats import norm
 
 from cavirheo import load, population
-from cavirheo.inference.population.likelihood import likelihood
-from cavirheo.inference.population.scatter import OUTLIERS, SPREAD, WIDE
+from cavirheo.inference.population.hierarchy import OUTLIERS, SPREAD, WIDE, likelihood
 from cavirheo.inference.verify.evidence import ranked
 from cavirheo.io.shots import LOG_SIZE, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior

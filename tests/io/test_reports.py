@@ -17,7 +17,7 @@ from conftest import refused, rows_of
 from scipy.stats import theilslopes
 
 from cavirheo import infer_many, load, population
-from cavirheo.inference.network_answer import Networked
+from cavirheo.inference.analysis import Analysis
 from cavirheo.io.shots import read_column
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer
@@ -278,12 +278,12 @@ def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
     """Also what no error of ours is: a row without an answer that names it, and its traceback in the log."""
     good, bad = bubble(), replace(bubble(), meta={"name": "bad"})
 
-    def broken(self, curve, infer=Networked.infer):
+    def broken(self, curve, *others, starts=Analysis.starts):
         if curve.name == "bad":
             raise RuntimeError("the network could not be run")
-        return infer(self, curve)
+        return starts(self, curve, *others)
 
-    monkeypatch.setattr(Networked, "infer", broken)
+    monkeypatch.setattr(Analysis, "starts", broken)
     answers = infer_many([bad, good], verify="none")
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
     assert "RuntimeError: the network could not be run" in answers[0].checks.message

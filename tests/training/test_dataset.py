@@ -18,8 +18,7 @@ from conftest import EXAMPLE, LIQUID, PROBLEM, ROOT, code_of, refused
 from scipy.stats import kstest
 
 from cavirheo import Posterior, read_curves, workflow
-from cavirheo.inference.bins import END, SCALARS
-from cavirheo.inference.latent import COORDINATES
+from cavirheo.inference.posterior_network import COORDINATES, END, SCALARS
 from cavirheo.parallel import Threads
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER

@@ -18,9 +18,8 @@ from conftest import PROBLEM, code_of, error_of, refusal
 
 from cavirheo import load
 from cavirheo.inference import session
-from cavirheo.inference.bdt import Amortised
-from cavirheo.inference.graph import check_graph
-from cavirheo.inference.model import Network, card, shipped
+from cavirheo.inference.model import Network, card, check_graph, shipped
+from cavirheo.inference.network_answer import check_outputs
 from cavirheo.inference.posterior_network import INPUTS, PosteriorModel
 from cavirheo.physics.media import BU2026
 from cavirheo.prior import FrameGrid, Prior
@@ -54,7 +53,7 @@ def test_a_model_of_a_part_of_its_law_does_not_answer_shots(tmp_path):
     graph = made.then("Slice", "linear zero one one", tensors, {"outputs": [made.shown("theta", made.FLOAT, 1)]})
     about = made.card(graph.SerializeToString())
     network = Network(made.put(tmp_path, graph, about | {"outputs": about["outputs"][:1]}))
-    assert code_of(Amortised, network) == "model.outputs"
+    assert code_of(check_outputs, network) == "model.outputs"
 
 
 def test_shipped_models_are_of_the_allowed_parts(monkeypatch):

@@ -14,13 +14,11 @@ from scipy.stats import multivariate_t, norm
 import cavirheo
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, infer, simulate
 from cavirheo.inference import camera, verify
+from cavirheo.inference.analysis import Analysis
+from cavirheo.inference.assumptions import FREE, Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.latent import CAMERA, COORDINATES, damping, damping_to_latent
-from cavirheo.inference.law import Family
-from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.noise import SHAPE, Noise
-from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.posterior_network import network_of
+from cavirheo.inference.posterior_network import CAMERA, COORDINATES, damping, damping_to_latent, network_of
 from cavirheo.inference.verify import Verification, adaptive_sampling, evidence, verification, verify_many
 from cavirheo.inference.verify.mode import Simulated, Target, climb
 from cavirheo.inference.verify.sampler import Coordinates, Mixture, Sample, markov_sample
@@ -43,7 +41,8 @@ def shot(law=GEL, noise=0.01, **given) -> RadiusCurve:
 
 
 def experiment(curve, law="nhkv", bubble=FIELD, exposure=0.0, **given) -> Experiment:
-    return Experiment(curve, Family(law), options=Options(free=tuple(FREE), bubble=bubble, **given), exposure=exposure)
+    curve = replace(curve, meta={**curve.meta, "exposure_s": exposure})
+    return Experiment(curve, Family(law), options=Options(free=tuple(FREE), bubble=bubble, **given))
 
 
 def target_of(here: Experiment, discrepancy=False, kind=Target) -> Target:
@@ -530,7 +529,7 @@ def test_a_law_is_looked_at_where_a_better_one_is_best():
     """A law that contains another one follows the same frames there, wherever the search for it went."""
     curve, network, parts = recorded(Newtonian(0.05)), network_of(), []
     for law in ("newtonian", "nhkv"):
-        start = Networked(network, law, FIELD, checked=False, trust_input=True).infer(curve)
+        (start,) = Analysis(material=law, bubble=FIELD, trust_input=True).starts(curve)
         settings = Verification(network=network, level="auto")
         parts.append(verification.Estimation(settings, curve, start))
     lost, best = parts
@@ -555,7 +554,7 @@ def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):
 def test_no_answer_is_ok_without_an_interval(monkeypatch):
     monkeypatch.setattr(adaptive_sampling, "TUNING", replace(TUNING, draws=40, emulated_worst=0.0))
     curve, network = recorded(), network_of()
-    start = Networked(network, bubble=FIELD, checked=False, trust_input=True).infer(curve)
+    (start,) = Analysis(material="nhkv", bubble=FIELD, trust_input=True).starts(curve)
     (answer,) = verify_many([curve], [start], level="full", network=network)
     assert answer.checks.verdict == "no_interval"
     assert answer.interval("shear_modulus") is None

@@ -21,8 +21,8 @@ import numpy as np
 from scipy.stats import truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.experiment import LARGEST, ZETA, Experiment
-from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.posterior_network import network_of
 from cavirheo.inference.verify import verify
 from cavirheo.physics.accuracy import PRECISE
@@ -135,8 +135,8 @@ def one(job: tuple[int, str, str, str, bool, bool]) -> dict:
             answer = fit(curve, trust_input=True, seed=seed, **alone)
     elif way == "infer":
         network = network_of()
-        start = Networked(network, bubble=bubble, trust_input=True, checked=False)
-        answer = verify(curve, start.infer(curve), level="auto", network=network, **how)
+        start = Analysis(material="nhkv", bubble=bubble, trust_input=True).starts(curve)
+        answer = verify(curve, start[0], level="auto", network=network, **how)
     else:
         answer = verify(curve, fit(curve, window="all", **alone), scale_bound=BOUND, **how)
     row: dict[str, Any] = {"verdict": answer.checks.verdict, "seconds": time.process_time() - began}

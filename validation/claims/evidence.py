@@ -24,7 +24,7 @@ from cavirheo import Bubble, NeoHookeanKelvinVoigt, Newtonian, QuadraticKelvinVo
 from cavirheo.errors import SolverError
 from cavirheo.inference import AUTO
 from cavirheo.inference.alternatives import DECISIVE
-from cavirheo.inference.law import Family
+from cavirheo.inference.assumptions import Family
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.materials import Zener
 from validation.claims.calibration import film

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks import method_figures, posterior_network
-from cavirheo.inference.latent import z_index
+from cavirheo.inference.posterior_network import z_index
 from cavirheo.writing import style
 from validation.claims.calibration import LEVELS, SHOWN
 from validation.numbers import Number, Run, coverage

@@ -21,8 +21,8 @@ from cavirheo.companions.published_values import add_to_groups, published, value
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
+from cavirheo.inference.assumptions import check_stretch
 from cavirheo.inference.model import shipped
-from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.inference.what_if import Band
 from cavirheo.io.shots import check_max_radius, with_maximum_notes
 from cavirheo.io.subprocess_reader import Reader

@@ -14,7 +14,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, printable, require, sha256
-from cavirheo.inference import input_checks
+from cavirheo.inference import checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.io.files import file_label, guarded
 from cavirheo.io.matlab import read_variables
@@ -169,8 +169,8 @@ def read_groups(
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         digest = mine[0].source_sha256 or "" if source == mine[0].source else ""
-        checks = [(curve.name, message) for curve in mine for message in input_checks.curve_warnings(curve, medium)]
-        warnings = [f"{curve_name}: {message.text}" for curve_name, message in checks]
+        found = [(curve.name, message) for curve in mine for message in checks.curve_warnings(curve, medium)]
+        warnings = [f"{curve_name}: {message.text}" for curve_name, message in found]
         head: Any = {"source": source, "source_sha256": digest, "warnings": warnings}
         groups.append(CollapseGroup(name=name, shots=[_of_curve(curve, stretch) for curve in mine], **head))
     return groups, problems + unread, repeated + hints

@@ -18,9 +18,8 @@ from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
+from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.design import Draws, Expected, Setting, gain, shared, shots_wanted, variance
-from cavirheo.inference.law import Family
-from cavirheo.inference.options import Options
 from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium, medium

@@ -29,11 +29,8 @@ DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another
 
 def contenders(evidences: Sequence[Evidence | None], sizes: Sequence[int]) -> list[int]:
     """Indices of the models that the evidence cannot tell from the best, the one with the fewest parameters first: the
-    only rule by which models are chosen.
-
-    A model is within reach if its log evidence lies below the largest by no more than DECISIVE and the standard error
-    of the difference; of Laplace's integrals that is LAPLACE each.
-    """
+    only rule by which models are chosen. These lie below the largest log evidence by no more than DECISIVE and the
+    standard error of the difference; of Laplace's integrals that is LAPLACE each."""
     valid = {i: evidence for i, evidence in enumerate(evidences) if evidence is not None and np.isfinite(evidence.log)}
     if not valid:
         return []
@@ -69,8 +66,8 @@ def averaged(log_weight: Floats, evidence: Evidence, limit_weight: Floats, limit
 
 
 def judged(answer: Posterior, messages: Iterable[Message] = ()) -> Checks:
-    """Its checks with these messages and those of `compared`, each once. The verdict of an answer that its simulation
-    follows is "other_model_preferred" where the evidence rejects its model."""
+    """Its checks with these messages and those of `compared`, each once; "other_model_preferred" where the evidence
+    rejects the model of an answer that its simulation follows."""
     checks, this = answer.checks, as_alternative(answer)
     rejected = any(_surely_above(rival, this) for rival in _rivals(answer))
     verdict: Verdict = "other_model_preferred" if rejected and checks.verdict in _FOLLOWED else checks.verdict
@@ -80,15 +77,17 @@ def judged(answer: Posterior, messages: Iterable[Message] = ()) -> Checks:
 
 
 def compared(answer: Posterior) -> list[Message]:
-    """A message on another model if the evidence prefers it, whatever the errors, or if another bubble that the
-    evidence does not reject gives a G or a viscosity whose 90 % interval does not meet the answer's; and one on each
-    other mode of the same model whose evidence is not smaller by more than DECISIVE and whose interval of a parameter
-    of the law does not meet the answer's.
-
-    Of several such models the one with the largest evidence is named, by its best mode.
-    """
+    """A message on the other model with the largest evidence if that prefers it, whatever the errors, or if another
+    bubble that it does not reject gives a parameter of the law whose 90 % interval does not meet the answer's; and one
+    on each other mode of the same model whose evidence is not smaller by more than DECISIVE and whose interval of such
+    a parameter does not meet the answer's."""
     this, messages = as_alternative(answer), list[Message]()
-    rivals = [rival for rival in _rivals(answer) if _surely_above(rival, this) or _other_bubble_disagrees(rival, this)]
+
+    def other_bubble_disagrees(rival: OtherAnswer) -> bool:
+        possible = rival.material == this.material and rival.bubble != this.bubble
+        return possible and not _above(rival, this) < -DECISIVE and _disjoint(rival.intervals, this.intervals)
+
+    rivals = [rival for rival in _rivals(answer) if _surely_above(rival, this) or other_bubble_disagrees(rival)]
     if rivals:
         best = max(rivals, key=_log)
         code = "model.rejected" if _surely_above(best, this) else "model.possible"
@@ -151,12 +150,6 @@ def _surely_above(first: OtherAnswer, second: OtherAnswer) -> bool:
     return rejects(_above(first, second), [model.evidence.error for model in (first, second) if model.evidence])
 
 
-def _other_bubble_disagrees(rival: OtherAnswer, this: OtherAnswer) -> bool:
-    """Whether only the bubble differs, is not rejected, and a parameter of the law lies beyond both intervals."""
-    possible = rival.material == this.material and rival.bubble != this.bubble and not _above(rival, this) < -DECISIVE
-    return possible and _disjoint(rival.intervals, this.intervals)
-
-
 def _disjoint(first: Mapping[str, _Interval], second: Mapping[str, _Interval]) -> bool:
     """Whether two intervals of a parameter of the law do not meet."""
     pairs = [(first[name], second[name]) for name in first if name in second and of_the_law(name)]
@@ -195,12 +188,9 @@ def comparable(answers: Sequence[Posterior]) -> bool:
 
 def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
     """The answer of the likeliest law with the draws of the others beside its own, each law by its probability; the
-    laws are equally likely before the curve is seen (Hoeting et al. 1999, doi:10.1214/ss/1009212519).
-
-    answers: those that are `comparable`. A parameter that a law lacks has the value at which the likeliest law becomes
-    it: no modulus, an exponent of 1. A law with a modulus adds it to the answer. The answer of each law by itself is in
-    `laws`.
-    """
+    laws are equally likely before the curve is seen (Hoeting et al. 1999, doi:10.1214/ss/1009212519). A parameter that
+    a law lacks has the value at which the likeliest law becomes it: no modulus, an exponent of 1. A law with a modulus
+    adds it to the answer. answers: those that are `comparable`; each by itself is in `laws`."""
     logs = np.array([answer.evidence.log for answer in answers if answer.evidence])
     share = dict(zip((answer.material for answer in answers), np.exp(logs - log_sum(logs)).tolist(), strict=True))
     top = max(answers, key=lambda answer: share[answer.material])
@@ -224,11 +214,10 @@ def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
 
 
 def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
-    """Those of the likeliest law, with what the average bounds in place of what this law bounds, and the share of each
-    law."""
+    """Those of the likeliest law, with what the average bounds in place of what this law bounds, and all shares."""
     checks, ends = answer.checks, intervals(answer.names, answer.theta, answer.log_weight)
-    inferred = [name for name in ends if of_the_law(name) or name == "stretch"]
-    bounds = [of_bound(name, bound, ends[name]) for name in inferred if (bound := answer.bound(name))]
+    inferred = {name: answer.bound(name) for name in ends if of_the_law(name) or name == "stretch"}
+    bounds = [of_bound(name, bound, ends[name]) for name, bound in inferred.items() if bound]
     verdict: Verdict = "undetermined" if bounds else "ok"
     without_bounds = [message for message in checks.messages if not message.code.startswith("bound.")]
     return replace(
@@ -241,18 +230,14 @@ def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
 def of_one_law(answers: Sequence[Posterior]) -> list[Posterior]:
     """The answers of shots of one material, each average over laws replaced by its answer by the law with the largest
     evidence of all such shots together; a shot that has no draws of this law stays as it is."""
-    several = [answer for answer in answers if answer.laws]
-    evidences = [_log_evidence(answer) for answer in several]
+    several, evidences = [answer for answer in answers if answer.laws], list[dict[str, float]]()
+    for answer in several:
+        of_modes = {m.material: m.evidence.log for m in answer.others if m.evidence and m.bubble == answer.bubble}
+        evidences.append(of_modes | {law: part.evidence.log for law, part in answer.laws.items() if part.evidence})
     laws = {law for answer in several for law in answer.laws}
     total = {law: sum(logs.get(law, min(logs.values())) for logs in evidences) for law in sorted(laws)}
     best = max(total, key=lambda law: total[law], default="")
     return [answer.laws.get(best, answer) for answer in answers]
-
-
-def _log_evidence(answer: Posterior) -> dict[str, float]:
-    """Of each law with the bubble of an average over laws."""
-    log = {mode.material: mode.evidence.log for mode in answer.others if mode.evidence and mode.bubble == answer.bubble}
-    return log | {law: part.evidence.log for law, part in answer.laws.items() if part.evidence}
 
 
 def _as(answer: Posterior, names: Sequence[str], prior: dict[str, tuple[float, ...]]) -> Floats:

@@ -8,22 +8,31 @@ from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
+from time import perf_counter
 from typing import Any, Literal
+
+import numpy as np
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, expect_whole, require
-from cavirheo.inference import input_checks
-from cavirheo.inference.bdt import Amortised
+from cavirheo.inference.assumptions import (
+    FREE,
+    FREED,
+    SCALE_BOUND,
+    Family,
+    Options,
+    check_stretch,
+    check_wall,
+    softened,
+)
+from cavirheo.inference.checks import ERRORS, curve_warnings, failed, wall_warnings, warned
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.law import Family, softened
 from cavirheo.inference.model import DEFAULT, Network, card, path_of
-from cavirheo.inference.network_answer import Networked
-from cavirheo.inference.options import FREE, FREED, SCALE_BOUND, Options, check_wall
+from cavirheo.inference.network_answer import Answer, check_outputs, read_draws, read_values
 from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
 from cavirheo.inference.verify import verify
-from cavirheo.messages import Message
 from cavirheo.parallel import cores, each, one_blas_thread
-from cavirheo.parameters import LOG10
+from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as medium_of
@@ -105,6 +114,9 @@ class Analysis:
             answerable = self.bubbles == (FIELD,) or self.verify != "none"
             message = f"the model {self.model} knows the field's bubble alone: leave out bubble or the model, or give "
             require(answerable, f"{message}verify map", "option.bubble")
+            check_stretch(None if self.stretch == "free" else self.stretch)
+            if self.window is not None:
+                expect_whole(self.window, "collapses in the window", 1, "option.window")
             return
         for law in self.laws:
             Family(law)
@@ -179,8 +191,8 @@ class Analysis:
         return each(lambda job: self.answer(*job, workers=inner), jobs, workers, done)
 
     def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
-        """The answer for one curve, on so many threads; one that cannot be answered gives a Posterior without draws
-        that says why. start: what `before` answers, if it is known."""
+        """The answer for one curve, on so many threads; without draws, and with the reason, where there is none. start:
+        what `before` answers, if it is known."""
         shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
         settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
         if self.method == "infer":
@@ -193,7 +205,7 @@ class Analysis:
             settings["search"] = self.before is None
         try:
             with one_blas_thread:
-                answers = [start] if start else self._starts(curve, workers)
+                answers = [start] if start else self.starts(curve, workers)
                 if self.verify == "none":
                     return answers[0]
                 return verify(curve, answers, workers=workers, **settings)
@@ -201,38 +213,64 @@ class Analysis:
             raise
         except Exception as error:  # a defect, of ours or of a library, costs this curve alone
             _log.exception("%s has no answer", curve.name)
-            empty = self._empty_answer(curve, self.laws[0], self._options(self.bubbles[0]))
-            return replace(empty, checks=input_checks.failed(error, curve, medium_of(self.medium)))
+            empty = self._empty_answer(curve, self.laws[0], self.bubbles[0])
+            return replace(empty, checks=failed(error, curve, medium_of(self.medium)))
 
-    def _starts(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
-        """What the verification begins with, of each law and bubble."""
+    def starts(self, curve: RadiusCurve, workers: int | None = None) -> list[Posterior]:
+        """What the verification begins with, of each law and bubble: a failed one says why."""
         if self.before:
             return [self.before.answer(curve, workers=workers)]
-        models, medium = list(product(self.laws, self.bubbles)), medium_of(self.medium)
-        if self.method == "fit":
-            return [self._start(curve, law, self._options(bubble)) for law, bubble in models]
-        if self.method == "search":
-            cut: dict[str, Any] = {"window": self.window, "stretch": self.stretch}
-            return [self._start(curve, law, Options(**cut, bubble=bubble)) for law, bubble in models]
-        if isinstance(self.network, Network):
+        if self.method == "bdt":
+            return [self._start(curve, str(self.material), FIELD)]
+        return [self._start(curve, law, bubble) for law, bubble in product(self.laws, self.bubbles)]
+
+    def _start(self, curve: RadiusCurve, law: str, bubble: Bubble) -> Posterior:
+        """Law, bubble, window and input warnings, and what a network reads off the curve."""
+        began, network, medium = perf_counter(), self.network if self._networked else None, medium_of(self.medium)
+        if isinstance(network, Network):
+            check_outputs(network)
+        empty = self._empty_answer(curve, law, bubble, network)
+        try:
+            values, warnings = self._read(curve, law, bubble, network)
+            values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
+        except ERRORS as error:  # of this curve alone
+            values = {"checks": failed(error, curve, medium)}
+        provenance = {**empty.provenance, **values.pop("provenance", {})}
+        return replace(empty, **values, provenance=provenance, seconds=perf_counter() - began)
+
+    def _read(self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None) -> Answer:
+        """The fields of what a verification begins with, and further input warnings."""
+        medium = medium_of(self.medium)
+        if isinstance(network, Network):
             stretch: Any = None if self.stretch == "free" else self.stretch
-            return [Amortised(self.network, medium, stretch, self.window, self.trust_input).infer(curve)]  # type: ignore[arg-type]
-        names = ("stretch", "window", "trust_input", "discrepancy", "seed")
-        how: dict[str, Any] = {name: getattr(self, name) for name in names} | {"checked": self.verify == "none"}
-        return [Networked(self.network, law, bubble, medium, **how).infer(curve) for law, bubble in models]
+            return read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
+        shot = Experiment(curve, Family(law), medium, self._options(bubble))
+        checks = Checks("unverified" if network else "ok", t_star_end=shot.view.end / shot.time_scale)
+        if network is None:
+            return {"checks": checks}, wall_warnings(shot)
+        checked = self.verify == "none"
+        values, warnings = read_draws(
+            shot, network, checks, discrepancy=self.discrepancy, seed=self.seed, checked=checked
+        )
+        return values, [*warnings, *wall_warnings(shot)]
 
-    def _start(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
-        """What a search begins from: law, bubble, window and input warnings, without any value."""
-
-        def window(curve: RadiusCurve) -> tuple[dict[str, Any], list[Message]]:
-            shot = Experiment(curve, Family(law), medium_of(self.medium), options)
-            checks = Checks("ok", t_star_end=shot.view.end / shot.time_scale)
-            return {"checks": checks}, input_checks.wall_warnings(shot)
-
-        return input_checks.answer_of(curve, self._empty_answer(curve, law, options), window, self.trust_input)
-
-    def _empty_answer(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
+    def _empty_answer(
+        self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None = None
+    ) -> Posterior:
         """An answer without any value."""
-        names = tuple(LOG10 + name for name in Family(law).parameters)
-        how: dict[str, Any] = {"bubble": options.bubble, "medium": medium_of(self.medium), "options": asdict(options)}
-        return input_checks.empty_answer(curve, names, law, "least_squares", **how)
+        details: dict[str, Any] = {"model": network.name, "model_sha256": network.sha256} if network else {}
+        if isinstance(network, Network):
+            method, names, details["problem_id"] = "bdt", network.outputs, network.problem.id
+        elif network:
+            method, names = "amortised", (*_names_of(law), "stretch")
+        else:
+            method, names, details["options"] = "least_squares", _names_of(law), asdict(self._options(bubble))
+        provenance = {"cavirheo": version("cavirheo"), **details, "source_sha256": curve.source_sha256}
+        how: dict[str, Any] = {"bubble": bubble, "medium": medium_of(self.medium)}
+        draws = np.empty((0, len(names)))
+        return Posterior(names, units(names), draws, Checks("failed"), law, method, provenance, **how)
+
+
+def _names_of(law: str) -> tuple[str, ...]:
+    """The law's parameters in the prior's scale."""
+    return tuple(LOG10 + name for name in Family(law).parameters)

@@ -98,15 +98,12 @@ class Frames(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CameraNuisances:
-    """What the camera may have changed of (n,) frames.
-
-    time: (n,) s after the R_max that was read. measured: (n,) R/R_max. widths: standard deviations of t_0 (s), s and
-    f; 0 for one that is exact. exposure: s of a frame.
-    step: s between the instants at which a simulation is needed. collapses: in these frames. sized: whether the frames
-    tell what the size of each bubble changes besides time. by_size: (numbers,) what a bubble that is SIZE_STEP larger
-    has more in its shape, of all bubbles alike, where each has not its own; empty where it is not known. clock: s, the
-    middle of the prior of t_0.
-    """
+    """What the camera may have changed of (n,) frames. time: (n,) s after the R_max that was read. measured: (n,)
+    R/R_max. widths: standard deviations of t_0 (s), s and f; 0 for one that is exact. exposure: s of a frame. step: s
+    between the instants at which a simulation is needed. collapses: in these frames. sized: whether the frames tell
+    what the size of each bubble changes besides time. by_size: (numbers,) what a bubble that is SIZE_STEP larger has
+    more in its shape, of all bubbles alike, where each has not its own; else empty. clock: s, the middle of the prior
+    of t_0."""
 
     time: Floats
     measured: Floats
@@ -136,17 +133,14 @@ class CameraNuisances:
     @cached_property
     def frames(self) -> Frames:
         """For simulations."""
-        return self._frames(INSTANTS)
+        instants, shares = exposed(self.exposure, INSTANTS)
+        return Frames(self.time - self.clock, self.measured, self.widths, self.free, instants, shares, self.step)
 
     @cached_property
     def shape_frames(self) -> Frames:
-        """For shapes."""
-        return self._frames(SHAPE_INSTANTS)
-
-    def _frames(self, count: int) -> Frames:
-        """With so many instants in an exposure."""
-        instants, shares = exposed(self.exposure, count)
-        return Frames(self.time - self.clock, self.measured, self.widths, self.free, instants, shares, self.step)
+        """For shapes, with fewer instants."""
+        instants, shares = exposed(self.exposure, SHAPE_INSTANTS)
+        return self.frames._replace(instants=instants, shares=shares)
 
     @cached_property
     def grid(self) -> Floats:
@@ -198,8 +192,7 @@ class CameraNuisances:
         return np.asarray(_of_shapes(shapes, last, self.shape_frames, self.starts, *how))
 
     def difference_of_shapes(self, shapes: Floats, z: Floats) -> Floats:
-        """(k, n) measured minus simulated of bubbles of these shapes (k, numbers), by a camera z (k, m); NaN where one
-        is."""
+        """(k, n) measured minus simulated of bubbles of these shapes (k, numbers) by a camera z (k, m), or NaN."""
         if self.sized or len(self.by_size):
             values = self.natural(z)
             grown = values["radius_scale"] * values["max_radius_factor"] - 1.0
@@ -210,9 +203,8 @@ class CameraNuisances:
 
     def radius_of(self, shape: Floats) -> Floats:
         """R/R_max on `grid` of a bubble of this shape (numbers,)."""
-        return np.asarray(
-            _radius(SimulatedCurve(NOTHING, NOTHING, NOTHING, NOTHING, shape[: self.numbers], len(self.grid) - 1.0))
-        )
+        run = SimulatedCurve(NOTHING, NOTHING, NOTHING, NOTHING, shape[: self.numbers], len(self.grid) - 1.0)
+        return np.asarray(_radius(run))
 
     @cached_property
     def starts(self) -> Floats:

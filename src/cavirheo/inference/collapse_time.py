@@ -156,13 +156,8 @@ def unusable(max_radius: float, stretch: float, time: float) -> str:
 
 
 def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | None = None) -> tuple[Shots, str]:
-    """(the curve's R_max, lambda and t_1, where lambda comes from).
-
-    lambda is the one given, else R_max over the late plateau, else what the file states, else `guess`.
-
-    Raises:
-        InputError: no maximum, no collapse, or no lambda.
-    """
+    """(the curve's R_max, lambda and t_1; where lambda comes from: the one given, else R_max over the late plateau,
+    else what the file states, else `guess`). Raises InputError: no maximum, no collapse, or no lambda."""
     times, name = curve.collapse_times(), curve.name
     require(len(times) > 0, "the curve shows no collapse", "collapse_time.no_collapse", name)
     plateau = curve.stretch_from_tail() if stretch is None else None

@@ -1,17 +1,12 @@
 """What a shot would tell before it is taken: the expected posterior of a recording that a rig could make.
 
-A recording is simulated as the rig would film it, for materials drawn from what is known, and read like a measured
-one: the same R_max, window, prior, noise and discrepancy (experiment.py, noise.py). At the maximum of its posterior,
-reached from the truth, which is known here, the Fisher information is the Gauss-Newton curvature of -log p,
+A recording is simulated as the rig would film it, for materials drawn from what is known, and read like a measured one.
+At the maximum of its posterior, reached from the truth, the Fisher information is F = J' W J, J = d(frames)/du, u the
+coordinates in which the prior is standard normal. Clock, radius scale, R_max and stretch are free, so the law's
+parameters l have the information that is left when all others n are integrated out (Chaloner and Verdinelli 1995,
+doi:10.1214/ss/1177009939, on the Gaussian approximation),
 
-    F = J' W J,    J = d(frames)/du, one simulation for each parameter,
-
-u the coordinates in which the prior is standard normal. Clock, radius scale, R_max and stretch are free, as in a
-posterior, so the law's parameters have the information that is left when these are integrated out,
-
-    P = (F + 1)_ll - (F + 1)_ln (F + 1)_nn^-1 (F + 1)_nl - 1_ll,
-
-l the law's, n all others. Chaloner and Verdinelli 1995, doi:10.1214/ss/1177009939, on the Gaussian approximation.
+    P = (F + 1)_ll - (F + 1)_ln (F + 1)_nn^-1 (F + 1)_nl - 1_ll.
 """
 
 from __future__ import annotations
@@ -28,10 +23,9 @@ from scipy.special import logsumexp
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
+from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options, fixed_bubble
 from cavirheo.inference.experiment import LARGEST, SIGMAS, ZETA, Experiment
-from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, MarginalNoise
-from cavirheo.inference.options import FREE, SCALE_BOUND, Options, fixed_bubble
 from cavirheo.inference.verify.mode import Target, climb
 from cavirheo.parallel import each
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
@@ -48,7 +42,6 @@ LN10 = float(np.log(10.0))
 GROWTH = 0.8  # t_c before R_max, from which a recording begins
 NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
 _NODES = np.linspace(-0.5, 0.5, 9)  # of an exposure
-
 _STARTED: Any = PARAMETERS["accommodation"].started
 
 
@@ -84,8 +77,8 @@ class Setting:
         self, family: Family, law: Floats, stretch: float, medium: Medium = WATER, seed: int = 0, bubble: Bubble = REAL
     ) -> tuple[RadiusCurve, dict[str, float]]:
         """The recording of one bubble in the material of (parameters,) log10 `law`, and the truth about it by natural
-        name: clock and scale are off as those of a camera are, and what is free of the bubble is drawn where searches
-        start. Raises InputError or SolverError: no such bubble."""
+        name: clock and scale are off as those of a camera, what is free of the bubble is drawn. Raises InputError or
+        SolverError."""
         rng = np.random.Generator(np.random.Philox(seed))
         late, off = rng.uniform(), rng.normal()
         frame = 1.0 / self.frame_rate
@@ -125,7 +118,7 @@ def expected(
 ) -> Expected:
     """Of a recording whose truth is known. Raises InputError: it cannot be read."""
     options = Options(free=tuple(FREE), bubble=bubble)
-    shot = Experiment(curve, family, medium, options, exposure=float(curve.exposure or 0.0))
+    shot = Experiment(curve, family, medium, options)
     target = Target(shot, shot.prior(), shot.noise(discrepancy=True))
     mode = climb(target, target.start(shot.from_best(truth)), ROUGH)
     if mode is None:
@@ -144,8 +137,7 @@ def expected(
 
 def interval(middle: float, deviation: float, low: float, high: float) -> tuple[float, float]:
     """Ends of the 90 % interval of log10 of a parameter whose likelihood is a Gaussian of the parameter itself, of this
-    deviation in decades at its middle; the prior is even in log10 from low to high. A modulus that is hardly seen has
-    no lower end but the prior's."""
+    deviation in decades at its middle; a modulus that is hardly seen has no lower end but that of its even prior."""
     x = np.linspace(low, high, GRID)
     density = np.exp(-0.5 * (np.expm1(LN10 * (x - middle)) / (LN10 * deviation)) ** 2)
     below = np.cumsum(density) / np.sum(density)
@@ -155,11 +147,8 @@ def interval(middle: float, deviation: float, low: float, high: float) -> tuple[
 
 def linearised(noise: MarginalNoise, u: Floats, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
     """Mean (d,) and covariance (d, d) of the posterior in u, if the frames are linear in it: residual (n,) and jacobian
-    (n, d) at u (d,).
-
-    One Gaussian for each size of the discrepancy (noise.py), about its own maximum, weighed by its evidence: where the
-    frames do not tell how large the discrepancy is, the wide ones count, too.
-    """
+    (n, d) at u (d,). One Gaussian for each size of the discrepancy (noise.py), about its own maximum, weighed by its
+    evidence: where the frames do not tell how large the discrepancy is, the wide ones count, too."""
     size, both = len(u), np.column_stack([jacobian, residual])
     middles, spreads, heights = [], [], []
     for product, constant in zip(noise.products(both), noise.constants, strict=True):

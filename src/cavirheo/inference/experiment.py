@@ -1,7 +1,7 @@
 """Experiment: one curve, and everything that is assumed of it. Fit, posterior and evidence speak to this object.
 
 A frame at t_i shows the mean of R over its exposure; the clock is off by t_0, the radii by a scale, and R_max of the
-motion by a factor:
+motion by a factor (docs/method/posterior.md):
 
     y_i = <R(t_i - t_0)>/(scale R_max) + e_i,    R(0) = scale x factor x R_max,    R_max that of the curve.
 
@@ -22,7 +22,7 @@ import numpy as np
 from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.inference.bins import half_widths
+from cavirheo.inference.assumptions import FREE, Family, Options, fixed_bubble
 from cavirheo.inference.camera import (
     FINEST,
     INSTANTS,
@@ -35,10 +35,8 @@ from cavirheo.inference.camera import (
     exposed,
     rescaled,
 )
-from cavirheo.inference.law import Family
+from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, window
 from cavirheo.inference.noise import Noise, correlation_time
-from cavirheo.inference.options import FREE, Options, fixed_bubble
-from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
 from cavirheo.messages import Message, of_bound
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
@@ -48,6 +46,7 @@ from cavirheo.physics.simulate import Simulation, simulate
 from cavirheo.posterior import Checks, Verdict, intervals, weighted_quantile
 from cavirheo.prior import Prior
 
+CLOCK, WIDTH = 0.02, 0.015  # half-widths of the priors of clock (t_c) and R_max where frame and noise are smaller
 FORWARD = 1e-3  # step of forward differences of x, decades or the like
 FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 TIMING = 1.0 / np.sqrt(12.0)  # frames: standard deviation of an instant within one
@@ -63,11 +62,17 @@ TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # motion within a frame t
 _LN10 = float(np.log(10.0))
 
 
-def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
-    """(mean, standard deviation) of the stretch as the file states it, or as the late plateau shows it.
+def half_widths(frame: Floats, noise: Floats, late: Floats) -> tuple[Floats, Floats]:
+    """Half-widths of the priors of the clock (in t_c) and of the factor of R_max, from the frame interval in t_c, the
+    noise over R_max, and late: 1 where no growth is recorded, so that R_max may lie up to a frame from the first one,
+    where the radius is smaller by about (frame/t_c)^2/2."""
+    read = np.minimum(2.25 * noise + late * frame**2, 0.2)
+    return np.maximum(0.5 * (1.0 + late) * frame, CLOCK), np.maximum(WIDTH, read)
 
-    A stated one is often the mean of many shots: its prior is wider by as much as it misses this shot's plateau.
-    """
+
+def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
+    """(mean, standard deviation) of the stretch as the file states it (wider by as much as it misses this shot's
+    plateau, for it is often the mean of many shots), or as the late plateau shows it."""
     plateau = curve.stretch_from_tail() if requested in (None, "plateau") else None
     stated = curve.stretch if requested is None else None
     if not stated or not STRETCH_RANGE[0] < stated < STRETCH_RANGE[1]:
@@ -100,51 +105,37 @@ class Simulations:
 
 
 class Experiment:
-    """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x.
-
-    It does not change: another window and other weights are another experiment (`cut_to`, `reweighted`), whose
-    simulations count with its own.
+    """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x. It does not change:
+    another window and other weights are another experiment (`cut_to`, `reweighted`), whose simulations count here.
 
     A frame counts with sigma^2 = sigma_R^2 + (j U dt/sqrt(12))^2: sigma_R is the radius noise (its own where the file
     states one, else that of the curve from frame to frame, at least 0.7 % of R_max), U the wall's speed and dt the
-    frame interval, within which its instant may not be known. j is 0 but in what `reweighted` gives, which finds j, and
-    the size of both, from the residuals; with weights "equal" j stays 0.
+    frame interval, within which its instant may not be known; j is 0 but in what `reweighted` gives.
 
     names: (d,) of x. bounds: (d, 2). since, measured, sigma: (m,) of the measured frames in the window: s after R_max,
-    R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift.
-
-    Raises:
-        InputError: the curve has no maximum, or not the window; an exposure longer than the frame interval; damage to a
-            law without elasticity; a wall nearer than R_max.
-    """
+    R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift. Raises InputError: the
+    curve has no maximum, or not the window; an exposure longer than the frame interval; damage to a law without
+    elasticity; a wall nearer than R_max."""
 
     def __init__(
         self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options | None = None, *,
-        exposure: float = 0.0, simulations: Simulations | None = None,
+        simulations: Simulations | None = None,
     ) -> None:  # fmt: skip
         options = options or Options()
-        self.curve: RadiusCurve = curve
-        self.family: Family = family
-        self.medium: Medium = medium
-        self.options: Options = options
+        self.curve, self.family, self.medium, self.options = curve, family, medium, options
         self.max_radius: float = curve.max_radius
         self.time_scale: float = medium.time_scale(self.max_radius)
         self.frame: float = float(np.median(np.diff(curve.time)))
-        self.exposure = exposure
+        self.exposure = exposure = float(curve.exposure or 0.0)
         message = f"an exposure of {exposure * 1e6:.4g} us is "
         require(0.0 <= exposure < np.inf, message + "no time", "experiment.exposure", curve.name)
         longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
         require(exposure <= self.frame * (1.0 + 1e-6), message + longest, "experiment.exposure", curve.name)
         self.simulations: Simulations = simulations or Simulations()
-        self.recorded_collapses: int = len(curve.collapse_times())
         stretch = None if isinstance(options.stretch, str) else options.stretch
         self.stretch: float | None = float(stretch) if stretch else None
-        # (mean, standard deviation) of the stretch, and of its log10, where the file or the late plateau tells it
+        # (mean, standard deviation) of the stretch where the file or the late plateau tells it
         self.stretch_prior: tuple[float, float] | None = _known_stretch(curve, options.stretch)
-        self.plateau: tuple[float, float] | None = None
-        if self.stretch_prior:
-            value, deviation = self.stretch_prior
-            self.plateau = float(np.log10(value)), deviation / (value * _LN10)
         read = max(options.scale_bound, self.usual_half_widths[1])
         # (middle, half-width, unit of the steps of finite differences) of clock and scales, and which are free
         widths = {
@@ -159,8 +150,7 @@ class Experiment:
                 self.free[name] = (0.5 * LARGEST * width, 0.5 * LARGEST * width, unit)
         self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
         message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
-        solid = bubble.damage == "none" or family.elastic
-        require(solid, message, "physics.damage_without_elasticity")
+        require(bubble.damage == "none" or family.elastic, message, "physics.damage_without_elasticity")
         free_logs = {
             "stretch": not self.stretch,
             "accommodation": bubble.contents == "kinetic" and bubble.accommodation == "free",
@@ -174,9 +164,9 @@ class Experiment:
         self.steps: Floats = np.array([1.0] * (len(self.names) - len(units)) + units)  # over that of differences
         ranges = [PARAMETERS[name].searched if name in self.logs else (-1.0, 1.0) for name in self.shot_names]
         self.bounds: Floats = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
-        requested = options.window
-        if requested is None and options.end is None and self.recorded_collapses:
-            requested = min(3, self.recorded_collapses)
+        requested, recorded = options.window, len(curve.collapse_times())
+        if requested is None and options.end is None and recorded:
+            requested = min(3, recorded)
         collapses = None if requested in (None, "all") else int(requested)
         self.cut: tuple[int | None, float | None] = (collapses, options.end)  # the window
         self._cut(*self.cut)
@@ -203,11 +193,8 @@ class Experiment:
         self.sigma: Floats = np.where(self.counted, self._radius_sigma, np.inf)
 
     def reweighted(self, prediction: Prediction) -> Experiment:
-        """The same with sigma of the frames from what a simulation leaves in them.
-
-        Their size and the share of the wall's motion in them are the most likely ones for these residuals, of which
-        neighbours that are alike count as one (noise_factor).
-        """
+        """The same with the sigma of the frames, and the share of the wall's motion in it, that are most likely for
+        what a simulation leaves in them; neighbours that are alike count as one (noise_factor)."""
         noise, motion = self._radius_sigma, prediction.speed * self.frame * TIMING
         missed = self.measured - prediction.radius
         shares = np.array(TIMED if self.options.weights == "learnt" else (0.0,))
@@ -221,12 +208,12 @@ class Experiment:
         experiment.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SHARPEST), motion), np.inf)
         return experiment
 
-    def stretch_source(self, free: str = "inferred with the other parameters") -> str:
-        """Where the stretch comes from, in words. free: where nothing is known of it."""
+    def stretch_source(self) -> str:
+        """Where the stretch comes from, in words."""
         if self.stretch:
             return "given"
         if self.stretch_prior is None:
-            return free
+            return "inferred with the other parameters"
         value, deviation = self.stretch_prior
         source = "late plateau" if self.options.stretch else "stretch that the file states"
         return f"fitted, with the {source} ({value:.3g}, taken as ± {deviation:.2g}) as prior"
@@ -240,8 +227,7 @@ class Experiment:
 
     @property
     def _clock(self) -> tuple[float, float]:
-        """Middle and half-width, s, of the prior of the clock: the usual one, and all times of R_max that the frames
-        near it leave possible."""
+        """Middle and half-width, s, of the prior of the clock: with all times of R_max that frames near it allow."""
         if self.options.t0_bound:
             return 0.0, self.options.t0_bound
         usual = self.usual_half_widths[0] * self.time_scale
@@ -289,8 +275,8 @@ class Experiment:
         return np.clip(x, *self.bounds.T)
 
     def as_limit(self, x: Floats, names: Sequence[str]) -> Floats:
-        """(draws, all) of x (draws, names) of the same curve, law and camera in a bubble where nothing resists, which
-        is the limit of this one: the accommodation at the end of its range, the damping none."""
+        """(draws, all) of x (draws, names) of the same curve, law and camera in a bubble where nothing resists: the
+        accommodation at the end of its range, the damping none."""
         at_limit = np.tile(self.bounds[:, 0], (len(x), 1))
         for i, name in enumerate(self.names):
             if name in names:
@@ -317,14 +303,11 @@ class Experiment:
         return np.asarray(widths + np.sum(np.log(logs * _LN10), axis=1))
 
     def prior(self, ranges: Mapping[str, Sequence[float]] | None = None) -> Prior:
-        """The proper prior of x.
-
-        log10 of the law's parameters and of the stretch: uniform in the ranges that a fit searches, or in `ranges`
-        ({"shear_modulus": [low, high] in SI}); the stretch normal where the plateau gives it. Time origin: uniform
-        within its bound. Radius scale and R_max: normal, a third of their bound wide. Walls and vapour above
-        saturation: the half of a normal from 0 up. Raises InputError: a range of an
-        unknown parameter, or one that is not positive and rising.
-        """
+        """The proper prior of x. log10 of the law's parameters and of the stretch: uniform in the ranges that a fit
+        searches, or in `ranges` ({"shear_modulus": [low, high] in SI}); the stretch normal where file or plateau give
+        it. Time origin: uniform within its bound. Radius scale and R_max: normal, a third of their bound wide. Walls
+        and vapour above saturation: the half of a normal from 0 up. Raises InputError: a range of an unknown parameter,
+        or one that is not positive and rising."""
         bounds, unused = self.bounds.copy(), dict(ranges or {})
         mean, std = np.zeros(len(self.names)), np.full(len(self.names), np.inf)
         for i, name in enumerate(self.names):
@@ -333,8 +316,9 @@ class Experiment:
                 message = f"the prior range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
                 require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, message, "prior.range")
                 bounds[i] = np.log10(pair)
-            if name == "stretch" and self.plateau:
-                mean[i], std[i] = self.plateau
+            if name == "stretch" and self.stretch_prior:
+                value, deviation = self.stretch_prior
+                mean[i], std[i] = float(np.log10(value)), deviation / (value * _LN10)
             if name in ("radius_scale", "max_radius_factor"):
                 std[i] = 1.0 / SIGMAS
             if name in FROM_NOTHING:
@@ -350,9 +334,7 @@ class Experiment:
 
     def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, counted: bool = False) -> Prediction | None:
         """What the camera would have measured at x (d,), in the frames that count or in all; None if that failed.
-
-        The bubble starts from rest at t_max + t_0; instants before are mirrored (R is even to third order there).
-        """
+        Instants before R_max are mirrored (R is even to third order there)."""
         natural, (offsets, shares) = self.natural(x), exposed(self.exposure, INSTANTS)
         since = self.since[self.counted] if counted else self.since
         instants = (since[:, None] - natural["time_origin"] + offsets).ravel()
@@ -398,8 +380,8 @@ class Experiment:
     def extended(
         self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = DEFAULT
     ) -> tuple[Floats, Floats]:  # fmt: skip
-        """(size,) extended residual (camera.py) of x (d,), whose clock, scale and factor do not count, and the
-        curvature (m, m) about the most likely ones; NaN where the simulation failed."""
+        """(size,) extended residual (camera.py) of x (d,), whose camera does not count, and the curvature (m, m) about
+        its most likely one; NaN where the simulation failed."""
         curve, m = self.sampled(x, camera, accuracy), len(camera.free)
         if curve is None:
             return np.full(camera.size, np.nan), np.full((m, m), np.nan)
@@ -428,9 +410,8 @@ class Experiment:
         return np.asarray(difference / (self.sigma * self.noise_factor))
 
     def camera_slopes(self, x: Floats, prediction: Prediction, by_law: Floats) -> Floats:
-        """(m, camera) derivatives of the residual by clock, scale and factor in x, those that are free, without another
-        simulation: bubbles of all sizes are alike (camera.py). prediction: at x. by_law: (m, law) derivatives of it by
-        the law's parameters."""
+        """(m, camera) derivatives of the residual by what is free of clock, scale and factor, without a simulation:
+        bubbles of all sizes are alike (camera.py). prediction: at x. by_law: (m, law) derivatives by the law's."""
         natural, weight = self.natural(x), 1.0 / (self.sigma * self.noise_factor)
         power = rescaled(self.family.parameters, x[None, : self.law], np.array([10.0]))[0] - x[: self.law]
         later = prediction.velocity * (self.since - natural["time_origin"])
@@ -455,20 +436,16 @@ class Experiment:
         return float(np.sqrt(max(excess, 0.0)))
 
     def noise(self, discrepancy: bool) -> Noise:
-        """The distribution of the frames that count about the simulation (noise.py).
-
-        The assumed deviations are those of the file or of the frame-to-frame noise. With `discrepancy` they are at
-        least 0.7 % of R_max, and more where the wall turns: by what half a frame of delay changes there. Raises
-        InputError: fewer than three frames count.
-        """
+        """The distribution of the frames that count about the simulation (noise.py). The assumed deviations are those
+        of the file or of the frame-to-frame noise; with `discrepancy` at least 0.7 % of R_max, and more where the wall
+        turns: by what half a frame of delay changes there. Raises InputError: fewer than three frames count."""
         count = int(np.sum(self.counted))
         message = f"{count} frames are too few for a posterior"
         require(count >= 3, message, "experiment.too_few_frames", self.curve.name)
         velocity, turn = np.gradient(self.measured, self.since), np.zeros(len(self.measured))
         turn[1:-1] = np.diff(self.measured, 2) / 8.0
         deviation = np.hypot(self._radius_sigma, turn) if discrepancy else self._sharpest
-        frames = (values[self.counted] for values in (deviation, self.since, velocity))
-        deviation, since, velocity = frames
+        deviation, since, velocity = (values[self.counted] for values in (deviation, self.since, velocity))
         return Noise(deviation, since, self.time_scale, discrepancy, velocity)
 
     def white_noise(self) -> Noise:
@@ -477,28 +454,30 @@ class Experiment:
         return Noise(deviation, self.since[self.counted], self.time_scale, discrepancy=False)
 
     def checks(self, x: Floats, verdict: Verdict, messages: Sequence[Message]) -> Checks:
-        """`Reconstruction.checks` on the clock and scale of x; what is drawn is on those of the measurement."""
+        """Those of the simulation on the clock and scale of x; what is drawn is on those of the measurement."""
         natural, cut = self.natural(x), self.view.curve
         scale, origin = natural["radius_scale"], natural["time_origin"]
         maximum = (cut.time_of_max + origin, self.max_radius * scale * natural["max_radius_factor"])
         moved = replace(cut, radius=cut.radius * scale, radius_std=cut.radius_std * scale, maximum=maximum)
         view = Window(moved, self.view.end - origin, self.view.collapses)
         material, bubble = self.family.material(x[: self.law]), self.simulated(natural)
-        reconstruction = reconstruct(view, material, self.medium, natural["stretch"], bubble)
-        counted = replace(reconstruction, drawn_radius=reconstruction.drawn_radius / scale).of(self.counted)
-        return counted.checks(self.view, self.time_scale, verdict, messages, LEFT if self.clean else MISFIT)
+        simulated = reconstruct(view, material, self.medium, natural["stretch"], bubble)
+        simulated["reconstruction_radius"] = simulated["reconstruction_radius"] / scale
+        for name in ("compared_time", "residual_over_rmax"):
+            simulated[name] = simulated[name][self.counted]
+        limit = LEFT if self.clean else MISFIT
+        return check_simulation(self.view, simulated, self.time_scale, verdict, messages, limit)
 
     @property
     def clean(self) -> bool:
-        """Whether the curve is no measurement: the deviation of its radii is smaller than a camera's. The stated one
-        counts before that from frame to frame: a mean of trials is smooth, and a measurement."""
+        """Whether the curve is no measurement: its deviation, the stated one first, is smaller than a camera's."""
         stated = self.curve.radius_std[self.curve.radius_std > 0]
         deviation = float(np.median(stated)) if len(stated) else self.curve.noise
         return deviation < CLEAN * self.max_radius
 
     def unbounded(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> list[Message]:
         """A message of each parameter of the law, and of the stretch, whose central 90 % of x (draws, d) reach an end
-        of their range, low to high (d,): there the range decides, not the recording."""
+        of their range, low to high (d,)."""
         messages = list[Message]()
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
             if name not in (*self.family.parameters, "stretch") or len(x) < 2:
@@ -512,7 +491,13 @@ class Experiment:
     def messages(self) -> list[Message]:
         """Which frames do not count, and what becomes of a stretch that the recording tells."""
         spikes = int(np.count_nonzero(~self.counted & ~self._drifting(self.since + self.curve.time_of_max)))
-        messages = self._of_stretch
+        messages, stated, (low, high) = list[Message](), self.curve.stretch, STRETCH_RANGE
+        if self.stretch_prior:
+            value, deviation = self.stretch_prior
+            source = "late_plateau" if self.options.stretch else "file"
+            messages.append(Message(f"stretch_prior.{source}", {"value": value, "deviation": deviation}))
+        elif stated is not None and self.options.stretch is None and not low < stated < high:
+            messages.append(Message("stretch.left_out", {"stretch": stated, "low": low, "high": high}))
         if spikes:
             messages.append(Message("frames.spikes", {"frames": spikes}))
         drifting = self.curve.time[self._drifting(self.curve.time)]
@@ -520,18 +505,6 @@ class Experiment:
             since = float(drifting[0] - self.curve.time_of_max)
             messages.append(Message("frames.other_bubble", {"frames": len(drifting), "since": since}))
         return messages
-
-    @property
-    def _of_stretch(self) -> list[Message]:
-        """Whether a stretch that the file or its late plateau tells is the prior, or is none that a bubble has."""
-        if self.stretch_prior:
-            value, deviation = self.stretch_prior
-            source = "late_plateau" if self.options.stretch else "file"
-            return [Message(f"stretch_prior.{source}", {"value": value, "deviation": deviation})]
-        stated, (low, high) = self.curve.stretch, STRETCH_RANGE
-        if stated is None or self.options.stretch is not None or low < stated < high:
-            return []
-        return [Message("stretch.left_out", {"stretch": stated, "low": low, "high": high})]
 
     def _drifting(self, time: Floats) -> Bools:
         """Which frames at these times (m,), s, are those of a radius that rises again."""

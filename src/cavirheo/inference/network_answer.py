@@ -1,107 +1,203 @@
-"""A posterior network's answer for any recording that is within what it was trained on; else where to start a search.
+"""What networks read off one curve: the fields of a Posterior.
 
-The draws of the network (posterior_network.py) are an answer by themselves, in milliseconds, and its interval is as
-good as its training. Weighed by simulations (inference/verify, level "auto") they are the answer that `infer` gives.
+The draws of a posterior network (posterior_network.py) are an answer by themselves, in milliseconds, and its interval
+is as good as its training. Weighed by simulations (inference/verify, level "auto") they are the answer that `infer`
+gives; where it cannot read a recording, a search begins.
+
+The paper's networks are used as the paper uses them: a value read off the curve at equal Cauchy and Reynolds numbers
+(`TrainingProblem.to_shot`). That is not enough: surface tension, heat and mass transfer do not scale, and a 60 um
+bubble read as a 245 um one looks 0.3 to 0.4 decades too viscous (docs/method/physics.md, section 1), so other sizes are
+outside the network's range. The stretch, which it does not give, is fitted.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
-from cavirheo.inference import input_checks
+from cavirheo.errors import InputError, SolverError, require
+from cavirheo.inference.checks import MISFIT, Window, check_simulation, reconstruct, spike_warnings, window
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.law import Family
-from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.posterior_network import NetworkProposal, PosteriorModel
+from cavirheo.inference.model import Network
+from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.messages import Message
-from cavirheo.parameters import LOG10, units
-from cavirheo.physics.accuracy import ROUGH
-from cavirheo.physics.bubble import REAL, Bubble
-from cavirheo.physics.media import WATER, Medium
-from cavirheo.posterior import Checks, Diagnostics, Posterior
-from cavirheo.prior import log_normal
+from cavirheo.parameters import STRETCH_RANGE, natural, natural_name, scaled, units
+from cavirheo.physics.accuracy import ROUGH, Accuracy
+from cavirheo.physics.materials import MATERIALS, Material
+from cavirheo.physics.media import Medium
+from cavirheo.physics.simulate import simulate_many
+from cavirheo.posterior import Checks, Diagnostics, Verdict
+from cavirheo.prior import log_normal, natural_values
 
 DRAWS = 1000
 SIMULATED = 8  # of the draws, those that the network takes for the likeliest, simulated to check the answer
+MODULUS = "shear_modulus"
+SHORTEST = 0.9  # of the network's samples that must lie inside the recording; the others are taken as the last one
+SIZES = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by 0.03 or less (docs/reproduction.md)
+_COMPARED = Accuracy(48, 1e-3)  # of simulations that are only compared with each other
+
+Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks` with a verdict, and input warnings
 
 
-@dataclass(frozen=True)
-class Networked:
-    """Estimator: a posterior network, a law and a model of the bubble.
+def read_draws(
+    shot: Experiment, model: PosteriorModel, checks: Checks, *, discrepancy: bool, seed: int, checked: bool
+) -> Answer:
+    """What a posterior network answers, with these checks. discrepancy: whether more than white noise may lie between
+    frames and law. checked: simulate the likeliest draws, and raise InputError where the network cannot read the curve;
+    without it the answer is for a verification to start from."""
+    source = "given" if shot.stretch else "inferred with the other parameters"
+    fields: dict[str, Any] = {"checks": checks, "diagnostics": Diagnostics(stretch_source=source)}
 
-    model: the network. stretch, window: as in `fit_many`. checked: simulate the likeliest draws; without it the answer
-    is for a verification to start from. discrepancy: whether more than white noise may lie between frames and law.
-    """
+    def network_draws(shot: Experiment) -> tuple[Any, Floats]:
+        proposal = model.proposal(shot, shot.prior(), discrepancy)
+        return proposal, proposal.draw(DRAWS, np.random.Generator(np.random.Philox(seed)))
 
-    model: PosteriorModel
-    material: str = "nhkv"
-    bubble: Bubble = REAL
-    medium: Medium = WATER
-    stretch: float | str | None = None
-    window: int | None = None
-    trust_input: bool = False
-    discrepancy: bool = True
-    checked: bool = True
-    seed: int = 0
+    def medians(curve: RadiusCurve) -> Floats:
+        shot_without_spikes = Experiment(curve, shot.family, shot.medium, shot.options)
+        proposal, u = network_draws(shot_without_spikes)
+        return np.asarray(np.median(shot_without_spikes.answer(proposal.prior.to_x(u))[1], axis=0))
 
-    def infer(self, curve: RadiusCurve) -> Posterior:
-        """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
-        names = (*(LOG10 + name for name in Family(self.material).parameters), "stretch")
-        network: Any = {"model": self.model.name, "model_sha256": self.model.sha256}
-        empty = input_checks.empty_answer(curve, names, self.material, "amortised", self.bubble, self.medium, **network)
-        return input_checks.answer_of(curve, empty, self._answer, self.trust_input)
+    try:
+        proposal, u = network_draws(shot)
+    except InputError as error:
+        if checked or not error.code.startswith("network"):
+            raise
+        middle = shot.starts(np.zeros((1, len(shot.names))))
+        middle[:, : shot.law] = np.mean(shot.family.bounds(started=True), axis=1)
+        names, theta = shot.answer(middle)
+        return fields | {"names": names, "units": units(names), "theta": theta}, []  # a verification says why
+    x = proposal.prior.to_x(u)
+    names, theta = shot.answer(x)
+    log_q = proposal.log_density(u) - log_normal(u) + proposal.prior.log_density(x)
+    likeliest = np.argsort(-log_q)[:SIMULATED]
+    best = x[likeliest[0]]
+    if checked:
+        missed = [float(np.mean(shot.difference(x[i], ROUGH) ** 2)) for i in likeliest]
+        best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
+        unbounded = shot.unbounded(x, proposal.prior.low, proposal.prior.high)
+        fields["checks"] = shot.checks(best, "unverified", [Message("interval.of_network"), *unbounded])
+    values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
+    fields |= {"names": names, "units": units(names), "theta": theta, "log_q": log_q, "best": values}
+    fields |= {"stretch": values["stretch"], "prior": shot.of_law(shot.prior())}
+    return fields, spike_warnings(shot.curve, names, medians, np.median(theta, axis=0))
 
-    def _experiment(self, curve: RadiusCurve) -> Experiment:
-        options = Options(self.window, None, self.stretch, tuple(FREE), bubble=self.bubble)
-        exposure = float(curve.exposure or 0.0)
-        return Experiment(curve, Family(self.material), self.medium, options, exposure=exposure)
 
-    def _draws(self, shot: Experiment) -> tuple[NetworkProposal, Floats]:
-        """What the network answers, and u (draws, d) of it. Raises InputError: it cannot read it."""
-        proposal = self.model.proposal(shot, shot.prior(), self.discrepancy)
-        return proposal, proposal.draw(DRAWS, np.random.Generator(np.random.Philox(self.seed)))
+def check_outputs(network: Network) -> None:
+    """Raises InputError: a network of one value that does not answer all of its law."""
+    needed, outputs = set(network.problem.prior.names) - {"stretch"}, ", ".join(network.outputs)
+    message = f"the model {network.name} answers only {outputs}; its law needs {', '.join(sorted(needed))}"
+    require(needed == {*network.outputs}, message, "model.outputs")
 
-    def _medians(self, curve: RadiusCurve) -> Floats:
-        """(parameters,) in the prior's scale. Raises InputError: the network cannot read it."""
-        shot = self._experiment(curve)
-        proposal, u = self._draws(shot)
-        return np.asarray(np.median(shot.answer(proposal.prior.to_x(u))[1], axis=0))
 
-    def _answer(self, curve: RadiusCurve) -> tuple[dict[str, Any], list[Message]]:
-        """Fields of the Posterior, and further input warnings."""
-        shot = self._experiment(curve)
-        checks = Checks("unverified", t_star_end=shot.view.end / shot.time_scale)
-        warnings = input_checks.wall_warnings(shot)
-        source = "given" if shot.stretch else "inferred with the other parameters"
-        fields: dict[str, Any] = {"material": shot.family.name, "diagnostics": Diagnostics(stretch_source=source)}
-        try:
-            proposal, u = self._draws(shot)
-        except InputError as error:
-            if self.checked or not error.code.startswith("network"):
-                raise
-            middle = shot.starts(np.zeros((1, len(shot.names))))
-            middle[:, : shot.law] = np.mean(shot.family.bounds(started=True), axis=1)
-            names, theta = shot.answer(middle)
-            fields |= {"names": names, "units": units(names), "theta": theta}
-            return fields | {"checks": checks}, warnings  # a verification says why
-        x = proposal.prior.to_x(u)
-        names, theta = shot.answer(x)
-        log_q = proposal.log_density(u) - log_normal(u) + proposal.prior.log_density(x)
-        likeliest = np.argsort(-log_q)[:SIMULATED]
-        best = x[likeliest[0]]
-        if self.checked:
-            missed = [float(np.mean(shot.difference(x[i], ROUGH) ** 2)) for i in likeliest]
-            best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
-            unbounded = shot.unbounded(x, proposal.prior.low, proposal.prior.high)
-            checks = shot.checks(best, "unverified", [Message("interval.of_network"), *unbounded])
-        values, prior = shot.best(best), shot.of_law(shot.prior())
-        fields |= {"names": names, "units": units(names), "theta": theta, "checks": checks, "best": values}
-        fields |= {"stretch": values["stretch"], "prior": prior, "log_q": log_q - shot.log_stretched(theta)}
-        spikes = input_checks.spike_warnings(curve, names, self._medians, np.median(theta, axis=0))
-        return fields, spikes + warnings
+def network_window(network: Network, curve: RadiusCurve, medium: Medium, collapses: int | None = None) -> Window:
+    """What a network of one value reads of a curve, and at most so many collapses. Raises InputError."""
+    problem = network.problem
+    end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
+    return window(curve, collapses=collapses, end=end)
+
+
+def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[Floats, dict[str, float], int]:
+    """(outputs,) in the prior's scale for the reference R_max, the values by name for the shot (SI), at equal Cauchy
+    and Reynolds numbers, and how many samples the recording lacks. Raises InputError: it is too short."""
+    problem, top = network.problem, curve.max_radius
+    step, frames = problem.grid_step(top, medium), problem.grid.frames
+    features = curve.resampled(step, frames, allow_short=True) / top
+    measured = ~np.isnan(features)
+    if np.count_nonzero(measured) < SHORTEST * frames:
+        end = step * (frames - 1)
+        last = curve.time[np.isfinite(curve.radius)][-1] - curve.time_of_max
+        message = f"the recording ends {last * 1e6:.4g} us after R_max; the model reads {end * 1e6:.4g} us (t* = "
+        message += f"{end / medium.time_scale(top):.2f}) and needs at least {SHORTEST:.0%} of them"
+        raise InputError(message, "amortised.too_short", curve.name)
+    theta = network(np.where(measured, features, features[measured][-1])[None])[0]
+    values = problem.to_shot(natural_values(network.outputs, theta), top, medium)
+    return theta, values, int(np.count_nonzero(~measured))
+
+
+def for_shot(network: Network, values: dict[str, float]) -> Floats:
+    """(outputs,) in the prior's scale, of values of `shot_values`."""
+    return np.array([scaled(name, value) for name, value in zip(network.outputs, values.values(), strict=True)])
+
+
+def read_values(
+    curve: RadiusCurve, network: Network, medium: Medium, stretch: float | None, collapses: int | None
+) -> Answer:
+    """What a network of one value answers; the stretch is fitted unless it is given, in a window of at most so many
+    collapses."""
+    problem, outputs = network.problem, network.outputs
+    theta, values, missing = shot_values(network, curve, medium)
+    view = network_window(network, curve, medium, collapses)
+    material, source = MATERIALS[problem.material_name](**values), "given"
+    if not stretch:
+        stretch, source = fit_stretch(view, material, medium), "fitted to the curve with the G and mu of the answer"
+    ranges = {name: problem.prior.bounds(name) for name in outputs}
+    messages = [
+        _outside(natural_name(name), value, low, high)
+        for (name, (low, high)), value in zip(ranges.items(), theta, strict=True)
+        if not low - 0.02 <= value <= high + 0.02
+    ]
+    low, high = problem.prior.bounds("stretch")
+    if not 0.97 * low <= stretch <= 1.03 * high:
+        messages.append(_outside("stretch", stretch, low, high))
+    trained_at = problem.reference_max_radius
+    low, high = (trained_at * end for end in SIZES)
+    if not low <= curve.max_radius <= high:
+        messages.append(_outside("max_radius", curve.max_radius, low, high, trained_at=trained_at))
+    verdict: Verdict = "outside_training_range" if messages else "ok"
+    modulus = next((name for name in outputs if natural_name(name) == MODULUS), None)
+    if modulus and ranges[modulus][0] - theta[outputs.index(modulus)] > 0.02:
+        messages.append(Message("network.liquid"))
+    if missing:
+        messages.append(Message("network.cut_short", {"missing": missing, "samples": problem.grid.frames}))
+    simulated = reconstruct(view, material, medium, stretch)
+    if not modulus and np.sqrt(np.mean(simulated["residual_over_rmax"] ** 2)) > MISFIT:
+        messages.append(Message("network.elastic"))
+    point = for_shot(network, values)
+    best = {natural_name(name): float(natural(name, x)) for name, x in zip(outputs, point, strict=True)}
+    fields = {
+        "theta": point[None],
+        "checks": check_simulation(view, simulated, medium.time_scale(curve.max_radius), verdict, messages),
+        "best": best | {"stretch": stretch},
+        "stretch": stretch,
+        "diagnostics": Diagnostics(stretch_source=source),
+        "provenance": {"stretch": stretch, "stretch_source": source},
+    }
+
+    def read(curve: RadiusCurve) -> Floats:
+        return for_shot(network, shot_values(network, curve, medium)[1])
+
+    return fields, spike_warnings(curve, outputs, read, point)
+
+
+def _outside(name: str, value: float, low: float, high: float, **more: float) -> Message:
+    """A value outside the range of the training; of the law's parameters log10 at the training scale."""
+    numbers = {"value": float(value), "low": float(low), "high": float(high)}
+    return Message(f"training_range.{name}", {"name": name, **numbers, **more})
+
+
+def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
+    """The stretch R_max/R_0 with the smallest RMSE; as a rebound may slip by a period, the whole range is looked over
+    first. Raises SolverError: no simulation succeeded."""
+    top, measured = view.curve.max_radius, view.normalised
+    shot: Any = {"max_radius": top, "time": view.since_max, "medium": medium, "workers": 1, "accuracy": _COMPARED}
+
+    def misfit(stretches: Floats) -> Floats:
+        """(k,) RMSE/R_max, infinite where a simulation failed."""
+        runs = simulate_many([material] * len(stretches), stretch=stretches, **shot)
+        return np.array([np.sqrt(np.mean((run.radius / top - measured) ** 2)) if run.ok else np.inf for run in runs])
+
+    grid = np.geomspace(*STRETCH_RANGE, 18)
+    errors = misfit(grid)
+    best = int(np.argmin(errors))
+    if not np.isfinite(errors[best]):
+        raise SolverError(f"no simulation with {material} succeeded at any stretch in {STRETCH_RANGE}")
+    around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    from scipy.optimize import minimize_scalar  # a tenth of a second to import
+
+    def cost(stretch: float) -> float:
+        return float(misfit(np.array([stretch]))[0])
+
+    return float(minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 0.01}).x)

@@ -38,17 +38,13 @@ ABSENT = 1.0 / 6.0  # prior probability that there is no discrepancy
 
 class Noise:
     """The distribution of (n,) residuals at (n,) times, s, with assumed deviations (n,) and, with a discrepancy, the
-    wall's velocities (n,), 1/s; tau and the clock in units of `scale`, s.
-
-    typical: the median deviation. covariances: those of the grid points. constants: (grid,) what a log density has
-    besides e' C^-1 e.
-    """
+    wall's velocities (n,), 1/s; tau and the clock in units of `scale`, s. typical: the median deviation. constants:
+    (grid,) what a log density has besides e' C^-1 e."""
 
     def __init__(
         self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0
     ) -> None:
-        self.deviation: Floats = deviation
-        self.size: int = len(deviation)
+        self.deviation, self.size = deviation, len(deviation)
         some = [(r, r * s, tau * scale) for r in RATIOS for s in CLOCKS for tau in TIMES] if discrepancy else []
         self.grid: list[tuple[float, float, float]] = [(0.0, 0.0, 1.0), *some]
         self.typical: float = float(np.median(deviation))
@@ -63,27 +59,19 @@ class Noise:
     def only(self, residuals: Floats, least: float) -> Noise:
         """With the grid points alone that have a share of `least` in the density of any of residuals (k, n)."""
         share = np.max(self._shares(residuals)[1], axis=1)
-        noise = copy(self)
-        noise.covariances = self.covariances.some(np.flatnonzero(share > least))
-        noise.constants = self.constants[share > least]
+        noise, some, (weight, *parts) = copy(self), share > least, self.covariances
+        noise.covariances = Covariances(weight, *(part[some] for part in parts))
+        noise.constants = self.constants[some]
         return noise
 
     def products(self, columns: Floats) -> Floats:
         """(grid, k, k) columns' C^-1 columns, of (n, k)."""
         return np.asarray(products(np.ascontiguousarray(columns), *self.covariances))
 
-    def squares(self, residuals: Floats) -> Floats:
-        """(grid, k) e' C^-1 e of residuals (k, n)."""
-        return np.asarray(_squares(np.ascontiguousarray(residuals), *self.covariances))
-
-    def joint(self, squares: Floats) -> Floats:
-        """(grid, k) log joint density of grid point and residual, from e' C^-1 e (grid, k)."""
-        return np.asarray(self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE)))
-
     def _shares(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
-        squares = self.squares(residuals)
-        terms = self.joint(squares)
+        squares = np.asarray(_squares(np.ascontiguousarray(residuals), *self.covariances))
+        terms = self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE))
         total = log_sum(terms, axis=0)
         return total, np.exp(terms - total), squares
 
@@ -92,7 +80,7 @@ class Noise:
         log_density = np.full(len(residuals), -np.inf)
         good = np.all(np.isfinite(residuals), axis=1)
         if np.any(good):
-            log_density[good] = log_sum(self.joint(self.squares(residuals[good])), axis=0)
+            log_density[good] = self._shares(residuals[good])[0]
         return log_density
 
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
@@ -115,12 +103,9 @@ class Noise:
 
 
 class Covariances(NamedTuple):
-    """C = D + sum of (h K h') over the columns h of a (n, m) `moved`, for each of some grid points; without columns,
-    white noise.
-
-    weight: (n,) of D^-1. moved: (grid, n, 2). rank: (grid,) how many of its columns are not 0. factor: (grid, 3, 2 n)
-    the upper Cholesky factor of P + H' D^-1 H, diagonal by diagonal, the main one last and inverted.
-    """
+    """C = D + sum of (h K h') over the columns h of `moved`, for each of some grid points; without columns, white
+    noise. weight: (n,) of D^-1. moved: (grid, n, 2). rank: (grid,) how many of its columns are not 0. factor: (grid, 3,
+    2 n) the upper Cholesky factor of P + H' D^-1 H, diagonal by diagonal, the main one last and inverted."""
 
     weight: Floats
     moved: Floats
@@ -152,10 +137,6 @@ class Covariances(NamedTuple):
             root[-1] = 1.0 / root[-1]
             factor[k, 2 - columns :, : columns * n] = root
         return cls(weight, np.array([moved for moved, _ in grid]), rank, factor), log_det
-
-    def some(self, which: NDArray[np.int64]) -> Covariances:
-        """Those of some grid points."""
-        return Covariances(self.weight, self.moved[which], self.rank[which], self.factor[which])
 
 
 @compiled
@@ -249,21 +230,11 @@ def summed(squares: Floats, constants: Floats, power: float) -> tuple[float, Flo
 
 class MarginalNoise:
     """The distribution of extended residuals (k, size), which hold m pulls, the logarithm of the rest of an integral
-    over the camera and the shape of the bubble (camera.py) beside the n frames that `frames` is about.
-
-    power, constants: of `frames`.
-    """
+    over the camera and the shape of the bubble (camera.py) beside the n frames that `frames` is about."""
 
     def __init__(self, frames: Noise, pulls: int, size: int) -> None:
         self.frames, self.pulls, self.size = frames, pulls, size
-
-    @property
-    def power(self) -> float:
-        return self.frames.power
-
-    @property
-    def constants(self) -> Floats:
-        return self.frames.constants
+        self.power, self.constants = frames.power, frames.constants
 
     def split(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """Frames (..., n), pulls (..., m) and the logarithm of the rest (...,)."""
@@ -302,10 +273,8 @@ class MarginalNoise:
 
 
 def correlation_time(residual: Floats) -> float:
-    """Frames per independent residual: 1 + 2 sum rho_k up to the first lag k whose autocorrelation is not positive.
-
-    The integrated autocorrelation time; the sum is cut where noise begins, as by Geyer 1992, doi:10.1214/ss/1177011137.
-    """
+    """Frames per independent residual: the integrated autocorrelation time, 1 + 2 sum rho_k up to the first lag k whose
+    autocorrelation is not positive (Geyer 1992, doi:10.1214/ss/1177011137)."""
     r = residual - np.mean(residual)
     variance = float(r @ r)
     if variance == 0.0 or len(r) < 4:

@@ -1,16 +1,20 @@
 """A posterior network answers: draws of the parameters with their density, for any recording, in milliseconds.
 
-The network (training/networks.py) reads the frames of an experiment's window, whatever the camera, and gives
-the density of the coordinates (latent.py) one by one, each a mixture of Gaussians given those before it. It was
-trained in water; in another medium the same Cauchy and Reynolds numbers make nearly the same curve:
+It reads the frames of an experiment's window in bins of t* = t/t_c, whatever the camera (`binned`), and gives the
+density of nine latent coordinates z that all its laws and bubbles share, one by one, each a mixture of Gaussians given
+those before it: what may be known beforehand comes first. Each is standard normal under its prior. A parameter of a
+law, the stretch and the accommodation have z = Phi^-1((log10 value - low)/(high - low)), low to high the range of a
+search; two laws have one coordinate for what acts alike. The damping has the half of a normal. That of a power law's
+reference viscosity is z = (log10 mu_ref + 1.5)/2. R_max, clock and scale are over the half-widths of their priors.
+
+It was trained in water; in another medium the same Cauchy and Reynolds numbers make nearly the same curve:
 
     G = G_water p/p_water,   mu = mu_water (p t_c)/(p t_c)_water,   t_c at the shot's R_max.
 
 A parameter that is not inferred (a stated stretch, an accommodation that is given, a clock that is exact) keeps its
-coordinate at its value: those after it are answered given it, and those before it as if it were free.
-
-Its draws are a proposal: what they are worth the simulations say (inference/verify). A network ships with the package
-or is one that a user trained: an .onnx file and the card beside it.
+coordinate at its value: those after it are answered given it, and those before it as if it were free. The draws are a
+proposal: what they are worth the simulations say (inference/verify). A network ships with the package or is one that a
+user trained: an .onnx file and the card beside it.
 """
 
 from __future__ import annotations
@@ -23,18 +27,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.inference.bins import SCALE, binned
-from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.latent import COORDINATES, damping_to_latent, from_latent, to_latent, used, z_index
+from cavirheo.inference.assumptions import Family
+from cavirheo.inference.experiment import LARGEST, ZETA, Experiment
 from cavirheo.inference.model import DEFAULT, Network, PosteriorCard, card, checked_content, path_of
 from cavirheo.inference.session import started
+from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, FREE, Bubble
 from cavirheo.physics.media import WATER
 from cavirheo.prior import Prior
 
+BINS, END = 192, 6.0  # of a recording as the network reads it, and t* at the end of the last one
+CHANNELS, SCALARS = 7, 9  # numbers of each bin, and of the recording
+SIZE = BINS * CHANNELS + SCALARS  # of the input
+SCALE = 0.005  # standard deviation of the radius scale
+CAMERA = ("max_radius_factor", "time_origin", "radius_scale")
+COORDINATES = ("stretch", "confinement_damping", "accommodation", "viscosity", "shear_modulus", "shape", *CAMERA)
+BUBBLE_NAMES = {"field": (), "real": ("confinement_damping", "accommodation")}  # beside those of all
+_SHARED = {"reference_viscosity": "viscosity", "stiffening": "shape", "exponent": "shape"}
+_REFERENCE = (-1.5, 2.0)  # mean and standard deviation of log10 of a reference viscosity
+_FARTHEST = 3.0  # z of a given damping: training has one in a thousand beyond
+_INSIDE = 1e-9  # of the probability, that z keeps away from the bounds
 _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is found, and the smallest share
 KNOWN_BUBBLES = "the real and the field's bubble, without damage, confinement inertia or excess of vapour"
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
@@ -44,27 +61,124 @@ _MARGIN = 0.1  # of a constant that all its curves share: the weights allow for 
 _VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
 
 
+def binned(
+    sample: NDArray[np.int64],
+    time: Floats,
+    radius: Floats,
+    *,
+    max_radius: Floats,
+    frame: Floats,
+    exposure: Floats,
+    noise: Floats,
+    discrepancy: Floats,
+    late: Floats,
+) -> NDArray[np.float32]:
+    """(m, SIZE) inputs of m recordings: of each bin the mean radius, mean time, count and scatter of its frames, and
+    how radius and time go together; an empty one between frames is passed by a straight line. sample: (n,) to which
+    recording a frame belongs. time: (n,) t* after R_max, ascending. radius: (n,) R/R_max. Of each recording, (m,):
+    R_max in m, frame interval and exposure in t_c, noise over R_max, discrepancy (1 where more than white noise lies
+    between frames and simulation), late (1 where no growth is recorded)."""
+    m = len(max_radius)
+    place = np.minimum(time * (BINS / END), BINS - 1e-9)
+    inside = (time >= 0) & (time <= END)
+    sample, place, radius = sample[inside], place[inside], radius[inside]
+    bin_number = place.astype(np.int64)
+    offset = (place - bin_number - 0.5).astype(float)
+    at = sample * BINS + bin_number
+
+    def summed(values: Floats | None = None) -> Floats:
+        return np.bincount(at, values, m * BINS).reshape(m, BINS).astype(float)
+
+    count = summed()
+    filled = count > 0
+    several = np.maximum(count, 1.0)
+    mean, middle = summed(radius) / several, summed(np.asarray(offset)) / several
+    together = np.where(count > 1, summed(radius * offset) / several - mean * middle, 0.0)
+    spread = np.sqrt(np.maximum(summed(radius**2) / several - mean**2, 0.0))
+    index = np.arange(BINS)
+    before = np.maximum.accumulate(np.where(filled, index, -1), axis=1)
+    after = np.minimum.accumulate(np.where(filled, index, BINS)[:, ::-1], axis=1)[:, ::-1]
+    within = (before >= 0) & (after < BINS)
+    rows = np.arange(m)[:, None]
+    a, b = np.clip(before, 0, BINS - 1), np.clip(after, 0, BINS - 1)
+    start, stop = a + 0.5 + middle[rows, a], b + 0.5 + middle[rows, b]
+    share = np.clip((index + 0.5 - start) / np.maximum(stop - start, 1e-9), 0.0, 1.0)
+    line = np.where(filled, mean, (1.0 - share) * mean[rows, a] + share * mean[rows, b])
+    channels = [np.where(within, 2.0 * line - 1.0, 0.0), middle, 1.0 * filled, 1.0 * within]
+    channels += [np.log1p(count), 20.0 * together, 10.0 * spread]
+    frames = np.bincount(sample, minlength=m)
+    end = np.zeros(m)
+    np.maximum.at(end, sample, place * (END / BINS))
+    scalars = [np.log(max_radius / 1.3e-4), np.log(frame / 0.04), exposure / frame]
+    scalars += [0.7 * np.log(np.maximum(noise, 3e-4) / 0.01), 2.0 * discrepancy - 1.0, 0.5 * (end - 4.0)]
+    scalars += [np.log(np.maximum(frames, 1) / 100.0), 1.0 * (noise < 1e-3), late]
+    flat = np.stack(channels, axis=1).reshape(m, BINS * CHANNELS)
+    return np.concatenate([flat, np.column_stack(scalars)], axis=1, dtype=np.float32, casting="same_kind")
+
+
+def z_index(name: str) -> int:
+    """Of the coordinate of a parameter."""
+    return COORDINATES.index(_SHARED.get(name, name))
+
+
+def used(law: str, bubble: str) -> list[int]:
+    """Indices of the coordinates of a law (`Family`) with this bubble (of BUBBLE_NAMES), camera included, ascending."""
+    return sorted(map(z_index, [*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA]))
+
+
+def to_latent(names: tuple[str, ...], log10: Floats) -> Floats:
+    """(k, 9) z from log10 values (k, names) of a law, the stretch and the accommodation; 0 in all others."""
+    z = np.zeros((len(log10), len(COORDINATES)))
+    for name, value in zip(names, log10.T, strict=True):
+        if name == "reference_viscosity":
+            z[:, z_index(name)] = (value - _REFERENCE[0]) / _REFERENCE[1]
+        else:
+            low, high = PARAMETERS[name].searched  # type: ignore[misc]
+            z[:, z_index(name)] = ndtri(np.clip((value - low) / (high - low), _INSIDE, 1.0 - _INSIDE))
+    return z
+
+
+def from_latent(names: tuple[str, ...], z: Floats) -> tuple[Floats, Floats]:
+    """log10 values (k, names) from z (k, 9), and log |dz/dlog10| (k,), by which a density of z becomes one of them."""
+    log10, log_jacobian = np.empty((len(z), len(names))), np.zeros(len(z))
+    for i, name in enumerate(names):
+        coordinate = z[:, z_index(name)]
+        if name == "reference_viscosity":
+            log10[:, i] = _REFERENCE[0] + _REFERENCE[1] * coordinate
+            log_jacobian -= np.log(_REFERENCE[1])
+        else:
+            low, high = PARAMETERS[name].searched  # type: ignore[misc]
+            log10[:, i] = low + (high - low) * ndtr(coordinate)
+            log_jacobian += 0.5 * (coordinate**2 + np.log(2.0 * np.pi)) - np.log(high - low)
+    return log10, log_jacobian
+
+
+def damping(z: Floats) -> Floats:
+    """The confinement damping of z: its prior is the half of a normal from 0 up, cut as that of an experiment."""
+    return np.asarray(ZETA * ndtri(0.5 + (ndtr(LARGEST) - 0.5) * ndtr(z)))
+
+
+def damping_to_latent(damping: float) -> float:
+    """z of a given confinement damping; that of nothing is where training has hardly any smaller one."""
+    inside = (ndtr(damping / ZETA) - 0.5) / (ndtr(LARGEST) - 0.5)
+    return float(np.clip(ndtri(np.clip(inside, _INSIDE, 1.0 - _INSIDE)), -_FARTHEST, _FARTHEST))
+
+
 class NetworkProposal:
-    """What a network answers for one experiment, in the coordinates u of its prior (prior.py): it can be drawn from,
-    and its density is normalised. Raises InputError: hardly anything of it is within the prior's bounds."""
+    """What a network answers for one experiment: a normalised density, and draws, in the coordinates u of its prior.
+    Raises InputError: hardly anything of it is within the prior's bounds."""
 
     def __init__(self, model: PosteriorModel, shot: Experiment, prior: Prior, *, discrepancy: bool) -> None:
-        self.model: PosteriorModel = model
-        self.shot: Experiment = shot
-        self.prior: Prior = prior
-        bubble = kind_of(shot.options.bubble)
-        require(bubble != "", "the network does not know this bubble", "network.outside")
+        self.model, self.prior, bubble = model, prior, kind_of(shot.options.bubble)
         self.kind: int = model.kinds.index((plain(shot.family.name), bubble))
         self.names: tuple[str, ...] = (*shot.family.parameters, *shot.logs)
         self.inputs: Any = read(shot, discrepancy)
         width_t, width_r = shot.usual_half_widths
         camera = {"max_radius_factor": (1.0, width_r / 3.0), "time_origin": (0.0, width_t * shot.time_scale)}
         camera |= {"radius_scale": (1.0, SCALE)}
-        # column of x, index of z, and (middle, width) of x over z, of each that is free
-        self.camera: list[tuple[int, int, float, float]] = []
+        self.camera: list[tuple[int, int, float, float]] = []  # column of x, index of z, middle and width of x over z
         self.fixed: dict[int, float] = {}
-        # free, but integrated out: they come last, so that the density of the others is that without them
-        self.integrated: list[int] = []
+        self.integrated: list[int] = []  # free, and last: the density of the others is that without them
         for name, (middle, width) in camera.items():
             if name not in shot.free:
                 self.fixed[z_index(name)] = 0.0
@@ -131,7 +245,7 @@ class NetworkProposal:
 
 
 def kind_of(bubble: Bubble) -> str:
-    """Which of the bubbles that a network knows (latent.BUBBLE_NAMES) this one is; empty: none of them."""
+    """Which of the bubbles that a network knows (BUBBLE_NAMES) this one is; empty: none of them."""
     if replace(bubble, accommodation=FREE, confinement_damping=0.0) == Bubble("kinetic"):
         return "real"
     return "field" if replace(bubble, accommodation=FREE) == FIELD else ""
@@ -154,12 +268,8 @@ def read(shot: Experiment, discrepancy: bool) -> Any:
 
 
 class PosteriorModel:
-    """A network that gives densities. name; card; sha256 of the .onnx file; kinds: (law, bubble) that it knows, in its
-    order.
-
-    Raises:
-        InputError: the file or its card is missing, damaged or of another kind, or it is not the file of its card.
-    """
+    """A network that gives densities. kinds: (law, bubble) that it knows, in its order. Raises InputError: the file or
+    its card is missing, damaged or of another kind, or it is not the file of its card."""
 
     def __init__(self, path: Path) -> None:
         self.name: str = path.stem
@@ -210,11 +320,11 @@ class PosteriorModel:
 
     def outside(self, shot: Experiment) -> str:
         """What of an experiment is outside its training, in words; empty if all is inside."""
-        bubble, trained = shot.options.bubble, self.card.trained
-        if not kind_of(bubble):
+        bubble, trained = kind_of(shot.options.bubble), self.card.trained
+        if not bubble:
             return f"it knows {KNOWN_BUBBLES}"
-        if not self.knows(shot.family.name, bubble):
-            return f"it was not trained on {shot.family.name} with the {kind_of(bubble)} bubble"
+        if not self.knows(shot.family.name, shot.options.bubble):
+            return f"it was not trained on {shot.family.name} with the {bubble} bubble"
         frames = int((shot.counted & (shot.since >= 0)).sum())
         limited: dict[str, tuple[float, str]] = {
             "max_radius_um": (shot.max_radius * 1e6, "R_max of {:.4g} um"),
@@ -240,8 +350,7 @@ class PosteriorModel:
 
 
 def network_of(name: str = DEFAULT) -> Network | PosteriorModel:
-    """The shipped model of this name, or the one in a file whose name ends in .onnx, of either kind, as the file is
-    now. Raises InputError."""
+    """The shipped model of this name, or the one in an .onnx file as it is now. Raises InputError."""
     path, state = path_of(name), tuple[int, ...]()
     with suppress(OSError):  # no file: its card says what is wrong
         state = path.stat().st_mtime_ns, path.stat().st_size

@@ -50,10 +50,7 @@ class LeastSquares:
     """The residuals of an experiment with its weights, which those of the normal priors follow."""
 
     def __init__(self, shot: Experiment, workers: int = 1) -> None:
-        self.shot: Experiment = shot
-        self.workers: int = workers
-        self.bounds: Floats = shot.bounds
-        prior = shot.prior()
+        self.shot, self.workers, self.bounds, prior = shot, workers, shot.bounds, shot.prior()
         self.columns = np.flatnonzero(np.isfinite(prior.std))  # of x, that have a normal prior
         self.mean, self.std = prior.mean[self.columns], prior.std[self.columns]
 
@@ -70,8 +67,8 @@ class LeastSquares:
         return np.concatenate([self.shot.residual(prediction), (x[self.columns] - self.mean) / self.std])
 
     def jacobian(self, x: Floats, accuracy: Accuracy, at: Prediction | None) -> Floats:
-        """(frames + priors, parameters) by forward differences from what the camera has seen at x, without a column
-        whose simulation fails. Those by clock and scales cost no simulation in a search."""
+        """(frames + priors, parameters) by forward differences from what the camera has seen at x, without columns
+        whose simulation fails; those by clock and scales cost no simulation in a search."""
         shot, residuals = self.shot, self.weighted(x, at)
         steps = FORWARD * shot.steps * np.where(x < np.mean(self.bounds, axis=1), 1.0, -1.0)
         alike = accuracy is ROUGH and at is not None
@@ -95,12 +92,9 @@ class LeastSquares:
         minima: Sequence[Minimum] = (),
         unlike: float = 0.0,
     ) -> Minimum:
-        """Trust-region least squares within the bounds (scipy), weights as they are.
-
-        Every second Jacobian is the one before with Broyden's update, which costs no simulation; the last one is not,
-        unless `minima` are known: a search that comes to one, or to frames that differ from its frames by less than
-        `unlike` (sum of weighted squares), ends there, with infinite cost.
-        """
+        """Trust-region least squares within the bounds (scipy). Every second Jacobian is the one before with Broyden's
+        update, which costs no simulation; the last one is not, unless `minima` are known: a search that comes to one,
+        or to frames that differ from its frames by less than `unlike` (sum of weighted squares), ends there."""
         from scipy.optimize import least_squares
 
         low, high = self.bounds.T
@@ -147,13 +141,10 @@ class KnownMinimumError(Exception):
 
 
 class Scan:
-    """Coarse simulations over the whole window of a shot, from which every window takes its starts.
-
-    Every second point lies where materials usually are, the others all over the ranges. Where law and curve allow, two
-    of four have the shear modulus that the collapse time t_1 asks for at their viscosity and stretch
-    (physics/collapse.py). Points from `first` on are those of the same sequence. Raises SolverError: all of them
-    failed.
-    """
+    """Coarse simulations over the whole window of a shot, from which every window takes its starts: every second point
+    where materials usually are, the others all over the ranges. Where law and curve allow, two of four have the shear
+    modulus that the collapse time asks for (physics/collapse.py). Points from `first` on are those of the same
+    sequence. Raises SolverError: all of them failed."""
 
     def __init__(self, fit: LeastSquares, count: int = STARTS, first: int = 0) -> None:
         shot, family = fit.shot, fit.shot.family
@@ -200,10 +191,8 @@ class Scan:
 
 
 def spread_starts(bounds: Floats, count: int) -> Floats:
-    """(count, d) points that fill a box (d, 2) evenly: the additive recurrence of the generalised golden ratio.
-
-    Roberts 2018, "The unreasonable effectiveness of quasirandom sequences"; the same points every time.
-    """
+    """(count, d) points that fill a box (d, 2) evenly: the additive recurrence of the generalised golden ratio (Roberts
+    2018, "The unreasonable effectiveness of quasirandom sequences")."""
     d = len(bounds)
     phi = 2.0
     for _ in range(40):
@@ -226,7 +215,7 @@ class Search:
         self.rounds = 0
 
     def starts(self) -> tuple[list[Floats], list[Floats]]:
-        """x of one more round where the minima of the whole window may be: minima of the window before, and coarse
+        """x of one more round where minima of the whole window may be: minima of the window before, and coarse
         simulations. Raises SolverError: none of these succeeds."""
         scan = Scan(LeastSquares(self.shot, self.workers), ROUNDS[self.rounds], sum(ROUNDS[: self.rounds]))
         earlier = list[Floats]()

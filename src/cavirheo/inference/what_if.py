@@ -13,11 +13,11 @@ from cavirheo.arrays import Floats, log_sum
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.analysis import Analysis
+from cavirheo.inference.assumptions import FREE, Family, Options, check_stretch
+from cavirheo.inference.checks import Window, window
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.law import Family
 from cavirheo.inference.model import Network
-from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.reconstruct import Window, check_stretch, window
+from cavirheo.inference.network_answer import network_window
 from cavirheo.messages import of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL
@@ -32,16 +32,13 @@ def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
     """What is compared with the answer of this analysis. Raises InputError."""
     medium, collapses = medium_of(analysis.medium), cast("int | None", analysis.window)
     network = analysis.network if analysis.method == "bdt" else None
-    if isinstance(network, Network):  # it reads its own window
-        problem = network.problem
-        end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
-        return window(curve, collapses=collapses, end=end)
+    if isinstance(network, Network):
+        return network_window(network, curve, medium, collapses)
     return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
 
 
 def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, float], analysis: Analysis) -> Checks:
-    """With these parameters (natural name, SI) in place of those of the answer; where that cannot be simulated, the
-    checks say why."""
+    """With these parameters (natural name, SI) in place of those of the answer, or why that cannot be simulated."""
     try:
         return _checks(_experiment(curve, posterior, analysis), posterior, values)
     except (InputError, SolverError) as error:
@@ -72,23 +69,19 @@ def band(curve: RadiusCurve, posterior: Posterior, analysis: Analysis, level: fl
 
 
 def _experiment(curve: RadiusCurve, posterior: Posterior, analysis: Analysis) -> Experiment:
-    """A curve, the model that answers it, and the window that was compared; of an answer without a simulation that of
-    `compared_window`. Raises InputError."""
+    """A curve, the model that answers it, and the window that was compared. Raises InputError."""
     frames, medium = posterior.checks.compared_time, medium_of(analysis.medium)
     compared = None if frames is None else window(curve, end=frames[-1] - curve.time_of_max)
     end = (compared or compared_window(curve, analysis)).end
     options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
-    exposure = float(curve.exposure or 0.0)
-    return Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
+    return Experiment(curve, Family(posterior.material), medium, options)
 
 
 def _checks(shot: Experiment, posterior: Posterior, values: Mapping[str, float]) -> Checks:
-    """Without any damping a real bubble is taken as its limit, the field's (`Experiment.as_limit`). Raises InputError,
-    SolverError."""
+    """Without any damping a real bubble is its limit, the field's. Raises InputError, SolverError."""
     check_stretch(values.get("stretch"))
     if posterior.bubble == REAL and values.get("confinement_damping") == 0.0:
-        options = replace(shot.options, bubble=FIELD)
-        shot = Experiment(shot.curve, shot.family, shot.medium, options, exposure=shot.exposure)
+        shot = Experiment(shot.curve, shot.family, shot.medium, replace(shot.options, bubble=FIELD))
     return shot.checks(shot.from_best({**posterior.best, **values}), "ok", [])
 
 
@@ -106,11 +99,8 @@ def _lines(shot: Experiment, posterior: Posterior, rows: Iterable[int], time: Fl
 
 def slider(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:
     """minimum, maximum, step and value of a parameter that is changed by hand, in SI times `factor`; None where the law
-    has none of this name.
-
-    It starts at the answer that is drawn, or where there is none in the middle of the range where searches start. It
-    runs from zero (nearly) to a round number about thrice as large; the stretch over the usual ones.
-    """
+    has none of this name. It starts at the answer, or where searches start, and runs from nearly zero to a round number
+    about thrice as large; the stretch over the usual ones."""
     if name not in (*Family(posterior.material).parameters, "stretch"):
         return None
     middle = 10.0 ** float(np.mean(PARAMETERS[name].started))  # type: ignore[arg-type]

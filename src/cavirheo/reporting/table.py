@@ -14,8 +14,8 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference import input_checks
-from cavirheo.inference.population.material import relative_scatter
+from cavirheo.inference import checks
+from cavirheo.inference.population import relative_scatter
 from cavirheo.io.shots import stem_of
 from cavirheo.messages import title
 from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
@@ -57,7 +57,7 @@ def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
 def curve_warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
     """(name, sentence) of what must not be overlooked: curves without R_max, and scales that make no sense."""
     for curve in curves:
-        yield from ((curve.name, warning.text) for warning in input_checks.curve_warnings(curve, WATER))
+        yield from ((curve.name, warning.text) for warning in checks.curve_warnings(curve, WATER))
         try:
             _ = curve.max_radius
         except InputError as error:

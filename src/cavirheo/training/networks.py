@@ -35,10 +35,8 @@ from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
 from torch.nn import functional
 
-from cavirheo.inference.bins import SIZE
-from cavirheo.inference.graph import check_graph
-from cavirheo.inference.latent import COORDINATES
-from cavirheo.inference.posterior_network import INPUTS
+from cavirheo.inference.model import check_graph
+from cavirheo.inference.posterior_network import COORDINATES, INPUTS, SIZE
 from cavirheo.prior import Prior
 from cavirheo.training.recipe import NetworkTable, PosteriorNetworkTable
 

@@ -21,8 +21,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError, read_bytes, require, validation_message
-from cavirheo.inference.latent import BUBBLE_NAMES, CAMERA, COORDINATES, used
-from cavirheo.inference.law import Family
+from cavirheo.inference.assumptions import Family
+from cavirheo.inference.posterior_network import BUBBLE_NAMES, CAMERA, COORDINATES, used
 from cavirheo.physics.media import Medium, medium
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem
 

@@ -21,9 +21,18 @@ from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
-from cavirheo.inference.bins import END, SCALE, binned, half_widths
-from cavirheo.inference.latent import BUBBLE_NAMES, COORDINATES, damping, to_latent, z_index
-from cavirheo.inference.law import Family
+from cavirheo.inference.assumptions import Family
+from cavirheo.inference.experiment import half_widths
+from cavirheo.inference.posterior_network import (
+    BUBBLE_NAMES,
+    COORDINATES,
+    END,
+    SCALE,
+    binned,
+    damping,
+    to_latent,
+    z_index,
+)
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import FIELD, Bubble

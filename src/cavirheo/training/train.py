@@ -35,9 +35,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from cavirheo.errors import InputError, read_object, require
-from cavirheo.inference.graph import check_graph
-from cavirheo.inference.latent import COORDINATES, used
-from cavirheo.inference.model import ModelCard, PosteriorCard, predict
+from cavirheo.inference.model import ModelCard, PosteriorCard, check_graph, predict
+from cavirheo.inference.posterior_network import COORDINATES, used
 from cavirheo.parameters import LOG10, parameter_of
 from cavirheo.physics.media import WATER
 from cavirheo.prior import TrainingProblem

@@ -110,7 +110,7 @@ class WhichLaw(options.Measured, options.OneBubble):
 
     def __call__(self, run: Run) -> None:
         from cavirheo import reporting
-        from cavirheo.inference.options import Options
+        from cavirheo.inference.assumptions import Options
         from cavirheo.inference.verify.evidence import choose_answers, models, plans, ranked, weigh_models
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting.laws import Laws, firmly, print_table, records

@@ -53,7 +53,7 @@ class Measure(options.Printing):
     out: options.Out = Path("cavirheo-measure")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.inference import input_checks
+        from cavirheo.inference import checks
         from cavirheo.io.videos import examine
         from cavirheo.physics.media import WATER
         from cavirheo.video.frames import need
@@ -76,7 +76,7 @@ class Measure(options.Printing):
                 return stack.enter_context(run.bar("measuring", count, unit="frames"))
 
             measurement, curve = examine(path, begin=begin, **settings)
-        warnings = [warning.text for warning in input_checks.curve_warnings(curve, WATER)]
+        warnings = [warning.text for warning in checks.curve_warnings(curve, WATER)]
         record = describe(
             measurement, curve, warnings, command=run.command, date=run.date, notes=list(measurement.notes)
         )

@@ -4,30 +4,292 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import expit
 
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of, of_one_law
-from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihoods, likelihood
-from cavirheo.inference.population.material import Population
-from cavirheo.inference.population.scatter import Scatter
+from cavirheo.inference.population.hierarchy import FEW, Likelihood, Likelihoods, Scatter, likelihood
 from cavirheo.inference.verify.sampler import Sample
-from cavirheo.parameters import Bound, natural_name, of_the_law, parameter_of
+from cavirheo.parameters import Bound, bound_of, natural_name, of_the_law, parameter_of
+from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import TRUSTED, Evidence, Posterior
 from cavirheo.prior import Prior
-from cavirheo.writing import digits
+from cavirheo.writing import digits, export
+from cavirheo.writing.document import Quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["Population", "population"]
 
 FEWEST = 3  # shots of a population
 _DRAWS = 4000  # of a population
 _LEAST_EFFECTIVE = 200.0  # effective draws of a population, below which that is said
+_NONE = np.empty((0, 0))
+_REASONS = {  # why a shot does not count, in words, besides its verdict
+    "no_interval": "without an interval",
+    "no_column_value": "without a value along the column",
+    "other_model": "of another model",
+    "copy": "a copy of another",
+}
+_LN10 = float(np.log(10.0))
+UNLIKE = 0.3  # decades: how far two materials are apart that are compared, before they are seen (standard deviation)
+
+
+class Difference(NamedTuple):
+    """Of a parameter of two materials.
+
+    Attributes:
+        ratio: (5 %, 50 %, 95 %) of this one's over the other's.
+        probability_higher: that this one's is larger.
+        probability_differs: of two materials against one, both equally likely before, and two materials a factor of
+            about 2 apart (UNLIKE decades).
+    """
+
+    ratio: tuple[float, float, float]
+    probability_higher: float
+    probability_differs: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Population:
+    """The material of n shots; a failed one has no draws, and `warnings` say why.
+
+    Attributes:
+        names: the law's parameters, "shear_modulus", ...
+        material: the law.
+        bubble: the model of the bubble.
+        shots: names of those that count.
+        left_out: how many do not, by reason: their verdict, "no_interval", "no_column_value", "other_model" or "copy".
+        warnings: what is to be known before it is used.
+        centre: (draws, d) log10 of the material's parameters, SI.
+        spread: (draws, d) standard deviation of the shots about it, decades.
+        correlation: (draws, d, d) of that scatter.
+        slope: (draws, d) decades per unit of the column, or None.
+        common: (draws, d) as centre, if all shots that belong had one material exactly.
+        outlier_probability: (n,) probability that a shot is an outlier.
+        gain: log evidence of the population above that of shots which have nothing in common.
+        gain_of_one: the same without spread.
+        shot_evidence: of each shot by itself.
+        along_at: value of the column at which the centre is the material, where there is a slope.
+        prior: (low, high) of the centre, log10 of SI, by name.
+        shots_bound: what most shots say of a parameter that too few of them determine, by name.
+    """
+
+    names: tuple[str, ...]
+    material: str
+    bubble: Bubble
+    shots: tuple[str, ...]
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    centre: Floats = field(default_factory=lambda: _NONE)
+    spread: Floats = field(default_factory=lambda: _NONE)
+    correlation: Floats = field(default_factory=lambda: _NONE)
+    slope: Floats | None = None
+    common: Floats = field(default_factory=lambda: _NONE)
+    outlier_probability: Floats = field(default_factory=lambda: np.empty(0))
+    gain: Evidence | None = None
+    gain_of_one: Evidence | None = None
+    shot_evidence: tuple[Evidence | None, ...] = ()
+    along_at: float | None = None
+    prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    shots_bound: Mapping[str, Bound] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """The line for a paper, then what is to be known besides."""
+        return "\n  ".join([f"Population({self.material}, {self.bubble.name}): {self.line}", *self.remarks])
+
+    def _column(self, name: str) -> int:
+        message = f"the population has {', '.join(self.names)}, got {name!r}"
+        require(name in self.names, message, "population.parameter")
+        require(len(self.centre) > 0, f"the population has no draws: {'; '.join(self.warnings)}", "population.no_draws")
+        return self.names.index(name)
+
+    def _ends(self, draws: Floats, name: str, level: float) -> tuple[float, float, float]:
+        return _quantiles(draws[:, self._column(name)], level)
+
+    def interval(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
+        """(low, median, high) of the material's parameter, SI. Raises InputError: no such parameter, or no draws."""
+        low, middle, high = self._ends(self.centre, name, level)
+        return 10.0**low, 10.0**middle, 10.0**high
+
+    def bound(self, name: str) -> Bound | None:
+        """What is known of a parameter that the shots only bound: "upper", "lower" or "undetermined", as
+        `Posterior.bound`; None where its interval lies inside the range, and at least three shots determine it by
+        themselves. Raises InputError: as `interval`."""
+        low, _, high = self._ends(self.centre, name, 0.9)
+        reached = bound_of(low, high, self.prior[name]) if name in self.prior else None
+        return reached or self.shots_bound.get(name)
+
+    def quantity(self, name: str) -> Quantity:
+        """`interval` and `bound` of a parameter. Raises InputError: as `interval`."""
+        low, middle, high = self.interval(name)
+        return Quantity(median=middle, q05=low, q95=high, bound=self.bound(name))
+
+    @property
+    def determined(self) -> list[str]:
+        """Parameters that the shots determine, and not only bound; none without draws."""
+        return [name for name in self.names if len(self.centre) and self.bound(name) is None]
+
+    def if_common(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
+        """(low, median, high) of the material's parameter, SI, if all shots that belong had it exactly; as `interval`.
+
+        Too narrow where shots scatter: `scattered` says how probable that is."""
+        low, middle, high = self._ends(self.common, name, level)
+        return 10.0**low, 10.0**middle, 10.0**high
+
+    def scatter(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
+        """(low, median, high) of the standard deviation of the shots about the material, decades; as `interval`."""
+        return self._ends(self.spread, name, level)
+
+    def trend(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
+        """(low, median, high) of the slope along the column, decades per unit; as `interval`."""
+        require(self.slope is not None, "the population was made without a column (along)", "population.along")
+        return self._ends(np.asarray(self.slope), name, level)
+
+    @property
+    def outliers(self) -> dict[str, float]:
+        """Shots that are more probably outliers than not, and that probability."""
+        return {name: float(p) for name, p in zip(self.shots, self.outlier_probability, strict=False) if p > 0.5}
+
+    @property
+    def scattered(self) -> Evidence | None:
+        """Log evidence that shots differ by more than their own intervals, against one material for all that belong."""
+        if self.gain is None or self.gain_of_one is None:
+            return None
+        error = float(np.hypot(self.gain.error or 0.0, self.gain_of_one.error or 0.0))
+        return Evidence(self.gain.log - self.gain_of_one.log, error)
+
+    @property
+    def evidence(self) -> Evidence | None:
+        """Log evidence of the law with one material and its scatter; None where one of the shots has none."""
+        evidences = [evidence for evidence in self.shot_evidence if evidence is not None]
+        if self.gain is None or len(evidences) < len(self.shots):
+            return None
+        error = np.sqrt((self.gain.error or 0.0) ** 2 + sum((evidence.error or 0.0) ** 2 for evidence in evidences))
+        return Evidence(self.gain.log + sum(evidence.log for evidence in evidences), float(error))
+
+    @property
+    def line(self) -> str:
+        """'G = 5.8 kPa [90 %: 5.1, 6.6]; shots scatter by 12 % in G; 8 of 9 shots count, 1 of them seems to be of
+        another material'."""
+        if not len(self.centre):
+            return "no material: " + "; ".join(self.warnings)
+        values = ", ".join(map(self._value, self.names))
+        count = digits.counting(len(self.shots), len(self.shots) + sum(self.left_out.values()))
+        away = len(self.outliers)
+        outliers = f", {away} of them seem{'s' * (away == 1)} to be of another material" * bool(away)
+        return "; ".join(filter(None, [values, self._scatter_in_words(), count + outliers]))
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences below the line: outliers, what was left out, warnings."""
+        away = [
+            f"{name} (probability {'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.outliers.items()
+        ]
+        unlike = f"probably of another material than the other shots, and hardly counted: {', '.join(away)}"
+        texts = [unlike] * bool(away)
+        words = digits.VERDICTS | _REASONS
+        left = ", ".join(f"{count} {words[why]}" for why, count in self.left_out.items())
+        return texts + [f"shots that do not count: {left}"] * bool(left) + list(self.warnings) * bool(len(self.centre))
+
+    def _value(self, name: str) -> str:
+        value, parameter = self.quantity(name), parameter_of(name)
+        factor, unit = digits.unit_for(parameter.unit, value.median)
+        text = digits.quantity(value, factor, unit=unit)
+        return f"{parameter.symbol} {text}" if value.bound else f"{parameter.symbol} = {text.replace('[', '[90 %: ')}"
+
+    def _scatter_in_words(self) -> str:
+        """Of the parameters that are determined: of others the scatter is not known."""
+        none = bool(self.scattered and self.scattered.log < 0.0)
+        percents = {}
+        for name in self.determined:
+            decades = self.scatter(name)[2 if none else 1]
+            percents[parameter_of(name).symbol] = digits.significant(100 * relative_scatter(decades), 2)
+        single = len(self.names) == 1 and not none
+        within = ", ".join(f"{value} %" if single else f"{value} % in {symbol}" for symbol, value in percents.items())
+        if none:
+            return "shots agree within their intervals" + f" (they scatter by less than {within}: 95 %)" * bool(within)
+        return f"shots scatter by {within}" if within else ""
+
+    def against(self, other: Population) -> dict[str, Difference]:
+        """This material over the other, by parameter that both determine. Raises InputError: one has no draws.
+
+        Both must rest on one law and bubble, and an error that they share (the radius scale) is in neither."""
+        differences = {}
+        for name in (name for name in self.determined if name in other.determined):
+            mine, its = self.centre[:, self._column(name)], other.centre[:, other._column(name)]
+            count = min(len(mine), len(its))
+            difference = mine[:count] - its[:count]
+            low, middle, high = _quantiles(difference, 0.9)
+            square, mean = max(float(np.var(difference)), 1e-12), float(np.mean(difference))  # 0 between equal groups
+            wide = square + UNLIKE**2
+            log_odds = 0.5 * np.log(square / wide) + 0.5 * mean**2 * (1.0 / square - 1.0 / wide)
+            higher = float(np.mean(difference > 0))
+            differences[name] = Difference((10.0**low, 10.0**middle, 10.0**high), higher, float(expit(log_odds)))
+        return differences
+
+    def to_dataframe(self) -> Any:
+        """The draws as a pandas.DataFrame: of the material ("shear_modulus_Pa"), of the scatter about it
+        ("shear_modulus_spread_decades") and of the slopes along the column ("shear_modulus_slope_decades").
+
+        Raises InputError: no draws, or pandas is missing."""
+        columns = {}
+        for k, (name, values) in enumerate(self._draws.items()):
+            columns[export.column(name, parameter_of(name).unit)] = values
+            columns[f"{name}_spread_decades"] = self.spread[:, k]
+            if self.slope is not None:
+                columns[f"{name}_slope_decades"] = self.slope[:, k]
+        return export.dataframe(columns, self._metadata)
+
+    def to_arviz(self) -> Any:
+        """The material's draws as arviz.InferenceData, or xarray.DataTree from ArviZ 1 on: group "posterior".
+
+        Raises InputError: no draws, or arviz is missing."""
+        units = {name: parameter_of(name).unit for name in self.names}
+        return export.inference_data({"posterior": self._draws}, units, self._metadata)
+
+    def plot(self) -> Figure:
+        """The marginals of the material's draws and their pairs, with the median and the central 90 %.
+
+        Raises InputError: no draws, or matplotlib or corner is missing."""
+        draws = {f"{name} ({parameter_of(name).unit})": values for name, values in self._draws.items()}
+        return export.pairs(draws, np.full(len(self.centre), 1.0 / len(self.centre)))
+
+    @property
+    def _draws(self) -> dict[str, Floats]:
+        """(draws,) of the material's parameters by name, SI."""
+        return {name: 10.0 ** self.centre[:, self._column(name)] for name in self.names}
+
+    @property
+    def _metadata(self) -> dict[str, str]:
+        return {"material": self.material, "bubble": self.bubble.name, "line": self.line}
+
+    def correlations(self) -> dict[str, tuple[float, float, float]]:
+        """(5 %, 50 %, 95 %) of the scatter's correlations, by "name, name"."""
+        ends = {}
+        for i, name in enumerate(self.names):
+            for j in range(i if len(self.centre) else 0):
+                ends[f"{self.names[j]}, {name}"] = _quantiles(self.correlation[:, i, j], 0.9)
+        return ends
+
+
+def _quantiles(values: Floats, level: float) -> tuple[float, float, float]:
+    low, middle, high = np.quantile(values, [(1.0 - level) / 2.0, 0.5, (1.0 + level) / 2.0]).tolist()
+    return low, middle, high
+
+
+def relative_scatter(decades: float) -> float:
+    """Standard deviation over the mean of a lognormal distribution."""
+    return float(np.sqrt(np.expm1((decades * _LN10) ** 2)))
 
 
 def population(
@@ -68,9 +330,9 @@ def population(
     require(bool(answers), "a population needs answers of shots, got none", "population.none")
     shots = [f"shot {i + 1}" for i in range(len(answers))] if names is None else list(names)
     column = np.zeros(len(answers)) if along is None else np.asarray(along, dtype=float)
-    for what, values in (("names", shots), ("along", column)):
-        message = f"{what} must have one entry for each of the {len(answers)} answers"
-        require(np.shape(values) == (len(answers),), message, f"population.{what}")
+    for argument, values in (("names", shots), ("along", column)):
+        message = f"{argument} must have one entry for each of the {len(answers)} answers"
+        require(np.shape(values) == (len(answers),), message, f"population.{argument}")
     likelihoods, excluded = _counted(answers, column, only_trusted)
     first = answers[next(iter(likelihoods), 0)]
     law = tuple(name for name in first.names if of_the_law(name))
@@ -114,11 +376,7 @@ def population(
 
 
 def with_slope_if_any(
-    answers: Sequence[Posterior],
-    names: Sequence[str],
-    along: Sequence[float] | None,
-    *,
-    only_trusted: bool = True,
+    answers: Sequence[Posterior], names: Sequence[str], along: Sequence[float] | None, *, only_trusted: bool = True
 ) -> Population:
     """As `population`, with a slope along the column unless that has one value in all shots that count, or too few."""
     if along is not None:

@@ -24,9 +24,8 @@ from cavirheo.inference.alternatives import (
     judged,
     model_of,
 )
-from cavirheo.inference.input_checks import ERRORS, warned
-from cavirheo.inference.law import Family
-from cavirheo.inference.reconstruct import MISFIT
+from cavirheo.inference.assumptions import Family
+from cavirheo.inference.checks import ERRORS, MISFIT, warned
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Verification

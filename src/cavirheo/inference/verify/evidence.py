@@ -19,8 +19,7 @@ from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference.alternatives import LAPLACE, as_alternative, chosen_among, contenders, judged, model_of
 from cavirheo.inference.analysis import DEFAULT, Analysis
-from cavirheo.inference.law import Family
-from cavirheo.inference.options import Options
+from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.inference.posterior_network import PosteriorModel, network_of
 from cavirheo.inference.verify.tuning import TUNING

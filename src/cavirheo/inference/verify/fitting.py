@@ -17,8 +17,8 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import SolverError
+from cavirheo.inference.assumptions import FREE
 from cavirheo.inference.experiment import SHARPEST
-from cavirheo.inference.options import FREE
 from cavirheo.inference.search import POLISH, ROUNDS, LeastSquares, Search
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, under
 from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample

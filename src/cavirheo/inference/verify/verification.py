@@ -14,9 +14,8 @@ from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.alternatives import LAPLACE, LEAST_PROBABILITY, averaged, model_of
+from cavirheo.inference.assumptions import FREE, SCALE_BOUND, Family, Options
 from cavirheo.inference.experiment import Experiment, Simulations
-from cavirheo.inference.law import Family
-from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.posterior_network import PosteriorModel
 from cavirheo.inference.search import LIMITS, STARTS, LeastSquares, Scan, Search
 from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
@@ -108,11 +107,9 @@ class Estimation:
         self.settings = settings
         scale, end = settings.medium.time_scale(curve.max_radius), answer.checks.t_star_end
         options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), answer.bubble)
-        exposure = float(curve.exposure or 0.0)
         diagnostics = answer.diagnostics
         simulations = Simulations(diagnostics.simulations or 0, diagnostics.failed_simulations or 0)
-        arguments: dict[str, Any] = {"exposure": exposure, "simulations": simulations}
-        self.shot = Experiment(curve, Family(answer.material), settings.medium, options, **arguments)
+        self.shot = Experiment(curve, Family(answer.material), settings.medium, options, simulations=simulations)
         self.answer = answer
         self.prior = self.shot.prior(settings.ranges)
         noise = self.shot.noise(settings.discrepancy)

@@ -1,18 +1,17 @@
-"""Warnings on a recording and its settings: an answer with an input warning is never `ok`.
+"""The checks of an answer: its simulation over the measured curve, and warnings on the recording and its settings, with
+which an answer is never `ok`.
 
-Some the curve shows by itself: a scale or a rate that explains it better than a material does, or a maximum that was
-missed. Frames that stand out count only where they move the answer: the recording is then read once more without them,
-and the answers are compared. A maximum between two frames, or up to a frame before the first, is no warning: the prior
-of the clock and of R_max holds it (experiment.py), and so does the interval.
+Frames that stand out count only where they move the answer: the recording is then read once more without them. A
+maximum between two frames, or up to a frame before the first, is no warning: the prior of the clock and of R_max holds
+it (experiment.py), and so does the interval.
 
 *Scale and rate.* The first collapse in a gel with the shear modulus G comes sqrt(1 + Be G/p) times earlier than that in
 a liquid, and so it does in a soft material whose radii were given too large, or whose times too short. The stretch
 R_max/R_0 tells these apart: that of soft gels is 5 to 10, in open recordings it is about 7 at 28 kPa and 4 at 115 kPa,
-and that of stiffer gels is smaller. With a small stretch the bubble oscillates about a level not far below R_max, with
-shallow minima. So where the first collapse comes at a time that liquids and soft gels do not show, the curve is laid
-over coarse simulations of two sets of bubbles: those of gels with the stretch that they have, on the clock as stated,
-and those of soft materials, on any clock. Times are in units of the first collapse, so that simulations made once serve
-all curves.
+and that of stiffer gels is smaller: the bubble oscillates about a level not far below R_max. So where the first
+collapse comes at a time that liquids and soft gels do not show, the curve is laid over coarse simulations of gels with
+the stretch that they have, on the clock as stated, and of soft materials, on any clock. Times are in units of the first
+collapse, so that simulations made once serve all curves.
 """
 
 from __future__ import annotations
@@ -20,11 +19,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
-from importlib.metadata import version
 from itertools import chain, product
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -35,13 +32,13 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.messages import Message, of_error
-from cavirheo.parameters import LOG10, natural_name, units
+from cavirheo.parameters import LOG10, natural_name
 from cavirheo.physics.accuracy import COARSE
-from cavirheo.physics.bubble import Bubble
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt
+from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
-from cavirheo.posterior import Checks, Posterior, Verdict
+from cavirheo.posterior import Checks, Verdict
 
 if TYPE_CHECKING:
     from cavirheo.inference.experiment import Experiment
@@ -50,6 +47,8 @@ _log = logging.getLogger(__name__)
 # what may end the answer of one curve: numbers that it, numpy or scipy refuse (InputError and LinAlgError are
 # ValueErrors), simulations that fail, and a curve too large for the memory
 ERRORS = ValueError, ArithmeticError, SolverError, MemoryError
+MISFIT = 0.03  # RMSE/R_max above which the model is said not to fit (docs/method/verdicts.md)
+_POINTS = 800  # of the curve that is drawn
 REBOUND = 3  # frames after the first collapse, from which a rebound is seen
 FACTOR = 1.5  # by which a parameter must move for a warning
 USUAL_COLLAPSE = (0.7, 1.4)  # Rayleigh times after R_max that the first collapse of liquids and gels below 50 kPa comes
@@ -80,9 +79,80 @@ _BUBBLES: dict[str, list[Any]] = {  # G in Pa, mu in Pa s, stretch and confineme
 }
 
 
+@dataclass(frozen=True, eq=False)
+class Window:
+    """The part of a curve that is compared: from R_max to `end` s after it, and what it holds."""
+
+    curve: RadiusCurve  # cut to the window; its R_max and time of R_max are those of the whole
+    end: float  # s after R_max
+    collapses: int
+
+    @property
+    def since_max(self) -> Floats:
+        """(m,) s after R_max of the measured frames."""
+        measured = np.isfinite(self.curve.radius)
+        return self.curve.time[measured] - self.curve.time_of_max
+
+    @property
+    def normalised(self) -> Floats:
+        """(m,) R/R_max of the measured frames."""
+        return self.curve.radius[np.isfinite(self.curve.radius)] / self.curve.max_radius
+
+
+def window(curve: RadiusCurve, *, collapses: int | None = None, end: float | None = None) -> Window:
+    """The window of `collapses` collapses and at most `end` s, cut at the last measured frame. Raises InputError."""
+    cut = curve.window(collapses=collapses, end=end)
+    last = cut.time[np.isfinite(cut.radius)][-1]
+    return Window(cut, float(last - curve.time_of_max), int(np.count_nonzero(curve.collapse_times() <= last)))
+
+
+def reconstruct(
+    view: Window, material: Material, medium: Medium, stretch: float, bubble: Bubble = FIELD
+) -> dict[str, Floats]:
+    """The fields of `Checks` that the simulation of an answer gives; frames before R_max (where a fit has moved the
+    clock) are compared with the mirrored fall after it. Raises SolverError if it cannot be simulated."""
+    curve, since = view.curve, np.abs(view.since_max)
+    times = np.union1d(since, np.linspace(0.0, view.end, _POINTS))
+    run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium, bubble=bubble)
+    return {
+        "compared_time": view.since_max + curve.time_of_max,
+        "residual_over_rmax": view.normalised - run.radius[np.searchsorted(times, since)] / curve.max_radius,
+        "reconstruction_time": times + curve.time_of_max,
+        "reconstruction_radius": run.radius,
+    }
+
+
+def check_simulation(
+    view: Window,
+    simulated: dict[str, Floats],
+    time_scale: float,
+    verdict: Verdict,
+    messages: Sequence[Message],
+    limit: float = MISFIT,
+) -> Checks:
+    """The checks of an answer with this reconstruction: this verdict, unless the simulation misses the measurement by
+    more than the limit and the noise from frame to frame. time_scale is t_c in s."""
+    residual = simulated["residual_over_rmax"]
+    rmse, limit = float(np.sqrt(np.mean(residual**2))), float(np.hypot(limit, view.curve.noise / view.curve.max_radius))
+    if rmse > limit:
+        missed = Message("misfit.rms", {"rms": rmse, "limit": limit})
+        verdict, messages = "model_does_not_fit", [missed, *messages]
+    return Checks(
+        verdict,
+        tuple(messages),
+        rmse_over_rmax=rmse,
+        mae_over_rmax=float(np.mean(np.abs(residual))),
+        max_difference_over_rmax=float(np.max(np.abs(residual))),
+        collapses=view.collapses,
+        t_star_end=view.end / time_scale,
+        time_scale=time_scale,
+        **simulated,
+    )
+
+
 def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
-    """What the curve shows by itself: frames that stand several times, which flattens the curve and shifts its times,
-    or in reverse; an R_max further before the first frame than the clock of an answer is free; a wrong scale."""
+    """What the curve shows by itself: frames that stand several times or in reverse, an R_max further before the first
+    frame than the clock of an answer is free, a wrong scale."""
     radius, messages = curve.radius[np.isfinite(curve.radius)], [*curve.warnings]
     if repeats := landmarks.repeated(radius):
         equal, times = repeats
@@ -97,8 +167,8 @@ def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
 
 
 def wall_warnings(shot: Experiment) -> list[Message]:
-    """A message if nothing tells the viscosity of a liquid from what else lengthens a first collapse: in water it can
-    pass for 0.09 Pa s (docs/real-bubbles.md). Elastic laws are left out: their G holds the answer together."""
+    """A message if nothing tells the viscosity of a liquid from what else lengthens a first collapse
+    (docs/real-bubbles.md); the G of elastic laws holds the answer together."""
     bubble, curve = shot.options.bubble, shot.curve
     if shot.family.elastic or bubble.confinement_inertia or bubble.confinement_damping or bubble.wall_distance:
         return []
@@ -125,34 +195,6 @@ def spike_warnings(
     factors = {natural_name(name): float(10.0**by) for name, by in logs}
     far = {name: factor for name, factor in factors.items() if not 1.0 / FACTOR <= factor <= FACTOR}
     return [Message("check_input.spikes", {"frames": len(wrong), "factors": far})] if far else []
-
-
-def empty_answer(
-    curve: RadiusCurve, names: tuple[str, ...], law: str, method: str, bubble: Bubble, medium: Medium, **provenance: Any
-) -> Posterior:
-    """An answer of a curve without any value, which `answer_of` gives its values and checks. names: in the prior's
-    scale."""
-    provenance = {"cavirheo": version("cavirheo"), **provenance, "source_sha256": curve.source_sha256}
-    empty, unanswered = np.empty((0, len(names))), Checks("failed")
-    return Posterior(names, units(names), empty, unanswered, law, method, provenance, bubble=bubble, medium=medium)
-
-
-def answer_of(
-    curve: RadiusCurve,
-    empty: Posterior,
-    find: Callable[[RadiusCurve], tuple[dict[str, Any], list[Message]]],
-    trust_input: bool,
-) -> Posterior:
-    """An answer for one curve, of the fields that `find` gives, with its further input warnings. One that cannot be
-    answered gives a failed one with the reason. empty: as `empty_answer` makes it."""
-    start, medium = perf_counter(), empty.medium or WATER
-    try:
-        fields, warnings = find(curve)
-        fields["checks"] = warned(fields["checks"], [*curve_warnings(curve, medium), *warnings], trust_input)
-    except ERRORS as error:  # of this curve alone
-        fields = {"checks": failed(error, curve, medium)}
-    provenance = empty.provenance | fields.pop("provenance", {})
-    return replace(empty, **fields, provenance=provenance, seconds=perf_counter() - start)
 
 
 def failed(error: Exception, curve: RadiusCurve, medium: Medium) -> Checks:
@@ -209,8 +251,8 @@ def _elastic(stretch: Any) -> Any:
 
 def scale_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     """A message if the first collapse comes at an unusual time, and another scale or frame rate explains the curve
-    clearly better than a material at the stated one, or no material has such a first collapse. It names the factors
-    by which radii are then too large, or times too short, from the smallest to the largest that explains it as well."""
+    clearly better than a material, or none has such a collapse; with the smallest and the largest factor by which radii
+    are then too large, or times too short."""
     ratio = curve.rayleigh_ratio(medium.density, medium.pressure)
     if ratio is None or USUAL_COLLAPSE[0] <= ratio <= USUAL_COLLAPSE[1]:
         return []

@@ -1,0 +1,162 @@
+"""What is assumed of a shot: the law (Family), and what is fitted of its recording, and how (Options)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, Field, dataclass, field, fields
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import expect, require
+from cavirheo.parameters import PARAMETERS, inferred_as
+from cavirheo.physics.bubble import FIELD, FROM_NOTHING, Bubble, Damage
+from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
+
+FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
+FREED = ("t0", "rmax")  # by default
+SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
+
+_STRETCHES, _WEIGHTS = ("plateau", "free"), ("learnt", "equal")
+_DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "window": (
+        lambda n: n in (None, "all") or (isinstance(n, Integral) and int(n) > 0),
+        "collapses from 1 up, or 'all'",
+    ),
+    "end": (lambda time: time is None or 0 < time < np.inf, "a positive time in s"),
+    "stretch": (lambda x: not isinstance(x, str) or x in _STRETCHES, "R_max/R_0, 'plateau', 'free' or left out"),
+    "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
+    "t0_bound": (lambda time: time is None or 0 < time < np.inf, "a positive time in s"),
+    "scale_bound": (lambda bound: 0 < bound < 0.2, "between 0 and 0.2"),
+    "weights": (lambda name: name in _WEIGHTS, "'learnt' or 'equal'"),
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """Of an experiment: arguments of `fit_many`, which says what they are. Raises InputError."""
+
+    window: int | str | None = None
+    end: float | None = None
+    stretch: float | str | None = None
+    free: Sequence[str] | str = FREED  # or several with commas; kept as a tuple
+    t0_bound: float | None = None
+    scale_bound: float = SCALE_BOUND
+    weights: str = "learnt"
+    bubble: Bubble = FIELD
+
+    def __post_init__(self) -> None:
+        if isinstance(self.free, str):
+            names = (name.strip() for name in self.free.split(","))
+            object.__setattr__(self, "free", tuple(name for name in names if name not in ("", "none")))
+        for name, (holds, expected) in _DOMAINS.items():
+            value = getattr(self, name)
+            try:
+                fine = holds(value)
+            except (TypeError, ValueError):  # of no such kind
+                fine = False
+            require(fine, f"{name} must be {expected}; got {value!r}", f"option.{name}")
+        object.__setattr__(self, "free", tuple(self.free))
+        if not isinstance(self.stretch, str):
+            check_stretch(self.stretch)
+        bubble = self.bubble
+        message = f"the factors of damage are inferred: give its name instead of {bubble.damage!r}"
+        require(isinstance(bubble.damage, str), message, "option.damage")
+        idle = "an accommodation changes nothing without kinetic contents: give those too"
+        require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
+
+
+def check_wall(bubble: Bubble, curves: Sequence[RadiusCurve] = ()) -> None:
+    """Raises InputError: no distance, or the wall is too near for every curve; where it is for some, those fail."""
+    if bubble.wall_distance is not None:
+        largest = (float(np.max(curve.radius, initial=0.0, where=curve.radius > 0)) for curve in curves)
+        bubble.inertia(min(largest, default=0.0))
+
+
+def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
+    """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
+    values = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
+    if bubble.wall_distance is not None:
+        values["confinement_inertia"] = bubble.inertia(max_radius)
+    return {name: float(value) for name, value in values.items() if value not in ("free", 0.0)}
+
+
+def check_stretch(stretch: float | str | None) -> None:
+    """Raises InputError for a stretch that no bubble at its largest radius has."""
+    message = f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}"
+    fine = stretch is None or (isinstance(stretch, Real) and 1 < stretch < 100)
+    require(fine, message, "option.stretch")
+
+
+def _parameters(law: str) -> list[Field[Any]]:
+    return [f for f in fields(LAWS[law]) if f.init]  # type: ignore[arg-type]
+
+
+def _unfittable(law: str) -> list[str]:
+    """Parameters that neither have a range nor a default."""
+    return [f.name for f in _parameters(law) if not PARAMETERS[inferred_as(f.name)].searched and f.default is MISSING]
+
+
+ABLE = [law for law in LAWS if not _unfittable(law)]
+
+
+def softened(laws: Sequence[str], damage: str | Damage) -> list[str]:
+    """Those of the laws that can have such damage: all without one, else those with an elastic part. Raises InputError:
+    none can."""
+    if damage == "none":
+        return list(laws)
+    with_damage = [law for law in laws if Family(law).elastic]
+    message = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a spring"
+    require(bool(with_damage), message, "physics.damage_without_elasticity")
+    return with_damage
+
+
+@dataclass(frozen=True)
+class Family:
+    """All materials of a law, or of a sum of laws ("gent + newtonian"): log10 of the parameters -> Material.
+
+    A parameter that two laws of a sum have is followed by the number of the later one: viscosity, viscosity_2. One
+    without a range (parameters.py) keeps the default of its law. In place of a consistency K stands the reference
+    viscosity K (1e5 1/s)^(n-1).
+
+    Raises:
+        InputError: unknown law, one with a parameter for which no range is set, or laws that no material can have both.
+    """
+
+    name: str
+    parameters: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    _terms: list[tuple[str, list[str]]] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        expect(self.name, str, "the name of a law, such as 'nhkv' or 'gent + newtonian'")
+        terms, names = [], list[str]()
+        for number, law in enumerate((part.strip() for part in self.name.split("+")), 1):
+            hint = " without parameters (all of them are fitted)" if "(" in law else ""
+            hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
+            message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}"
+            require(law in ABLE, message, "law.not_fittable")
+            searched = [name for f in _parameters(law) if PARAMETERS[name := inferred_as(f.name)].searched]
+            names += [f"{name}_{number}" if name in names else name for name in searched]
+            terms.append((law, searched))
+        object.__setattr__(self, "_terms", terms)
+        object.__setattr__(self, "parameters", tuple(names))
+        self.material(np.mean(self.bounds(started=True), axis=1))  # whether the laws go together
+
+    def material(self, log10: Floats) -> Material:
+        """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""
+        values = iter(10.0**log10)
+        terms = [(law, {name: float(next(values)) for name in names}) for law, names in self._terms]
+        return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
+
+    @property
+    def elastic(self) -> bool:
+        """Whether its materials have an elastic part."""
+        return self.material(np.mean(self.bounds(started=True), axis=1)).elastic is not None
+
+    def bounds(self, *, started: bool = False) -> Floats:
+        """(parameters, 2): the ranges searched, or the parts of them that searches start from."""
+        names = [name for _, searched in self._terms for name in searched]
+        return np.array([PARAMETERS[n].started if started else PARAMETERS[n].searched for n in names])
