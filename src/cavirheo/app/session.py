@@ -11,7 +11,7 @@ from itertools import count
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
-from threading import Lock, RLock, Timer
+from threading import RLock, Timer
 from typing import Any, TypeVar
 
 import numpy as np
@@ -244,7 +244,7 @@ class Session:
         self.refusal = ""  # why the last thing that was asked was not done
         self.link = token_urlsafe(16)  # whoever knows it comes back here
         self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
-        self.runs, self.exporting = Stoppable(), Lock()  # on shots, of a zip
+        self.runs = Stoppable()  # on shots
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
         self.clear()

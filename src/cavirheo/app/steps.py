@@ -230,11 +230,10 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
             _write_curves(result_folder, answers)
             return Path(shutil.make_archive(f"{base}/made", "zip", base, result_folder.name)).read_bytes()
 
-    with session.exporting:  # a class with one demo file waits for one zip
-        key = key_of([answers.pairs, document.command, fits, document.notes, published])
-        archive.write_bytes(session.once(session.zips, key, build))
-        shutil.rmtree(folder, ignore_errors=True)
-        shutil.unpack_archive(archive, folder)
+    key = key_of([answers.pairs, document.command, fits, document.notes, published])
+    archive.write_bytes(session.once(session.zips, key, build))  # a class with one demo file waits for one zip
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.unpack_archive(archive, folder)
     return archive, sorted(path for path in (folder / "cavirheo-result").iterdir() if path.is_file())
 
 
