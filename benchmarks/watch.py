@@ -24,7 +24,7 @@ import numpy as np
 from cavirheo import read_curves, simulate
 from cavirheo.io import write_csv
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
-from cavirheo.video import Scene, render
+from cavirheo.video.synthetic import Scene, render
 
 HERE = Path(__file__).resolve().parent
 EXAMPLE = HERE.parent / "examples" / "soft_gel.csv"

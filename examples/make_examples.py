@@ -26,7 +26,7 @@ from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, simulate
 from cavirheo.physics.media import WATER
-from cavirheo.video import Scene, render
+from cavirheo.video.synthetic import Scene, render
 
 HERE = Path(__file__).parent
 FRAME, EXPOSURE, FRAMES = 1e-6, 0.3e-6, 160  # s, s

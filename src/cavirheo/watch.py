@@ -26,7 +26,7 @@ from cavirheo.posterior import Posterior
 from cavirheo.reporting import DOCUMENTS, html, result, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result
-from cavirheo.workflow import Store, analyse, of_file
+from cavirheo.workflow.store import Store, analyse, of_file
 from cavirheo.writing.document import Outputs, write_json
 from cavirheo.writing.packing import key_of
 

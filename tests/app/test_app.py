@@ -34,7 +34,7 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Reader
 from cavirheo.io.videos import Camera
-from cavirheo.workflow import Store
+from cavirheo.workflow.store import Store
 
 SOFT = examples()["soft_gel.csv"]
 

@@ -23,7 +23,6 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Threads
 from cavirheo.training import dataset
 from cavirheo.training.dataset import generate
-from cavirheo.workflow import Unfinished
 from cavirheo.workflow.cluster import (
     Identity,
     Workers,
@@ -34,6 +33,7 @@ from cavirheo.workflow.cluster import (
     read_settings,
     self_description,
 )
+from cavirheo.workflow.store import Unfinished
 
 
 @pytest.fixture(scope="module")

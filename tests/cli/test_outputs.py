@@ -25,7 +25,7 @@ from cavirheo.parallel import Threads, one_blas_thread
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reporting import pictures, read_json, write_report
-from cavirheo.workflow import Store, Unfinished
+from cavirheo.workflow.store import Store, Unfinished
 from cavirheo.writing.document import LIST, LOCK, Claim, Outputs, claimed
 
 EXAMPLES = ROOT / "examples"

@@ -18,9 +18,9 @@ import cavirheo
 from cavirheo import InputError
 from cavirheo.io.files import expand
 from cavirheo.io.videos import examine, measure
-from cavirheo.video import Film, Scene, render
 from cavirheo.video.frames import Footage, is_video, read
 from cavirheo.video.stage import set_stage
+from cavirheo.video.synthetic import Film, Scene, render
 from cavirheo.video.track import USED, Track, follow
 
 HOW = {"frame_rate": RATE, "um_per_px": SCALE}

@@ -20,7 +20,7 @@ from conftest import ROOT
 import cavirheo
 from cavirheo import read_curves, verbs
 from cavirheo.inference.analysis import Analysis
-from cavirheo.workflow import Store
+from cavirheo.workflow.store import Store
 
 PAGES = sorted(
     path for where in ("", "docs/**/", "benchmarks/", "validation/**/") for path in ROOT.glob(f"{where}*.md")

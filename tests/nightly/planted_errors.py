@@ -105,7 +105,7 @@ PLANTED = (
             "loss / at, loss / storage", "loss / at, storage / loss", ("test_rheometer",)),
     Planted("Hz taken for rad/s", "companions/rheometer.py",
             '"Hz": 2 * math.pi, "hz"', '"Hz": 1.0, "hz"', ("test_rheometer",)),
-    Planted("failed answers are kept for ever", "workflow/__init__.py",
+    Planted("failed answers are kept for ever", "workflow/store.py",
             "answer, file=fine)", "answer, file=True)", ("test_dataset",)),
     Planted("a worker with other code is taken", "workflow/cluster.py",
             "elif theirs.code != mine.code:", "elif False:", ("test_cluster",)),

@@ -14,7 +14,7 @@ from conftest import EXAMPLE
 
 from cavirheo import read_curves
 from cavirheo.io import write_csv
-from cavirheo.workflow import Store
+from cavirheo.workflow.store import Store
 from cavirheo.writing.document import LIST
 
 COMMANDS = {  # shots, kills, words

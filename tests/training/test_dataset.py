@@ -17,7 +17,7 @@ from answers import KnownAnalysis
 from conftest import EXAMPLE, LIQUID, PROBLEM, ROOT, code_of, refused
 from scipy.stats import kstest
 
-from cavirheo import Posterior, read_curves, workflow
+from cavirheo import Posterior, read_curves
 from cavirheo.inference.posterior_network import COORDINATES, END, SCALARS
 from cavirheo.parallel import Threads
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
@@ -26,7 +26,8 @@ from cavirheo.posterior import Checks
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
 from cavirheo.training.dataset import generate, load, survey
 from cavirheo.training.recordings import COLUMNS, NODES, STEPS, TOP, film
-from cavirheo.workflow import Store, Unfinished
+from cavirheo.workflow import store
+from cavirheo.workflow.store import Store, Unfinished
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
 GEL = TrainingProblem("nhkv", Prior.uniform(RANGES))
@@ -237,7 +238,7 @@ def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypat
     curves = read_curves(EXAMPLE)
     analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
     few = Unfinished(tmp_path / "few", visible=False, executor=executor).answers(curves, analysis)
-    monkeypatch.setattr(workflow, "HELD", 3)
+    monkeypatch.setattr(store, "HELD", 3)
     kept = Unfinished(tmp_path / "many", visible=False, executor=executor)
     many = kept.answers(curves, analysis)
     assert many.indices == few.indices == list(range(len(curves)))

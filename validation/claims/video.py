@@ -22,7 +22,7 @@ from scipy.ndimage import binary_erosion, binary_fill_holes, label
 import cavirheo
 from cavirheo.io.videos import examine
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
-from cavirheo.video import Film, Scene, render
+from cavirheo.video.synthetic import Film, Scene, render
 from validation.numbers import Number, Run, statistic
 
 SEEDS = range(100, 105)

@@ -36,7 +36,7 @@ from cavirheo.reporting.material import kept_material_of
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.video.frames import is_video
 from cavirheo.video.measurement import Measurement
-from cavirheo.workflow import Store
+from cavirheo.workflow.store import Store
 from cavirheo.writing import digits
 from cavirheo.writing.document import short_name
 

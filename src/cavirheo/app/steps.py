@@ -30,7 +30,7 @@ from cavirheo.reporting import file_names, result, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.record import Pairs
 from cavirheo.reporting.table import unexplained
-from cavirheo.workflow import of_file
+from cavirheo.workflow.store import of_file
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST
 from cavirheo.writing.packing import key_of

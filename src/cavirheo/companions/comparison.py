@@ -22,7 +22,7 @@ from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import DOCUMENTS, html, outputs, read_json, result, table, write_report
 from cavirheo.reporting.group import REFERENCES
 from cavirheo.reporting.record import Result
-from cavirheo.workflow import Unfinished
+from cavirheo.workflow.store import Unfinished
 from cavirheo.writing.document import Outputs, write_json
 
 _TABLE = "comparison.csv"

@@ -35,8 +35,8 @@ class _Report(options.Measured):
         from cavirheo.reporting import DOCUMENTS, outputs, write_report
         from cavirheo.reporting.record import CurveAnswers
         from cavirheo.reporting.table import print_table
-        from cavirheo.workflow import Unfinished
         from cavirheo.workflow.cluster import connected
+        from cavirheo.workflow.store import Unfinished
         from cavirheo.writing.document import Outputs
 
         files, out, figures = run.files(self.files), self.out, self.figure_kinds
@@ -114,8 +114,8 @@ class WhichLaw(options.Measured, options.OneBubble):
         from cavirheo.inference.verify.evidence import choose_answers, models, plans, ranked, weigh_models
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
-        from cavirheo.workflow import Unfinished
         from cavirheo.workflow.cluster import connected
+        from cavirheo.workflow.store import Unfinished
         from cavirheo.writing import document
 
         files, liquid, out, figures = run.files(self.files), self.liquid, self.out, self.figure_kinds

@@ -1,0 +1,237 @@
+"""Answers by their keys, in memory and in a folder; and curves answered, each as soon as it is found kept there.
+
+Whatever ends a run, an answer that is kept stays.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import closing, suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from threading import Lock
+from typing import Any, TypeVar
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, require
+from cavirheo.inference.analysis import Analysis
+from cavirheo.messages import Message
+from cavirheo.parallel import Executor, Threads, cores
+from cavirheo.physics.bubble import Bubble
+from cavirheo.physics.media import Medium
+from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
+from cavirheo.writing.document import into, whole
+from cavirheo.writing.packing import decode, encode
+from cavirheo.writing.terminal import bar, say
+
+_TYPES = (Posterior, Checks, Message, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
+_KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
+_Value = TypeVar("_Value")
+HELD = 500  # answers of a run; of more, none is held that can be read again
+
+
+class Store:
+    """Values by their keys. Many threads may use it.
+
+    folder: a file for each, which is never seen half-written; None: memory alone. most: so many are held in memory, the
+    latest ones; None: all. A value that has no file in the folder is held in any case. Only what this store itself has
+    put there counts for `written`.
+    """
+
+    def __init__(self, folder: Path | None = None, most: int | None = None) -> None:
+        self.folder, self.most = folder, most
+        self.written: set[str] = set()
+        self._held: OrderedDict[str, Future[Any]] = OrderedDict()
+        self._lock = Lock()
+
+    def get(self, key: str, kind: type[_Value] = Posterior) -> _Value | None:  # type: ignore[assignment]
+        """What is kept under a key; None where there is nothing, or nothing of this kind that can be read."""
+        with self._lock:
+            held = self._held.get(key)
+        if held is not None:
+            value = held.result()
+        elif self.folder and (value := self._read(key)) is not None:
+            self._hold(key, value)
+        else:
+            return None
+        return value if isinstance(value, kind) else None
+
+    def put(self, key: str, value: Any, *, file: bool = True) -> None:
+        """Keep an answer, a curve, or several of them in a tuple or a dict, in a file unless `file` is False. Raises
+        InputError: the folder cannot be written."""
+        if self.folder and file:
+            with into(self.folder), whole(self._place(key)) as temporary:
+                temporary.write_bytes(encode(value, default=str))
+            self.written.add(key)
+        self._hold(key, value)
+
+    def once(self, key: str, function: Callable[[], _Value]) -> _Value:
+        """What is held under a key, or what `function` returns. The first thread that asks calls it, and the others
+        wait. All of them get its error, which is not kept."""
+        with self._lock:
+            mine = key not in self._held
+            task: Future[_Value] = self._held.setdefault(key, Future())
+            self._held.move_to_end(key)
+            self._trim()
+        if mine:
+            try:
+                task.set_result(function())
+            except BaseException as error:  # raised again in every thread that waits
+                with self._lock:
+                    self._held.pop(key, None)
+                task.set_exception(error)
+        return task.result()
+
+    def values(self, kind: type[_Value]) -> Iterator[_Value]:
+        """All of a kind that are in files."""
+        for place in sorted(self.folder.glob("*.npz")) if self.folder else ():
+            if isinstance(value := self._read(place.stem), kind):
+                yield value
+
+    def remove(self, keys: Iterable[str]) -> None:
+        """Forget these, and the folder if nothing else is in it."""
+        for key in keys:
+            self._held.pop(key, None)
+            if self.folder:
+                for name in (f"{key}.npz", f".{key}.npz.part.npz"):
+                    (self.folder / name).unlink(missing_ok=True)
+        with suppress(OSError):  # there is none, or something else is in it
+            if self.folder:
+                self.folder.rmdir()
+
+    def _place(self, key: str) -> Path:
+        assert self.folder
+        return self.folder / f"{key}.npz"
+
+    def _read(self, key: str) -> Any:
+        """What is in a file; None where there is nothing that can be read."""
+        with suppress(EOFError, OSError):  # whatever is wrong with it, the answer is found anew
+            return decode(self._place(key).read_bytes(), _KINDS)
+        return None
+
+    def _hold(self, key: str, value: Any) -> None:
+        task: Future[Any] = Future()
+        task.set_result(value)
+        with self._lock:
+            self._held[key] = task
+            self._trim()
+
+    def _trim(self) -> None:
+        """Let the oldest go where too many are held."""
+        over = 0 if self.most is None else max(len(self._held) - self.most, 0)
+        for key in list(self._held)[:over]:
+            if self.folder is None or self._place(key).exists():
+                del self._held[key]
+
+
+def analyse(
+    curves: Sequence[RadiusCurve],
+    analysis: Analysis,
+    store: Store,
+    executor: Executor | None = None,
+    *,
+    starts: Sequence[Posterior] | None = None,
+    visible: bool = False,
+) -> Iterator[tuple[int, Posterior]]:
+    """(index of the curve, its answer): those that the store has first, then the others as they are found.
+
+    executor: where each is found; by default on all cores of this machine. starts: a first answer of each curve, as of
+    `Analysis.answer`. visible: show a bar on stderr. A failed answer is held in memory alone, because another run may
+    have more memory; that of a curve that cannot be used has a file. Closing the iterator drops what has not begun.
+    """
+    keys, left = [analysis.key(curve) for curve in curves], list[int]()
+    for index, (curve, key) in enumerate(zip(curves, keys, strict=True)):
+        if answer := store.get(key):
+            yield index, of_file(answer, curve)
+        else:
+            left.append(index)
+    if not left:
+        return
+    unit = partial(_answer, analysis, 1 if executor else max(cores() // len(left), 1))
+    jobs = [(curves[index], starts[index] if starts else None) for index in left]
+    with (
+        bar(analysis.doing, len(left), visible=visible) as advance,
+        closing((executor or Threads()).flow(unit, jobs)) as flow,
+    ):
+        for place, answer in flow:
+            fine = answer.checks.verdict != "failed" or bool(jobs[place][0].unusable)
+            store.put(keys[left[place]], answer, file=fine)
+            advance()
+            yield left[place], answer
+
+
+def _answer(analysis: Analysis, workers: int, job: tuple[RadiusCurve, Posterior | None]) -> Posterior:
+    """A unit of work for an executor."""
+    return analysis.answer(*job, workers=workers)
+
+
+def of_file(answer: Posterior, curve: RadiusCurve) -> Posterior:
+    """An answer as that of this file, whichever file held the recording when it was found."""
+    return replace(answer, provenance={**answer.provenance, "source_sha256": curve.source_sha256})
+
+
+class Answers(Sequence[Posterior]):
+    """The answers of the curves in `indices`, in their order, each from the store when it is asked for. Raises
+    InputError: its file is gone."""
+
+    def __init__(self, store: Store, keys: Sequence[str], indices: Iterable[int]) -> None:
+        self.indices: list[int] = sorted(indices)
+        self._store, self._keys = store, keys
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def numbered(self) -> Iterator[tuple[int, Posterior]]:
+        """(index of the curve, its answer)."""
+        return zip(self.indices, self, strict=True)
+
+    def __getitem__(self, place: Any) -> Any:
+        if answer := self._store.get(self._keys[self.indices[place]]):
+            return answer
+        message = f"an answer in {self._store.folder} is gone or was changed while it was needed: the same command "
+        raise InputError(f"{message}finds it anew", "unfinished.gone")
+
+
+class Unfinished:
+    """The answers of one command into the folder `out`, kept in `unfinished/` there until its documents are complete:
+    the same command takes them up after Ctrl-C, a kill or a full disk. After Ctrl-C `interrupted` is set, and nothing
+    more is begun. Raises InputError: something else has the name of that folder."""
+
+    def __init__(self, out: str | Path, *, visible: bool = True, executor: Executor | None = None) -> None:
+        folder = Path(out) / "unfinished"
+        way = f"{folder} must be a folder, for answers are kept there: give another place with -o"
+        require(folder.is_dir() or not folder.exists(), way, "document.folder")
+        self.store = Store(folder)
+        self.visible, self.executor, self.interrupted = visible, executor, False
+        self._keys: set[str] = set()  # of all that this run may keep
+
+    def answers(
+        self, curves: Sequence[RadiusCurve], analysis: Analysis, starts: Sequence[Posterior] | None = None
+    ) -> Answers:
+        """The answers of the curves; not all of them if it is interrupted. starts: as of `analyse`."""
+        keys, indices, store = [analysis.key(curve) for curve in curves], list[int](), self.store
+        self._keys.update(keys)
+        store.most = 0 if len(curves) > HELD else None
+        if self.interrupted:
+            return Answers(store, keys, indices)
+        taken = sum(store.get(key) is not None for key in set(keys) - store.written)
+        if taken and self.visible:
+            say(f"{taken} of {len(curves)} answers are taken from {store.folder}, where an unfinished run left them")
+        try:
+            for index, _ in analyse(curves, analysis, store, self.executor, starts=starts, visible=self.visible):
+                indices.append(index)
+        except KeyboardInterrupt:
+            self.interrupted = True
+        return Answers(store, keys, indices)
+
+    def note(self, count: int, total: int) -> str:
+        """What is to be said of a run that was interrupted; nothing of another."""
+        message = f"interrupted: {count} of {total} answered; the same command again answers the rest"
+        return message if self.interrupted else ""
+
+    def remove(self) -> None:
+        """To be called when all documents are complete. What another run left here is kept for it."""
+        self.store.remove(self._keys)
