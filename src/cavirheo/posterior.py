@@ -36,14 +36,17 @@ class Checks:
     """What was found when the answer was simulated and laid over the measurement; None for what could not be.
 
     Attributes:
-        verdict, messages: "ok", or what is wrong (docs/method/verdicts.md); why, and what else is to be known, input
-            warnings first.
-        rmse_over_rmax, mae_over_rmax, max_difference_over_rmax: root mean square, mean and largest of the absolute
-            differences between measured and simulated radius, over R_max.
-        collapses, t_star_end: complete collapses in the compared window, and its end, t/t_c after R_max.
-        compared_time, residual_over_rmax: (m,) of the frames that were compared: s on the measurement's clock, and
-            (measured - simulated)/R_max.
-        reconstruction_time, reconstruction_radius: (k,) s on that clock and m: the simulation, fine enough to draw.
+        verdict: "ok", or what is wrong (docs/method/verdicts.md).
+        messages: why, and what else is to be known; input warnings first.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        mae_over_rmax: mean absolute difference, over R_max.
+        max_difference_over_rmax: largest absolute difference, over R_max.
+        collapses: complete collapses in the compared window.
+        t_star_end: end of this window, t/t_c after R_max.
+        compared_time: (m,) s on the measurement's clock, the frames that were compared.
+        residual_over_rmax: (m,) (measured - simulated)/R_max there.
+        reconstruction_time: (k,) s on that clock, fine enough to draw.
+        reconstruction_radius: (k,) m, the simulated radius.
         time_scale: t_c = R_max sqrt(rho/p) of the shot in its medium, s.
     """
 
@@ -84,8 +87,14 @@ class Checks:
 
 @dataclass(frozen=True)
 class WindowAnswer:
-    """What another window of the same curve answers: the law's parameters and the stretch by natural name, SI;
-    `t_star_end` and `rmse_over_rmax` as of `Checks`; and the parameters that ended at the end of the range searched."""
+    """What another window of the same curve answers.
+
+    Attributes:
+        best: the law's parameters and the stretch by natural name, SI.
+        t_star_end: end of the window, t/t_c after R_max.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        at_bound: parameters that ended at the end of the range searched.
+    """
 
     best: Mapping[str, float]
     t_star_end: float
@@ -95,8 +104,12 @@ class WindowAnswer:
 
 @dataclass(frozen=True)
 class Evidence:
-    """How probable a law makes the frames: the natural logarithm of p(frames | law) and its standard error, None where
-    it is Laplace's integral, which has none."""
+    """How probable a law makes the frames.
+
+    Attributes:
+        log: natural logarithm of p(frames | law).
+        error: its standard error; None where it is Laplace's integral, which has none.
+    """
 
     log: float
     error: float | None = None
@@ -107,10 +120,12 @@ class OtherAnswer:
     """What another model answers for the same frames, or another mode of the same model.
 
     Attributes:
-        material, bubble: the law, and the model of the bubble.
-        best, intervals: the values and the (5 %, 50 %, 95 %) of the parameters by natural name, SI.
+        material: the law.
+        bubble: the model of the bubble.
+        best: every parameter by its natural name, SI.
+        intervals: (5 %, 50 %, 95 %) of the parameters by natural name, SI.
         evidence: to be compared with that of the answer.
-        rmse_over_rmax: as of `Checks`.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         weight: share of it in the answer, which is an average over both models; 0 where it has none.
     """
 
@@ -131,17 +146,19 @@ class Diagnostics:
         stretch_source: "given", "fitted", ...
         free: the clock (s), scale and R_max factor that were freed, at the best.
         correlations: by "name, name".
-        frames, frames_left_out: how many were compared, and how many do not count, because they stand out or rise again
-            as by another bubble.
+        frames: how many were compared.
         frames_per_independent_residual: how many frames count as one.
         at_bound: parameters that ended at the end of the range searched; clock, scale and R_max factor at the end of
             what is expected of a recording.
-        draws, effective_sample_size: how many were weighted, and how many independent ones these are worth.
+        frames_left_out: how many do not count, because they stand out or rise again as by another bubble.
+        draws: how many were weighted.
+        effective_sample_size: how many independent draws these are worth.
         tail_index: generalised Pareto shape of the largest weights.
         predictive: of the posterior-predictive check: p_value, and the least that it can be; p and observed by
             statistic.
-        systematic_misfit_over_rmax: what no simulation follows.
-        simulations, failed_simulations: how many were run, and how many of them failed.
+        systematic_misfit_over_rmax: what no simulation follows, over R_max.
+        simulations: how many were run.
+        failed_simulations: how many of them failed.
         modulus_over_scale: relative change of G over that of R_max or of the frame rate; over that of the density it
             is half as large.
     """
@@ -168,21 +185,27 @@ class Posterior:
     """Draws of the parameters given one curve, and the best of them.
 
     Attributes:
-        names, units: "log10_shear_modulus", "stretch", ...; units of 10**theta for the log10 names: "Pa", "1", ...
-        theta: (draws, parameters) in the prior's scale; a point answer is one draw, and a failed one none.
+        names: "log10_shear_modulus", "log10_viscosity", "stretch", ...
+        units: of 10**theta for the log10 names: "Pa", "Pa s", "1".
+        theta: (draws, parameters) in the prior's scale (log10 for G and mu); a point answer is one draw, and a
+            failed one none.
         checks: what was found when the answer was simulated.
-        material, method: "nhkv", "newtonian", ...; "bdt", "amortised", "verified", "laplace", "least_squares".
+        material: "nhkv", "newtonian", ...
+        method: "bdt", "amortised", "verified", "laplace", "least_squares".
         provenance: model, settings, versions and hash of the source, a record for people: nothing reads it.
-        log_q, log_weight: (draws,) logarithms of the proposal's density and of importance weights.
+        log_q: (draws,) the proposal's log density.
+        log_weight: (draws,) log of importance weights.
         seconds: wall time.
         best: every parameter by its natural name in SI, the stretch and what was held fixed included.
         stretch: R_max/R_0 of the answer, whether it was inferred or given.
         windows: what windows of "1", "2", "3" and "all" collapses answer, if they were fitted.
-        evidence, diagnostics: of the law, and of the method.
-        bubble, medium: the model of the bubble itself, and the constants of what surrounds it.
+        evidence: of the law.
+        diagnostics: of the method.
+        bubble: the model of the bubble itself.
+        medium: the constants of what surrounds it.
         others: what other models and other modes answer, if they were looked at.
-        prior: of the law's parameters, by name as in `names`, where it is known: (low, high), flat between, or (low,
-            high, mean, standard deviation) of a normal.
+        prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
+            deviation) of a normal; without those for which it is not known.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
         laws: of an average over laws, the answer of each law that has a part in it, by its name.
     """

@@ -160,7 +160,12 @@ class Prior:
 
 @dataclass(frozen=True)
 class FrameGrid:
-    """The times at which a network reads a curve: so many frames, the first at R_max, and the interval in s."""
+    """The times at which a network reads a curve, the first at R_max.
+
+    Attributes:
+        frame_interval: s between samples.
+        frames: how many samples.
+    """
 
     frame_interval: float = 1e-6
     frames: int = 100
@@ -181,8 +186,10 @@ class TrainingProblem:
     """What the curves of a training set are drawn from and simulated with; a network's card and its data hold it.
 
     Attributes:
-        material_name, prior: "nhkv", ...; of its parameters and the stretch.
-        medium, grid: liquid and gas constants; times of the frames.
+        material_name: "nhkv", ...
+        prior: of its parameters and the stretch.
+        medium: liquid and gas constants.
+        grid: times of the frames.
         reference_max_radius: R_max of all curves, m.
 
     Raises:

@@ -79,7 +79,7 @@ def shown(page, name):
 
 def answered(page, shots):
     rows = "document.querySelectorAll('#answers .curves tbody tr')"
-    page.wait_for_function(f"{rows}.length === {shots} && !document.querySelector('#answers .soon')")
+    page.wait_for_function(f"{rows}.length === {shots} && !document.querySelector('#answers .soon')", timeout=180_000)
     page.wait_for_selector("#to-check:enabled")
 
 
@@ -116,6 +116,7 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page.press("#density input", "Tab")
     page.wait_for_selector("#prepared li")
     page.click("#to-infer")
+    page.get_by_label("neo-Hookean Kelvin-Voigt").check()
     page.click("#infer")
     answered(page, 2)
     page.click("#to-check")
