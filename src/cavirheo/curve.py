@@ -328,7 +328,11 @@ class RadiusCurve:
         return 2.0 * log(self.max_radius / radius[minima[0]]) / (float(self.collapse_times()[0]) - time[0])
 
     def stretch_from_tail(self) -> tuple[float, float] | None:
-        """(lambda, its standard deviation): R_max over the late plateau; None without one (landmarks.plateau)."""
+        """(lambda, its standard deviation): R_max over the mean radius of the last third of the time.
+
+        None where this is no plateau: it has fewer than 8 frames, begins sooner than two collapse periods after R_max,
+        or scatters or drifts by 5 %.
+        """
         collapses = self.collapse_times()
         return plateau(*self._after_max, collapses[0] if len(collapses) else None)
 

@@ -232,9 +232,11 @@ class TrainingProblem:
             medium = Medium(**data["medium"], unusual=True)  # whoever made the problem has insisted
             prior, grid = Prior.uniform(data["prior"]), FrameGrid(**data["camera"])
             return cls(data["material"], prior, medium, grid, data["reference_max_radius"])
+        except InputError:
+            raise
         except (AttributeError, KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
             message = f"not a problem written by this version of cavirheo: {error}"
-            raise error if isinstance(error, InputError) else InputError(message, "problem.unreadable") from error
+            raise InputError(message, "problem.unreadable") from error
 
     @cached_property
     def id(self) -> str:
@@ -254,9 +256,9 @@ class TrainingProblem:
 
         rows = np.asarray(theta, dtype=float)
         stretch = np.array([natural_values(self.prior.names, row)["stretch"] for row in rows])
-        options |= {"max_radius": self.reference_max_radius, "stretch": stretch, "medium": self.medium}
-        options["time"] = self.grid.time if time is None else time
-        return simulate_many([self.material(row) for row in rows], **options)
+        time, size = self.grid.time if time is None else time, self.reference_max_radius
+        materials = [self.material(row) for row in rows]
+        return simulate_many(materials, max_radius=size, stretch=stretch, medium=self.medium, time=time, **options)
 
     def grid_step(self, max_radius: float, medium: Medium | None = None) -> float:
         """The frame interval (s) that puts a shot of this R_max (m) on the grid in t*."""

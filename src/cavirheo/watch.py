@@ -190,7 +190,8 @@ class Watch:
         try:
             for path in measurements(self.folder)[0]:
                 moved = str(pixels_of(path)) in self.files  # a header alone, whose film was answered
-                if path.resolve() != column and not moved and (state := _state(path)):
+                counts = column is None or path.resolve() != column
+                if counts and not moved and (state := _state(path)):
                     states[path] = state
         except OSError as error:  # a file that is gone again, a share that is away for a moment
             self._say_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")

@@ -14,8 +14,6 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference import checks
-from cavirheo.inference.population import relative_scatter
 from cavirheo.io.shots import stem_of
 from cavirheo.messages import title
 from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
@@ -56,6 +54,8 @@ def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
 
 def curve_warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
     """(name, sentence) of what must not be overlooked: curves without R_max, and scales that make no sense."""
+    from cavirheo.inference import checks  # loads the solver, which a document that is read back needs not
+
     for curve in curves:
         yield from ((curve.name, warning.text) for warning in checks.curve_warnings(curve, WATER))
         try:
@@ -123,6 +123,8 @@ def next_step(result: Result, analysis: Analysis, out: Path) -> str:
 def pooled(result: Result) -> list[tuple[str, str, list[str]]]:
     """(group, scatter of G in %, stems of the files' names) of groups that scatter more than WIDE_SCATTER, and whose
     files have several names, of which some differ in a number alone: several materials?"""
+    from cavirheo.inference.population import relative_scatter
+
     groups = []
     for group, shots in result.shots():
         spread = group.population.spreads_decades.get("shear_modulus") if group.population else None

@@ -82,7 +82,7 @@ def _completing(words: Callable[[], Iterable[str]], between: str = "") -> Callab
 
 
 def _fitted() -> list[str]:
-    """`ABLE` of inference/law, which takes a second to import: parameters have a range or a default."""
+    """`ABLE` of inference/assumptions, which takes a second to import: parameters have a range or a default."""
     from cavirheo.parameters import PARAMETERS, inferred_as
     from cavirheo.physics.materials import LAWS
 

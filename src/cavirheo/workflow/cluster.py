@@ -254,11 +254,14 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
     expected = "--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, or slurm:FILE.toml"
     slurm = scheduler.startswith("slurm:")
     require(slurm or bool(_ADDRESS.fullmatch(scheduler)), f"{expected}, got {scheduler!r}", "cluster.scheduler")
-    missing = [name for name in ["distributed"] + ["dask_jobqueue"] * slurm if not find_spec(name)]
-    message = f"--scheduler needs {', '.join(missing)}: pip install 'cavirheo[cluster]' here and on the workers"
-    require(not missing, f"{message}; without it all runs here", "cluster.extra")
-    from distributed import Client
+    try:
+        from distributed import Client
 
+        if slurm and not find_spec("dask_jobqueue"):
+            raise ModuleNotFoundError(name="dask_jobqueue")
+    except ModuleNotFoundError as error:
+        message = f"--scheduler needs {error.name}: pip install 'cavirheo[cluster]' here and on the workers"
+        raise InputError(f"{message}; without it all runs here", "cluster.extra") from None
     if slurm:
         settings = read_settings(Path(scheduler.removeprefix("slurm:")))
         with jobs_of(settings) as cluster, Client(cluster) as client:

@@ -102,7 +102,7 @@ class Likelihoods(Gaussians):
     @property
     def means(self) -> Floats:
         """(n, d) of the shots."""
-        share = np.exp(np.log(self.share))[:, None]
+        share = self.share[:, None]
         total = np.add.reduceat(share, self.first, axis=0)
         return np.asarray(np.add.reduceat(share * self.mean, self.first, axis=0) / total)
 

@@ -30,7 +30,7 @@ from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Verification
 from cavirheo.messages import Message, of_error
-from cavirheo.parallel import cores, each
+from cavirheo.parallel import cores, each, one_blas_thread
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
 from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
 
@@ -51,8 +51,9 @@ def verify_many(
     """`verify` of each curve, on all cores, in their order. `done` is called with the index and the answer of each as
     it is found."""
     curves = several(curves)
-    pairs, threads = list(zip(curves, answers, strict=True)), max(cores(workers) // max(len(curves), 1), 1)
-    return each(lambda pair: verify(*pair, bubble=bubble, workers=threads, **settings), pairs, workers, done)
+    verification, bubbles = _settings(max(cores(workers) // max(len(curves), 1), 1), bubble, settings)
+    pairs = list(zip(curves, map(_starts, answers), strict=True))
+    return each(lambda pair: _verified(*pair, verification, bubbles), pairs, workers, done)
 
 
 def verify(
@@ -71,12 +72,31 @@ def verify(
     evidence is not smaller than the largest by more than 3. Raises InputError: no answer, or a setting out of its
     domain.
     """
-    began, (curve,) = time.perf_counter(), several([curve])
+    (curve,), starts = several([curve]), _starts(answer)
+    with one_blas_thread:
+        return _verified(curve, starts, *_settings(cores(workers), bubble, settings))
+
+
+def _settings(
+    workers: int, bubble: Requested | None, settings: dict[str, Any]
+) -> tuple[Verification, tuple[Bubble, ...]]:
+    """The settings of a verification, and the bubbles instead of that of the answer. Raises InputError."""
+    return Verification(workers=workers, **settings), () if bubble is None else bubbles_of(bubble)
+
+
+def _starts(answer: Posterior | Sequence[Posterior]) -> list[Posterior]:
+    """The answers for one curve. Raises InputError: something else."""
     starts: list[Any] = list(answer) if isinstance(answer, list | tuple) else [answer]
     for start in starts:
         expect(start, Posterior, "a Posterior to be verified, of infer or fit, for each curve")
-    verification = Verification(workers=workers, **settings)
-    bubbles = () if bubble is None else bubbles_of(bubble)
+    return starts
+
+
+def _verified(
+    curve: RadiusCurve, starts: Sequence[Posterior], verification: Verification, bubbles: Sequence[Bubble]
+) -> Posterior:
+    """As `verify`, of the settings and bubbles that were checked."""
+    began = time.perf_counter()
     models = [replace(start, bubble=kind) for start in starts for kind in bubbles] or starts
     posteriors, problems = _answers(verification, curve, models)
     if not posteriors:

@@ -167,12 +167,12 @@ def plans(
     """What is asked for the evidence of each of `models`, by name: of the shipped network where it knows the model,
     which takes a fraction of a search, and of a search for the others. options: of `Analysis`; ranges as `rank_laws`
     has them."""
-    network = network_of(DEFAULT)
     plain = not ranges and options.keys().isdisjoint(("free", "t0_bound", "scale_bound")) and stretch != "plateau"
+    network = network_of(DEFAULT) if plain else None
     analyses: dict[str, Analysis] = {}
     for name, (law, bubble) in chosen.items():
         model: dict[str, Any] = {"material": law, "bubble": bubble, "stretch": stretch, **options}
-        if plain and isinstance(network, PosteriorModel) and network.knows(law, bubble):
+        if isinstance(network, PosteriorModel) and network.knows(law, bubble):
             analyses[name] = Analysis("infer", **model)
             continue
         parameters = (*Family(law).parameters, "stretch")
