@@ -144,7 +144,11 @@ MORE = Page(
             },
             "[How](../docs/how-to/rheometer.md).",
         ),
-        Group("Rendered recordings", {"cavirheo.video": "render Scene Film"}, "[How](../docs/how-to/measure.md)."),
+        Group(
+            "Rendered recordings",
+            {"cavirheo.video.synthetic": "render Scene Film"},
+            "[How](../docs/how-to/measure.md).",
+        ),
         Group("Write", {"cavirheo.reporting": "write_report read_json", "cavirheo.io": "write_csv"}),
     ),
 )

@@ -10,7 +10,6 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable
-from contextlib import suppress
 from difflib import get_close_matches
 from numbers import Integral
 from os import PathLike
@@ -165,10 +164,11 @@ def from_cell(cell: str) -> str:
 
 def is_float(text: str) -> bool:
     """Whether a cell is a number as it stands."""
-    with suppress(ValueError):
+    try:
         float(text)
-        return "_" not in text  # Python's 1_000
-    return False
+    except ValueError:
+        return False
+    return "_" not in text  # Python's 1_000
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:

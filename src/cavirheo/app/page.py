@@ -189,12 +189,12 @@ class Page:
             session = self.visitors.of(request.session_hash)
             lock: Any = nullcontext() if works else session.lock
             bar = {"progress": progress} if works else {}
-            try:
-                with lock:
+            with lock:
+                try:
                     session.refusal, result = "", handler(session, *values, **bar)
-            except (InputError, SolverError) as error:
-                session.refusal = words.for_page(error)
-                raise gr.Error(session.refusal, visible=False, print_exception=False) from None
+                except (InputError, SolverError) as error:
+                    session.refusal = words.for_page(error)
+                    raise gr.Error(session.refusal, visible=False, print_exception=False) from None
             return [*(result if isinstance(result, list) else [] if result is None else [result]), ""]
 
         def why(request: gr.Request) -> str:  # on the page, where it covers nothing and goes with the next success

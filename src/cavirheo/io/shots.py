@@ -277,7 +277,7 @@ def check_max_radius(max_radius: float | None) -> None:
 
 
 def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
-    """The curves, each with its value, of a table or of `SIZE`, which a curve without R_max has not.
+    """The curves, each with its value: of a table (`read_column`), or, for the word `SIZE`, its own R_max.
 
     Raises InputError: no such table, it names what is not there or gives a curve no value, or each group has only one.
     """
@@ -335,7 +335,14 @@ def with_values(
 
 
 def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
-    """The title of the numbers, and the number of each name. Raises InputError: the file is no such table."""
+    """The title of the numbers, and the number of each name, of a table such as
+
+        shot,concentration_percent
+        gel_1.csv,0.5
+        gel_2.csv,1.0
+
+    A line names a curve, else a file (with or without its ending), else a group. Raises InputError: no such table.
+    """
     path = Path(path)
     with guarded(path):
         (table,) = read_columns(path, _DECLARED)

@@ -233,13 +233,16 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
     """The shots of a group that were answered, R/R_max over t*, darker where R_max is smaller; then one or two panels
     of a parameter over another, or over R_max. indices: of the group's curves in the result."""
     members = [i for i in indices if result.curves[i].has_answer]
-    records, shots = [result.curves[i] for i in members], [pairs[i] for i in members]
+    records, curves, t_c = [result.curves[i] for i in members], list[RadiusCurve](), list[float]()
+    for i in members:  # draws of thousands of answers need not be in memory at once
+        curve, answer = pairs[i]
+        curves.append(curve)
+        t_c.append(answer.checks.time_scale or np.nan)
     names = parameters_of(records)
     upper = next((name for name in CONSTANTS if name in names), names[0])
     lower = ["shear_modulus"] if "shear_modulus" in names and upper != "shear_modulus" else []
     all_elastic = lower and all(record.shear_modulus_Pa.median is not None for record in records)
     lower += [] if all_elastic and upper not in group.slopes else [_SIZE]
-    curves, t_c = [curve for curve, _ in shots], [answer.checks.time_scale or np.nan for _, answer in shots]
     tones = _tones(np.array([curve.max_radius for curve in curves]))
     end = max((record.window.t_star_end or 0.0 for record in records), default=0.0) or 1.0
     answers = [_answers(records, group, result.modulus_unit, upper, across, tones) for across in lower]

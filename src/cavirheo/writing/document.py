@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -423,9 +424,9 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
 
 def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]], remark: str = "") -> None:
     """CSV: a line per row, of its entries those in `head`; empty where there is none. No text is a formula
-    (`files.as_cell`). remark: a line above them, after "# "."""
+    (`errors.as_cell`). remark: a line above them, after "# "."""
     with Path(path).open("w", newline="", encoding="utf-8") as file:
         file.write(f"# {as_remark(printable(remark))}\n" if remark else "")
-        for cells in (head, *([row.get(key) for key in head] for row in rows)):
-            texts = [as_cell(cell) if isinstance(cell, str) else cell for cell in map(_printable, cells)]
-            csv.writer(file, lineterminator="\n").writerow(texts)
+        writer = csv.writer(file, lineterminator="\n")
+        for cells in chain([head], ([row.get(key) for key in head] for row in rows)):
+            writer.writerow([as_cell(cell) if isinstance(cell, str) else cell for cell in map(_printable, cells)])
