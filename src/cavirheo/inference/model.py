@@ -220,7 +220,7 @@ class Network:
     its card describes, or it is not run for what it holds ("graph...") or takes ("model.time", ...)."""
 
     def __init__(self, path: Path) -> None:
-        self.name: str = path.stem
+        self.path, self.name = path, path.stem
         self.card: dict[str, Any] = card(path)
         message = f"{path.stem} gives draws: the paper's networks, which give one value, are needed here"
         require(self.card["kind"] == "point", message, "model.kind")
@@ -237,7 +237,8 @@ class Network:
         with np.errstate(over="ignore"):
             values = [natural(name, column) for name, column in zip(self.outputs, theta.T, strict=True)]
         fine = np.isfinite(theta).all() and np.isfinite(values).all()
-        require(bool(fine), f"the model {self.name} answers a curve with what is no number", "model.not_finite")
+        message = f"the model {self.path} answers a curve with what is no number: train it anew"
+        require(bool(fine), message, "model.not_finite")
         return theta
 
 
