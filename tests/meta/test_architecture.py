@@ -4,12 +4,14 @@ import ast
 import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import EXAMPLE, ROOT
 
 import cavirheo
+from cavirheo import infer, read_curves
 
 SOURCE = Path(cavirheo.__file__).parent
 EXTRAS = ("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue")
@@ -49,3 +51,27 @@ def test_no_import_waits_for_a_library_that_it_does_not_need(module, libraries):
     code = f"import sys, cavirheo.{module}; print(*set('{libraries}'.split()) & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+@pytest.mark.slow
+def test_a_default_answer_enters_few_files_and_simulate_is_not_deeper_below_infer():
+    """Both may become fewer (12 calls, 24 files are aimed at), not more."""
+    curve, files, depths = read_curves(EXAMPLE)[0], set(), set()
+    infer(curve)  # what is loaded once does not count
+
+    def called(frame, event, _):
+        if event == "call" and (name := frame.f_code.co_filename).startswith(str(SOURCE)):
+            files.add(name)
+            if frame.f_code.co_name == "simulate" and name.endswith("simulate.py"):
+                depth = 0
+                while frame:
+                    depth += frame.f_code.co_filename.startswith(str(SOURCE))
+                    frame = frame.f_back
+                depths.add(depth)
+
+    threading.setprofile(called)
+    sys.setprofile(called)
+    infer(curve)
+    sys.setprofile(None)
+    threading.setprofile(None)
+    assert (len(files) <= 34, max(depths) <= 26) == (True, True), (len(files), max(depths))
