@@ -40,12 +40,13 @@ def tested(program: str, sdist: Path, wheel: Path, folder: Path) -> bool:
     """Whether the fast tests pass from this wheel with this Python."""
     subprocess.run([program, "-m", "venv", folder / "env"], check=True)
     python, constraints = folder / "env" / "bin" / "python", ROOT / "constraints.txt"
-    subprocess.run([python, "-m", "pip", "install", *QUIET, "-c", constraints, wheel, "pytest"], check=True)
+    surroundings = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    install = [python, "-m", "pip", "install", *QUIET, "-c", constraints, wheel, "pytest"]
+    subprocess.run(install, env=surroundings, check=True)
     with tarfile.open(sdist) as archive:
         archive.extractall(folder, filter="data")
     (away,) = folder.glob("cavirheo-*")
     shutil.rmtree(away / "src")
-    surroundings = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     words = ["-m", "pytest", "-m", "not slow and not hostile", "-p", "no:cacheprovider", "--tb=short"]
     return subprocess.run([python, *words], cwd=away, env=surroundings, check=False).returncode == 0
 
