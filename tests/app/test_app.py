@@ -91,10 +91,10 @@ def single(path, scale=1.0, frames=120):
 
 def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
     path = single(tmp_path / "my gel.csv", 0.4)  # too fast for so small a bubble, unless the visitor vouches for it
-    words = "--density 1050 --window 2 --verify map --trust-input"
+    words = "--density 1050 --window 2 --material nhkv --verify map --trust-input"
     run("infer", path, "-o", tmp_path, *words.split())
     ours = json.loads((tmp_path / "result.json").read_text())
-    theirs = ask(client, path, density=1050, window=2, verify="map", trust_input=True)
+    theirs = ask(client, path, material="nhkv", density=1050, window=2, verify="map", trust_input=True)
     assert theirs["command"] == f"cavirheo infer 'my gel.csv' {words}"
     assert theirs["groups"] == ours["groups"]
     for (record,) in (ours["curves"], theirs["curves"]):
@@ -308,7 +308,7 @@ def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
         session.prepare(settings)
         preview(session, ["one"])
         assert session.previews == {}  # these wait for their answers
-    session.prepare(PageSettings(verify="map"))
+    session.prepare(PageSettings(verify="map", material="nhkv"))
     preview(session, ["one", "short"])
     assert list(session.previews) == ["one"]  # of a shot that it cannot answer it says nothing
     row = session.previews["one"]
@@ -401,7 +401,7 @@ def test_a_file_that_takes_long_lets_other_visitors_read(tmp_path):
 
 def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(session, tmp_path):
     """The values of an exported simulation, typed into the sliders, give the RMSE that is shown."""
-    session.add([SOFT], PageSettings(), copy=True)
+    session.add([SOFT], PageSettings(material="nhkv"), copy=True)
     (record,) = infer(session, ["soft_gel[1]"]).document.curves
     with zipfile.ZipFile(export(session, print)[0]) as archive:
         archive.extractall(tmp_path)

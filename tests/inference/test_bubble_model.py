@@ -35,8 +35,8 @@ def kinetic():
 @pytest.mark.parametrize(
     ("true", "fitted"),
     [
-        (dict(contents="kinetic"), Bubble("kinetic")),
-        (dict(confinement_inertia=0.2), Bubble(confinement_inertia="free")),
+        slow(dict(contents="kinetic"), Bubble("kinetic")),
+        slow(dict(confinement_inertia=0.2), Bubble(confinement_inertia="free")),
         (dict(confinement_damping=0.3), Bubble(confinement_damping="free")),
         slow(dict(vapour_excess=3e3), Bubble(vapour_excess="free")),
         slow(dict(damage=Damage(0.2, 2.0), contents="kinetic"), Bubble("kinetic", 0.07, "first-rebound")),

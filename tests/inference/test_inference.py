@@ -71,21 +71,25 @@ def test_another_size_than_that_of_the_training_is_said():
     assert off[1] < 0.5 * off[0]
 
 
-def test_a_wrong_model_is_refused():
-    """A bubble that swells again to four times its plateau is no neo-Hookean bubble, and a stiff gel is no liquid: what
-    the network's draws do not know is simulated, too."""
+def test_a_bubble_that_swells_again_is_no_neo_hookean_one():
+    """To four times its plateau."""
     curve = shot(mu=0.1)
     drift = replace(curve, radius=curve.radius * (1 + 3.0 * np.maximum(0, curve.time / 90e-6 - 0.3)))
     assert infer(drift).checks.verdict == "model_does_not_fit"
+
+
+@pytest.mark.slow
+def test_a_stiff_gel_is_no_liquid():
+    """What the network's draws do not know is simulated, too."""
     gel = cavirheo.read_curves(ROOT / "examples" / "stiff_gel.mat")[0]
     curve = RadiusCurve(gel.time - gel.time[0], gel.radius)
     answer = cavirheo.infer(curve, material="newtonian", bubble="field", window=1)
     assert answer.checks.verdict == "model_does_not_fit"
 
 
-def test_rounded_radii_and_a_second_bubble_and_noise_are_no_wrong_answer():
-    """Radii to 10 um; a bubble of another pulse, late in the recording; noise of 3.5 % of R_max, where a model may miss
-    3 %."""
+@pytest.mark.slow
+def test_rounded_radii_and_a_second_bubble_are_no_wrong_answer():
+    """Radii to 10 um; a bubble of another pulse, late in the recording."""
     curve = shot(G=8e3, mu=0.03)
     rounded = replace(curve, radius=np.maximum(np.round(curve.radius / 1e-5), 1.0) * 1e-5)
     again = np.append(curve.time, curve.time + curve.time[-1] + 1e-6), np.append(curve.radius, 0.8 * curve.radius)
@@ -94,6 +98,11 @@ def test_rounded_radii_and_a_second_bubble_and_noise_are_no_wrong_answer():
         assert holds(answer, shear_modulus=8e3)
         assert answer.checks.verdict in ("ok", "undetermined", "other_model_preferred")
     assert "another bubble" in answers[1].checks.message
+
+
+@pytest.mark.slow
+def test_much_noise_is_no_wrong_model():
+    """3.5 % of R_max, where a model may miss 3 %."""
     noisy = cavirheo.infer(simulated(frames=60, noise=0.035), material="nhkv").checks
     assert noisy.rmse_over_rmax > 0.03
     assert noisy.verdict in ("ok", "undetermined")
@@ -250,6 +259,7 @@ def test_no_open_recording_is_doubted_but_the_one_of_a_wrong_scale(real_data):
             assert bool(doubts(curve)) == ("WRONG_SCALE" in path.name), curve.name
 
 
+@pytest.mark.slow
 def test_a_mean_of_trials_is_judged_as_a_measurement():
     """Smooth, and 1 % from any simulation: too far for a simulated curve, but less than what its trials scatter."""
     curve = recorded(NeoHookeanKelvinVoigt(8e3, 0.1), 5.0, periods=2.0, frames=200, noise=0.0)

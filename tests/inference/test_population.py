@@ -316,6 +316,7 @@ def test_a_column_that_is_not_theirs_is_refused(tmp_path, code, text, group):
     assert code_of(declared, tmp_path / "c.csv", text, group=group) == f"column.{code}"
 
 
+@pytest.mark.slow
 def test_a_column_reaches_the_answer_and_is_refused_before_it_is_computed(run, tmp_path):
     copy(EXAMPLE, tmp_path / "gel.csv")
     (tmp_path / "age.csv").write_text("shot;age (h)\ngel[1];1\ngel[2];2\ngel[3];3\n")

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from conftest import code_of, error_of
+from conftest import code_of, error_of, slow
 from scipy.integrate import solve_ivp
 
 from cavirheo.curve import RadiusCurve
@@ -40,7 +40,7 @@ def measured(start=-0.7, end=6.0, step=0.04, noise=0.0, seed=0, **material):
     return RadiusCurve(t * T_C, np.where(r > 0, r, np.nan) * R_MAX)
 
 
-@pytest.mark.parametrize("noise", [0.003, 0.008, 0.025])
+@pytest.mark.parametrize("noise", [0.003, slow(0.008), 0.025])
 @pytest.mark.parametrize("start", [-0.7, -0.25, -0.15, 0.0])
 def test_the_time_of_the_maximum_lies_between_those_that_the_frames_leave_possible(start, noise):
     """A recording that begins up to a quarter of t_c before R_max shows no growth beyond 3 %."""

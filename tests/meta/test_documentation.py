@@ -165,11 +165,11 @@ def test_snippets_run(code, shown, monkeypatch):
 
 
 EXAMPLES = {  # script: what it prints; the slow ones below
-    "infer_a_file": r"soft_gel\[1\]: R_max 267 um, G 6[0-6]\d\d Pa, mu 0\.0(29|3[0-2])",
     "simulate_any_law": r"zener.* ok",
     "your_own_arrays": r"G [78]\d{3} Pa \(true 8000\)",
 }
 LONG = {
+    "infer_a_file": r"soft_gel\[1\]: R_max 267 um, G 6[0-6]\d\d Pa, mu 0\.0(29|3[0-2])",
     "fit_a_window": r"(?s)shear_modulus: 3\.\d+e\+04 Pa.*shear_modulus, viscosity: [+-]0\.\d\d.*  1: G \d{5} Pa",
     "measure_a_video": r"R_max 250\.\d um.* 7\d frames ok.*G (9[89]|10[01])\d\d Pa \(true 10000\)",
     "group_to_table": r"stiff_gel: 5 shots, G 30\d\d\d ± ",

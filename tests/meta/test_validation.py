@@ -28,6 +28,7 @@ def test_recordings_are_read_and_are_of_their_truth(made):
         assert recording.time[-1] - float(row["origin_us"]) * 1e-6 > 1.5 * curve.max_radius / 10.0
 
 
+@pytest.mark.slow
 def test_a_recording_depends_on_its_seed_and_number_alone(made, tmp_path):
     make.make(tmp_path, seed=7, n=1, workers=1)
     for name in ("recordings/shot001.csv", "truth.csv"):

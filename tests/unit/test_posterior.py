@@ -249,6 +249,7 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
         assert density - np.log(row[2] * np.log(10.0)) == pytest.approx(expected, abs=0.1)
 
 
+@pytest.mark.slow
 def test_map_is_the_maximum_with_laplaces_interval(fitted):
     curve, answer = fitted
     (full,) = verify_many([curve], [answer], discrepancy=False, seed=1)
@@ -292,6 +293,7 @@ def test_predictive_check_rejects_at_its_nominal_rate():
     assert verification.predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
 
 
+@pytest.mark.slow  # the quick one is that of a swelling bubble in test_inference
 def test_a_wrong_law_is_rejected():
     curve = shot(Zener(2e4, 0.08, 6e-6), noise=0.004)
     wrong = verify.verify(curve, fit(curve, "newtonian"), discrepancy=False, level="map")
@@ -446,6 +448,7 @@ def test_the_default_answer_holds_the_truth_and_depends_on_its_curve_alone():
     assert np.array_equal(one.theta, infer(recorded(seed=1), bubble="field", **NHKV).theta)
 
 
+@pytest.mark.slow
 def test_an_answer_says_how_a_wrong_scale_would_move_it():
     """Per cent of R_max, against answers of the curve that is enlarged."""
     curve = recorded(NeoHookeanKelvinVoigt(6e3, 0.05), stretch=7.0)
@@ -551,6 +554,7 @@ def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):
     assert planted(lambda target: far).sample.ess > 20
 
 
+@pytest.mark.slow
 def test_no_answer_is_ok_without_an_interval(monkeypatch):
     monkeypatch.setattr(adaptive_sampling, "TUNING", replace(TUNING, draws=40, emulated_worst=0.0))
     curve, network = recorded(), network_of()
