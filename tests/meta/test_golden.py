@@ -94,8 +94,7 @@ ANSWERS: dict[str, Callable[[], Any]] = {
     "fit soft gel": _of(fit, "soft_gel.csv", 1, bubble="field", others=False),
     "fit stiff gel, memory": _of(fit, "stiff_gel.mat", 0, material="zener", window=1, bubble="field", others=False),
 }
-
-LONG = {"infer stiff gel", "infer liquid, power law"}
+LONG = "infer stiff gel", "infer liquid, power law"
 
 
 def answer(name: str) -> dict[str, Any]:

@@ -293,15 +293,6 @@ def test_predictive_check_rejects_at_its_nominal_rate():
     assert verification.predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
 
 
-@pytest.mark.slow  # the quick one is that of a swelling bubble in test_inference
-def test_a_wrong_law_is_rejected():
-    curve = shot(Zener(2e4, 0.08, 6e-6), noise=0.004)
-    wrong = verify.verify(curve, fit(curve, "newtonian"), discrepancy=False, level="map")
-    assert wrong.checks.verdict == "model_does_not_fit"
-    assert "more than noise explains" in wrong.checks.message
-    assert wrong.diagnostics.predictive["p_value"] < 0.01
-
-
 def test_what_cannot_be_verified_keeps_its_answer(fitted, monkeypatch):
     curve, answer = fitted
     one = {"names": answer.names[1:2], "units": answer.units[1:2], "theta": answer.theta[:, 1:2]}
@@ -448,7 +439,6 @@ def test_the_default_answer_holds_the_truth_and_depends_on_its_curve_alone():
     assert np.array_equal(one.theta, infer(recorded(seed=1), bubble="field", **NHKV).theta)
 
 
-@pytest.mark.slow
 def test_an_answer_says_how_a_wrong_scale_would_move_it():
     """Per cent of R_max, against answers of the curve that is enlarged."""
     curve = recorded(NeoHookeanKelvinVoigt(6e3, 0.05), stretch=7.0)
@@ -581,17 +571,6 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     assert card["kind"] == "posterior"
     assert set(card["coverage"]["by_slot"]) == set(COORDINATES)
     assert network_of(str(tmp_path / "run" / "small.onnx")).name == "small"
-
-
-def test_a_misfit_that_the_real_bubble_explains_is_said():
-    true = Bubble("kinetic", accommodation=0.07)
-    curve = recorded(NeoHookeanKelvinVoigt(3e3, 0.02), stretch=9.0, noise=0.003, seed=1, within=true)
-    answer = infer(curve, bubble="field", **NHKV)
-    (other,) = (one for one in answer.others if one.bubble == REAL)
-    assert other.evidence.log > answer.evidence.log + 8
-    low, _, high = other.intervals["accommodation"]
-    assert 0.8 * low < 0.07 < 1.25 * high  # at a glance
-    assert (answer.checks.verdict, answer.checks.messages[0].code) == ("other_model_preferred", "model.rejected")
 
 
 def test_the_slot_of_the_damping_has_its_prior():
