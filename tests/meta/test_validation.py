@@ -118,6 +118,7 @@ NO_MEASUREMENTS = (  # patterns: sizes, settings, thresholds, values of others
 )
 
 
+@pytest.mark.repository
 @pytest.mark.parametrize("page", ["README.md", "docs/how-far.md", "docs/validation.md", "docs/claims.md"])
 def test_no_measured_number_is_typed_by_hand(page):
     text = pages.sentences() if page == "docs/claims.md" else (ROOT / page).read_text("utf-8")
@@ -128,8 +129,7 @@ def test_no_measured_number_is_typed_by_hand(page):
 
 def test_shares_and_their_standard_errors():
     number = numbers.coverage("held", [True] * 45 + [False] * 5, 0.9)
-    assert (number.value, number.n) == (0.9, 50)
-    assert number.standard_error == pytest.approx(0.0424, abs=1e-4)
+    assert (number.value, number.n, number.standard_error) == (0.9, 50, pytest.approx(0.0424, abs=1e-4))
     assert 0.0 < numbers.share("all", [True] * 5).standard_error < 0.15
     assert numbers.share("none", []).n == 0
     assert np.isnan(numbers.statistic("one", [2.0], "s").standard_error)
