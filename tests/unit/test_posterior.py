@@ -573,6 +573,18 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     assert network_of(str(tmp_path / "run" / "small.onnx")).name == "small"
 
 
+@pytest.mark.slow
+def test_a_misfit_that_the_real_bubble_explains_is_said():
+    true = Bubble("kinetic", accommodation=0.07)
+    curve = recorded(NeoHookeanKelvinVoigt(3e3, 0.02), stretch=9.0, noise=0.003, seed=1, within=true)
+    answer = infer(curve, bubble="field", **NHKV)
+    (other,) = (one for one in answer.others if one.bubble == REAL)
+    assert other.evidence.log > answer.evidence.log + 8
+    low, _, high = other.intervals["accommodation"]
+    assert 0.8 * low < 0.07 < 1.25 * high  # at a glance
+    assert (answer.checks.verdict, answer.checks.messages[0].code) == ("other_model_preferred", "model.rejected")
+
+
 def test_the_slot_of_the_damping_has_its_prior():
     z = np.linspace(-2.5, 3.5, 9)
     assert np.allclose([damping_to_latent(float(one)) for one in damping(z)], np.minimum(z, 3.0), atol=1e-6)
