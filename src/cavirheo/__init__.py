@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cavirheo.inference import infer_many as infer_many
     from cavirheo.inference.population import Population as Population
     from cavirheo.inference.population import population as population
+    from cavirheo.inference.what_if import predict_radius as predict_radius
     from cavirheo.io import read_curves as read_curves
     from cavirheo.io.videos import measure as measure
     from cavirheo.loading import load as load
@@ -37,6 +38,7 @@ _NAMES = {  # by module
     "errors": "InputError SolverError",
     "inference": "fit fit_many infer infer_many",
     "inference.population": "population Population",
+    "inference.what_if": "predict_radius",
     "io": "read_curves",
     "io.videos": "measure",
     "loading": "load",

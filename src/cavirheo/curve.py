@@ -42,7 +42,8 @@ class _Stated(Generic[T]):
         return self.default if curve is None else curve.meta.get(self.key, self.default)
 
 
-def _numbers(name: str, values: Any) -> Floats:
+def as_numbers(name: str, values: Any) -> Floats:
+    """Values as an array. Raises InputError."""
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -120,7 +121,7 @@ class RadiusCurve:
 
     def __post_init__(self) -> None:
         expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
-        time, radius, std = (_numbers(name, getattr(self, name)) for name in ("time", "radius", "radius_std"))
+        time, radius, std = (as_numbers(name, getattr(self, name)) for name in ("time", "radius", "radius_std"))
         std = std if std.size else np.full(radius.shape, np.nan)
         fine = time.ndim == 1 and time.shape == radius.shape == std.shape
         message = "time, radius and radius_std must be one-dimensional and of one length, got shapes "

@@ -266,9 +266,7 @@ class Posterior:
         """Credible interval of this probability, in natural units, with as much below as above it; None for a point or
         failed answer (no width is made up). Its ends have two priors (`ends`). Raises InputError: as `draws`, or a
         level outside 0 to 1."""
-        percent = f": did you mean {level / 100:g}?" if isinstance(level, Real) and 1 < level < 100 else ""
-        message = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
-        require(isinstance(level, Real) and 0 < level < 1, message, "posterior.level")
+        check_level(level)
         values = self.draws(name)
         return ends(self._scaled(name), values, (1.0 - level) / 2.0, self.log_weight) if len(values) > 1 else None
 
@@ -329,6 +327,14 @@ class Posterior:
     @property
     def _attributes(self) -> dict[str, str]:
         return {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
+
+
+def check_level(level: object) -> None:
+    """Raises InputError: it is no probability of an interval."""
+    value = float(level) if isinstance(level, Real) else 0.0
+    percent = f": did you mean {value / 100:g}?" if 1 < value < 100 else ""
+    message = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
+    require(0 < value < 1, message, "posterior.level")
 
 
 def intervals(

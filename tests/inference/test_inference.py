@@ -13,7 +13,7 @@ from answers import fit, holds, simulated
 from conftest import BDT, EXAMPLE, ROOT, code_of, rows_of
 
 import cavirheo
-from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves
+from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, predict_radius, read_curves
 from cavirheo.inference import checks
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
@@ -32,6 +32,24 @@ GEL = NeoHookeanKelvinVoigt(3e3, 0.05)
 
 def shot(G=8e3, mu=0.05, **given) -> RadiusCurve:
     return simulated(NeoHookeanKelvinVoigt(G, mu), **{"frames": 140, "stated_time_of_max": 0.0, **given})
+
+
+def test_frames_after_the_window_lie_where_the_draws_predict_them():
+    truth, within = shot(), []
+    for seed in (0, 1):
+        cut = shot(noise=0.01, seed=seed).window(collapses=1)
+        answer = cavirheo.infer(cut, material="nhkv", bubble="field", trust_input=True)
+        later = truth.time > cut.time[-1]
+        mean, low, high = predict_radius(cut, answer, truth.time[later])
+        within += ((low < truth.radius[later]) & (truth.radius[later] < high)).tolist()
+        assert np.sqrt(np.mean((mean - truth.radius[later]) ** 2)) < 0.05 * cut.max_radius
+        half = predict_radius(cut, answer, truth.time[later], level=0.5)
+        assert np.mean(half.high - half.low) < 0.7 * np.mean(high - low)
+    assert np.mean(within) > 0.8
+    wrong = {"curve.time": {"time": [np.nan]}, "posterior.level": {"level": 90}, "input.whole": {"draws": 1}}
+    for code, given in wrong.items():
+        assert code_of(predict_radius, cut, answer, **{"time": [0.0], **given}) == code
+    assert code_of(predict_radius, cut, infer(shot()), [0.0]) == "predict.draws"  # a point has none
 
 
 @pytest.mark.parametrize("file", ["soft_gel.csv", "stiff_gel.mat"])

@@ -16,7 +16,8 @@ from validation.challenge.camera import read_maximum
 
 COLUMNS = ("name", "G", "G_low", "G_high", "mu", "mu_low", "mu_high", "seconds")
 Answer = dict[str, Any]
-"""Some of these columns, and others that score.py passes over; "predict": radii, m, at times of the recording, s."""
+"""Some of these columns, and others that score.py passes over; "predict": a function of times of the recording, s (n,),
+that gives radii, m (n,), or these with the two ends of their 90 % intervals (3, n)."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def run(description: str | None, answer: Callable[[Recording, list[str]], Answer
         predict = row.pop("predict", None)
         if predict is not None and recording.name in asked:
             times = asked[recording.name]
-            radii = predict(1e-6 * np.array(times, float))
+            radii = np.atleast_2d(predict(1e-6 * np.array(times, float)))[0]
             rows = [
                 {"name": row["name"], "time_us": t, "radius_um": f"{1e6 * r:.4f}"}
                 for t, r in zip(times, radii, strict=True)

@@ -1,6 +1,6 @@
 """Real recordings of the open sets, cut at the first rebound; what comes later is to be predicted.
 
-    python -m validation.challenge.open_sets FOLDER OUT [--shots 3]
+    python -m validation.challenge.open_sets FOLDER OUT [--shots 5]
 
 FOLDER has the sets of docs/validation.md in a folder each. OUT/recordings/ is as that of make.py, with asked.csv:
 the frames whose radius is to be predicted; OUT/held.csv has their measured radii, for score.py alone.
@@ -66,7 +66,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--shots", type=int, default=3, help="at most so many of a set")
+    parser.add_argument("--shots", type=int, default=5, help="at most so many of a set")
     given = parser.parse_args()
     make(given.folder, given.out, given.shots)
 

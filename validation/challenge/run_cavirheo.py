@@ -1,4 +1,4 @@
-"""cavirheo's answers to the recordings of the challenge, by its command line and result.json alone.
+"""cavirheo's answers to the recordings of the challenge, by command line and result.json; predictions by Python.
 
     python -m validation.challenge.run_cavirheo RECORDINGS ANSWERS.csv -- infer --material auto
     python -m validation.challenge.run_cavirheo RECORDINGS ANSWERS.csv -- fit --bubble field
@@ -11,16 +11,14 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
-from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
-from cavirheo import Bubble, Medium, simulate
-from cavirheo.physics.materials import LAWS, parse, with_consistency
+from cavirheo import Medium, fit, infer, predict_radius, read_curves
 from validation.challenge.answers import Answer, Recording, run
 
 QUANTITIES = {"G": "shear_modulus_Pa", "mu": "viscosity_Pa_s"}
@@ -45,7 +43,7 @@ def answer(recording: Recording, options: list[str]) -> Answer:
         value = curve.get(field) or {}
         row |= stated(name, value.get("median"), value.get("q05"), value.get("q95"), value.get("bound"))
     row = {key: "" if value is None else value for key, value in row.items()} | {"verdict": curve["verdict"]}
-    return row | ({"predict": partial(predicted, curve, recording.density)} if curve["best"] else {})
+    return row | ({"predict": partial(predicted, recording, options)} if curve["best"] else {})
 
 
 def stated(name: str, median: float | None, low: float | None, high: float | None, bound: str | None) -> Answer:
@@ -59,28 +57,15 @@ def stated(name: str, median: float | None, low: float | None, high: float | Non
     }
 
 
-def predicted(curve: dict[str, Any], density: float, at: np.ndarray) -> np.ndarray:
-    """Radii as measured, by the best values of an answer, at times of the recording."""
-    best = curve["best"]
-    terms = [family.strip() for family in curve["material"].split("+")]
-    values = with_consistency(best)
-    words = [
-        f"{law}({', '.join(f'{n}={values[n]!r}' for n in signature(LAWS[law]).parameters if n in values)})"
-        for law in terms
-    ]
-    known = {name: best.get(name, 0.0) for name in ("confinement_damping",)}
-    bubble = Bubble("kinetic", best["accommodation"], **known) if "accommodation" in best else Bubble(**known)
-    scale, late = best.get("radius_scale", 1.0), best.get("time_origin", 0.0)
-    R_max = curve["max_radius_m"] * scale * best.get("max_radius_factor", 1.0)
-    run = simulate(
-        parse(" + ".join(words)),
-        max_radius=R_max,
-        stretch=best["stretch"],
-        time=at - curve["time_of_max_s"] - late,
-        medium=Medium(density=density),
-        bubble=bubble,
-    )
-    return run.radius / scale
+def predicted(recording: Recording, options: list[str], at: np.ndarray) -> np.ndarray:
+    """(3, n) radii at times (n,) of the recording, by the draws of the same answer made in Python: their mean, and the
+    ends of 90 % of them."""
+    verb, *more = options or ["infer"]
+    how = {name.strip("-"): value for name, value in zip(more[::2], more[1::2], strict=True)}
+    curve, medium = read_curves(recording.path)[0], Medium(density=recording.density)
+    curve = replace(curve, meta={**curve.meta, "exposure_s": recording.exposure})
+    answer = {"infer": infer, "fit": fit}[verb](curve, medium=medium, trust_input=True, **how)
+    return np.array(predict_radius(curve, answer, at))
 
 
 if __name__ == "__main__":

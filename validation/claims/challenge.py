@@ -110,22 +110,26 @@ def compared(truths: list[Row], infer: list[Row], pyimr: list[Row]) -> Iterator[
 
 
 def ahead(job: tuple[str, str, int], folder: Path) -> dict:
-    """RMS of predicted less measured radius over R_max, of the frames of a real recording that were held back."""
+    """Of the frames of a real recording that were held back: RMS of predicted less measured radius over R_max, and the
+    share that 90 % intervals hold, where there are any."""
     program, name, _ = job
     answer, options = PROGRAMS[program]
     held = [row for row in score.read(folder / "held.csv") if row["name"] == name]
     time, radius = (1e-6 * np.array([float(row[key]) for row in held]) for key in ("time_us", "radius_um"))
     recording = named(folder, name)
     predict = answer(recording, options).get("predict")
-    off = np.full(len(held), np.nan) if predict is None else predict(time) - radius
-    return {"set": held[0]["set"], "rms": float(np.sqrt(np.mean(off**2))) / recording.max_radius}
+    rows = np.full((1, len(held)), np.nan) if predict is None else np.atleast_2d(predict(time))
+    rms = float(np.sqrt(np.mean((rows[0] - radius) ** 2))) / recording.max_radius
+    within = float(np.mean((rows[1] < radius) & (radius < rows[2]))) if len(rows) == 3 else np.nan
+    return {"set": held[0]["set"], "rms": rms, "held": within}
 
 
 def predicted(run: Run) -> Iterator[Number]:
-    """Medians over the shots of each open set; nothing without the sets."""
+    """Medians over the shots of each open set, and the mean share of frames that 90 % intervals hold, of all shots;
+    nothing without the sets."""
     if run.data is None:
         return
-    shots = run.count(1, 3)
+    shots = run.count(1, 5)
     with TemporaryDirectory() as folder:
         open_sets.make(run.data, Path(folder), shots)
         names = list(dict.fromkeys(row["name"] for row in score.read(Path(folder) / "held.csv")))
@@ -135,3 +139,4 @@ def predicted(run: Run) -> Iterator[Number]:
             for group in open_sets.SETS:
                 errors = [row["rms"] for row in rows if row["set"] == group]
                 yield statistic(f"open.{program}.{key_of(group)}", errors, "R_max")
+            yield statistic(f"open.{program}.held", [row["held"] for row in rows], "1", np.mean)

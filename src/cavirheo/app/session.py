@@ -16,14 +16,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cavirheo.arrays import Bools
+from cavirheo.arrays import Bools, Floats
 from cavirheo.companions.published_values import add_to_groups, published, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.assumptions import check_stretch
 from cavirheo.inference.model import shipped
-from cavirheo.inference.what_if import Band
 from cavirheo.io.shots import check_max_radius, with_maximum_notes
 from cavirheo.io.subprocess_reader import Reader
 from cavirheo.io.videos import Camera, history, parse_camera
@@ -210,6 +209,10 @@ class Clip:
         excluded[self.index] ^= True
         (wrong,) = self.leave_out(digits.ranges((np.flatnonzero(excluded) + self.measured.first).tolist()))
         require(not wrong, wrong, "video.exclude")
+
+
+Band = tuple[Floats, Floats, Floats]
+"""Times, s, and the lower and the upper radius, m, of the draws' simulations."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -332,11 +332,11 @@ class Experiment:
         rows = prior.to_dict()
         return {LOG10 + name: tuple(rows[name]) for name in self.family.parameters}
 
-    def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, counted: bool = False) -> Prediction | None:
-        """What the camera would have measured at x (d,), in the frames that count or in all; None if that failed.
-        Instants before R_max are mirrored (R is even to third order there)."""
+    def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, since: Floats | None = None) -> Prediction | None:
+        """What the camera would have measured at x (d,), in its frames or those at other times since R_max (m,), s;
+        None if that failed. Instants before R_max are mirrored (R is even to third order there)."""
         natural, (offsets, shares) = self.natural(x), exposed(self.exposure, INSTANTS)
-        since = self.since[self.counted] if counted else self.since
+        since = self.since if since is None else since
         instants = (since[:, None] - natural["time_origin"] + offsets).ravel()
         side, instants = np.sign(instants), np.abs(instants)
         order = np.argsort(instants, kind="stable")
@@ -426,7 +426,7 @@ class Experiment:
 
     def difference(self, x: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(n,) measured minus simulated, over R_max, of the frames that count; NaN where the simulation failed."""
-        prediction = self.predict(x, accuracy, counted=True)
+        prediction = self.predict(x, accuracy, since=self.since[self.counted])
         measured = self.measured[self.counted]
         return np.full(len(measured), np.nan) if prediction is None else measured - prediction.radius
 

@@ -49,7 +49,11 @@ def read_draws(
     frames and law. checked: simulate the likeliest draws, and raise InputError where the network cannot read the curve;
     without it the answer is for a verification to start from."""
     source = "given" if shot.stretch else "inferred with the other parameters"
-    fields: dict[str, Any] = {"checks": checks, "diagnostics": Diagnostics(stretch_source=source)}
+    fields: dict[str, Any] = {
+        "checks": checks,
+        "medium": shot.medium,
+        "diagnostics": Diagnostics(stretch_source=source),
+    }
 
     def network_draws(shot: Experiment) -> tuple[Any, Floats]:
         proposal = model.proposal(shot, shot.prior(), discrepancy)

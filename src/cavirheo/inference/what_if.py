@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError
+from cavirheo.curve import RadiusCurve, as_numbers
+from cavirheo.errors import InputError, SolverError, brief, expect_whole, require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.assumptions import FREE, Family, Options, check_stretch
 from cavirheo.inference.checks import Window, window
@@ -21,11 +21,65 @@ from cavirheo.inference.network_answer import network_window
 from cavirheo.messages import of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL
+from cavirheo.physics.media import Medium
 from cavirheo.physics.media import medium as medium_of
-from cavirheo.posterior import Checks, Posterior
+from cavirheo.posterior import Checks, Posterior, check_level
 
-DRAWS = 40  # of a posterior, that its band is made of
-Band = tuple[Floats, Floats, Floats]
+DRAWS = 100  # of a posterior, that are simulated
+WIDEST = 0.19  # range of a radius scale about 1 that holds every one that was inferred
+
+
+class PredictedRadius(NamedTuple):
+    """(n,) m: the mean of the radii that the draws of an answer simulate, and the ends of their central part."""
+
+    mean: Floats
+    low: Floats
+    high: Floats
+
+
+def predict_radius(
+    curve: RadiusCurve, posterior: Posterior, time: ArrayLike, *, level: float = 0.9, draws: int = DRAWS
+) -> PredictedRadius:
+    """The radius that an answer predicts at any time: in frames that were not compared with it, say.
+
+    Where few frames were compared, the mean of the draws is nearer to later frames of real recordings than a simulation
+    with the best values (validation/challenge/README.md).
+
+    Args:
+        curve: the recording that was answered.
+        posterior: its answer, with draws.
+        time: (n,) s, on the clock of the curve. Before R_max the bubble is mirrored.
+        level: probability that the radius is between the two ends, without the noise of a frame.
+        draws: so many of them are simulated, some milliseconds each; of an average over laws from each by its weight.
+
+    Returns: three arrays (n,) in m.
+
+    Raises InputError: an answer without draws, a time that is not finite, a level outside 0 to 1, less than two draws;
+    SolverError: more than half of the draws cannot be simulated.
+    """
+    time = as_numbers("time", time)
+    fine = time.ndim == 1 and len(time) > 0 and bool(np.all(np.isfinite(time)))
+    require(fine, f"times must be one row of finite numbers, got {brief(time.tolist())}", "curve.time")
+    message = f"a prediction needs an answer with draws; that of {posterior.method} has {len(posterior.theta)}"
+    require(posterior.medium is not None and len(posterior.theta) > 1, message, "predict.draws", curve.name)
+    check_level(level)
+    expect_whole(draws, "draws", 2)
+    parts = list(posterior.laws.values()) or [posterior]
+    logs = np.array([part.evidence.log if part.evidence else 0.0 for part in parts])
+    rng = np.random.default_rng(0)
+    radii = list[Floats]()
+    for part, count in zip(parts, rng.multinomial(draws, np.exp(logs - log_sum(logs))), strict=True):
+        shot = _experiment(curve, part, cast(Medium, posterior.medium), _end(curve, posterior))
+        for row in rng.choice(len(part.theta), count, p=part.weights):
+            values = {name: float(part.draws(name)[row]) for name in part.parameters}
+            simulated = shot.predict(shot.from_best({**part.best, **values}), since=time - curve.time_of_max)
+            if simulated is not None:
+                radii.append(simulated.radius * curve.max_radius)
+    if 2 * len(radii) < draws:
+        raise SolverError(f"only {len(radii)} of {draws} draws can be simulated until {1e6 * np.max(time):.4g} us")
+    tail = 0.5 - 0.5 * level
+    low, high = np.quantile(radii, (tail, 1.0 - tail), axis=0)
+    return PredictedRadius(np.mean(radii, axis=0), low, high)
 
 
 def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
@@ -38,63 +92,31 @@ def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
 
 
 def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, float], analysis: Analysis) -> Checks:
-    """With these parameters (natural name, SI) in place of those of the answer, or why that cannot be simulated."""
+    """With these parameters (natural name, SI) in place of those of the answer, or why that cannot be simulated.
+    Without any damping a real bubble is its limit, the field's."""
+    undamped = posterior.bubble == REAL and values.get("confinement_damping") == 0.0
     try:
-        return _checks(_experiment(curve, posterior, analysis), posterior, values)
+        check_stretch(values.get("stretch"))
+        end = _end(curve, posterior) or compared_window(curve, analysis).end
+        limit = replace(posterior, bubble=FIELD) if undamped else posterior
+        shot = _experiment(curve, limit, medium_of(analysis.medium), end)
+        return shot.checks(shot.from_best({**posterior.best, **values}), "ok", [])
     except (InputError, SolverError) as error:
         return Checks("failed", (of_error(error),))
 
 
-def band(curve: RadiusCurve, posterior: Posterior, analysis: Analysis, level: float = 0.9) -> Band | None:
-    """(s on the measurement's clock, lower and upper radius (m)) of the central part of what the draws simulate; None
-    of an answer without draws, or that cannot be simulated."""
-    time, lines = posterior.checks.reconstruction_time, list[Floats]()
-    if time is None or len(posterior.theta) < 2:
-        return None
-    parts = list(posterior.laws.values()) or [posterior]
-    logs = np.array([part.evidence.log if part.evidence else 0.0 for part in parts])
-    rng = np.random.default_rng(0)
-    counts = rng.multinomial(DRAWS, np.exp(logs - log_sum(logs)))
-    for part, count in zip(parts, counts, strict=True):
-        rows = rng.choice(len(part.theta), count, p=part.weights)
-        try:
-            lines += _lines(_experiment(curve, part, analysis), part, rows, time)
-        except (InputError, SolverError):
-            return None
-    if len(lines) < DRAWS // 2:
-        return None
-    tail = 0.5 - 0.5 * level
-    low, high = np.quantile(np.array(lines), (tail, 1.0 - tail), axis=0)
-    return time, low, high
+def _end(curve: RadiusCurve, posterior: Posterior) -> float | None:
+    """Of the frames that were compared with an answer, s after R_max."""
+    frames = posterior.checks.compared_time
+    return None if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
 
 
-def _experiment(curve: RadiusCurve, posterior: Posterior, analysis: Analysis) -> Experiment:
-    """A curve, the model that answers it, and the window that was compared. Raises InputError."""
-    frames, medium = posterior.checks.compared_time, medium_of(analysis.medium)
-    compared = None if frames is None else window(curve, end=frames[-1] - curve.time_of_max)
-    end = (compared or compared_window(curve, analysis)).end
-    options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
+def _experiment(curve: RadiusCurve, posterior: Posterior, medium: Medium, end: float | None) -> Experiment:
+    """A curve, the model that answers it, and the window that was compared; of whatever clock and scale it has. Raises
+    InputError."""
+    clock = float(curve.time[-1] - curve.time[0])
+    options = Options(None, end and end * (1.0 + 1e-9), None, tuple(FREE), clock, WIDEST, bubble=posterior.bubble)
     return Experiment(curve, Family(posterior.material), medium, options)
-
-
-def _checks(shot: Experiment, posterior: Posterior, values: Mapping[str, float]) -> Checks:
-    """Without any damping a real bubble is its limit, the field's. Raises InputError, SolverError."""
-    check_stretch(values.get("stretch"))
-    if posterior.bubble == REAL and values.get("confinement_damping") == 0.0:
-        shot = Experiment(shot.curve, shot.family, shot.medium, replace(shot.options, bubble=FIELD))
-    return shot.checks(shot.from_best({**posterior.best, **values}), "ok", [])
-
-
-def _lines(shot: Experiment, posterior: Posterior, rows: Iterable[int], time: Floats) -> list[Floats]:
-    """(n,) radius (m) at these times of each draw that can be simulated."""
-    lines = list[Floats]()
-    for row in rows:
-        with suppress(InputError, SolverError):
-            values = {name: float(posterior.draws(name)[row]) for name in posterior.parameters}
-            checks = _checks(shot, posterior, values)
-            if checks.reconstruction_time is not None and checks.reconstruction_radius is not None:
-                lines.append(np.interp(time, checks.reconstruction_time, checks.reconstruction_radius))
-    return lines
 
 
 def slider(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:
