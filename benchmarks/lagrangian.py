@@ -186,18 +186,3 @@ def solve(
             else np.zeros((0, len(t)))
         )
     return R, U, np.array([stress(R[i], U[i], m[:, i])[0] for i in range(len(t))])
-
-
-def linear_response(law, *, G=0.0, mu=0.0, lam=1.0, mu_s=0.0, We=np.inf, pv=0.0, k=1.4, C=np.inf):
-    """Roots sigma (R = 1 + eps e^(sigma t), about R = 1, stretch 1) of
-    sigma^2 D + (1 + sigma/C)(K D + 4 N) = 0,  K = 3k(1 + 1/We - pv) - 1/We,
-    S = -4 (N/D) eps,  N/D = G + mu_s sigma + mu sigma/(1 + lam sigma).
-    law: kv (G, mu_s), zener (all), ucm (mu, lam), oldroyd (mu, lam, mu_s), and their linear twins. Largest |Im| first.
-    """
-    kind, arm = LAWS[law]
-    P = np.polynomial.Polynomial
-    D = P([1, lam]) if arm else P([1])
-    N = P([G if kind else 0.0, mu_s]) * D + (P([0, mu]) if arm else P([0]))
-    K = 3 * k * (1 + 1 / We - pv) - 1 / We
-    z = (P([0, 0, 1]) * D + P([1, 1 / C]) * (K * D + 4 * N)).trim().roots()
-    return z[np.lexsort((-z.imag, -abs(z.imag)))]

@@ -16,6 +16,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,12 +25,12 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, SolverError
 from cavirheo.inference import fit_many
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.what_if import predict_radius
 from cavirheo.io import read_curves
-from cavirheo.parameters import LOG10
-from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import FIELD, FREE, REAL, Bubble
 from cavirheo.physics.laws import Newtonian
 from cavirheo.physics.media import WATER
@@ -47,7 +48,6 @@ FREED = ("accommodation", "confinement_damping")  # what the real bubble has bey
 RHEOMETER = {"PEG 10 w/v %": 0.0064, "PEG 40 w/v %": 0.130, "water": 0.001}  # Pa s
 PUBLISHED = {"PEG 10 w/v %": (0.047, 0.016), "PEG 40 w/v %": (0.111, 0.023)}  # Pa s, mean and standard deviation (IMR)
 LATE = (3.0, 8.0, 0.25)  # a shot rises late if the median of R/R_max between the first two t* exceeds the third
-DRAWN = 100  # draws of an answer that predict what comes later
 SPEED = WATER.sound_speed / WATER.velocity_scale
 
 
@@ -212,19 +212,11 @@ def ahead(curve: RadiusCurve, material: str, bubble: Bubble) -> dict[str, Any]:
     if not answer.best:
         return {"verdict": "failed", "message": answer.checks.message}
     shot, missed = laid(curve, answer)
-    last = shot.cut_to(1).since[-1]
-    later = shot.counted & (shot.since > last)
-    share = None if answer.log_weight is None else np.exp(answer.log_weight - np.max(answer.log_weight))
-    chosen = np.random.default_rng(0).choice(
-        len(answer.theta), min(DRAWN, len(answer.theta)), p=None if share is None else share / share.sum()
-    )
-    runs = []
-    for row in answer.theta[chosen]:
-        values = zip(answer.names, row, strict=True)
-        drawn = {n.removeprefix(LOG10): float(10**v if n.startswith(LOG10) else v) for n, v in values}
-        seen = shot.predict(shot.from_best({**answer.best, **drawn}), ROUGH)
-        runs += [] if seen is None else [seen.radius]
-    mean = rms((shot.measured - np.mean(runs, axis=0))[later]) if runs else np.nan
+    later = shot.counted & (shot.since > shot.cut_to(1).since[-1])
+    mean = np.nan
+    with suppress(InputError, SolverError):  # a point, or what cannot be simulated so far
+        predicted = predict_radius(curve, answer, shot.since[later] + curve.time_of_max).mean
+        mean = rms(shot.measured[later] - predicted / curve.max_radius)
     found = {"frames": int(np.sum(later)), "ahead": 100 * mean, "ahead_best": 100 * rms(missed[later])}
     return {**found, "best": {name: float(value) for name, value in answer.best.items()}}
 
