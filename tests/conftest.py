@@ -1,7 +1,6 @@
 """Fixtures shared by all tests."""
 
 import csv
-import importlib.util
 import os
 import shutil
 import sys
@@ -10,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -34,16 +33,6 @@ NEEDED = {  # a library of an extra, and the files of tests that need it
 collect_ignore_glob = [glob for name, globs in NEEDED.items() if not find_spec(name) for glob in globs]
 if not (ROOT / "docs").is_dir():  # the sdist, whose tests run from the wheel (tests/wheel.py)
     collect_ignore_glob += ["meta/test_document*.py", "meta/test_site.py"]
-
-
-def load_benchmark(name: str) -> ModuleType:
-    """A file of benchmarks/ as a module, whose name (`app`, `fit`) hides no other's."""
-    path = ROOT / "benchmarks" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:

@@ -43,13 +43,7 @@ def test_frames_after_the_window_lie_where_the_draws_predict_them():
         mean, low, high = predict_radius(cut, answer, truth.time[later])
         within += ((low < truth.radius[later]) & (truth.radius[later] < high)).tolist()
         assert np.sqrt(np.mean((mean - truth.radius[later]) ** 2)) < 0.05 * cut.max_radius
-        half = predict_radius(cut, answer, truth.time[later], level=0.5)
-        assert np.mean(half.high - half.low) < 0.7 * np.mean(high - low)
     assert np.mean(within) > 0.8
-    wrong = {"curve.time": {"time": [np.nan]}, "posterior.level": {"level": 90}, "input.whole": {"draws": 1}}
-    for code, given in wrong.items():
-        assert code_of(predict_radius, cut, answer, **{"time": [0.0], **given}) == code
-    assert code_of(predict_radius, cut, infer(shot()), [0.0]) == "predict.draws"  # a point has none
 
 
 @pytest.mark.parametrize("file", ["soft_gel.csv", "stiff_gel.mat"])
@@ -265,9 +259,7 @@ def test_the_doubt_of_a_scale_says_how_far_it_is_off(scale, factor):
 
 
 def test_no_open_recording_is_doubted_but_the_one_of_a_wrong_scale(real_data):
-    for path in sorted([*real_data.glob("*/*.mat"), *real_data.glob("water_laser/*.csv")]):
-        if path.parent.name == "collapse_times":
-            continue
+    for path in sorted([*real_data.glob("[!c]*/*.mat"), *real_data.glob("water_laser/*.csv")]):  # not collapse_times
         for curve in read_curves(path, density=1025.0 if "agarose_2p5" in str(path) else 998.0):
             assert bool(doubts(curve)) == ("WRONG_SCALE" in path.name), curve.name
 

@@ -22,15 +22,10 @@ ANSWER = Posterior(
     ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s"), np.array([[3.9, -1.3], [4.0, -1.2], [4.1, -1.1]]),
     Checks("ok"), "nhkv", "laplace", best={"shear_modulus": 1e4, "viscosity": 0.06, "stretch": 7.0}, stretch=7.0,
 )  # fmt: skip
-NAMES_AND_UNITS = "shear_modulus, viscosity"
 
 
 def simulate(material=GEL, **changes):
     return cavirheo.simulate(material, **(BUBBLE | changes))
-
-
-def many(materials, **changes):
-    return cavirheo.simulate_many(materials, **(BUBBLE | changes))
 
 
 WRONG = [  # a call, and what its error must name: the value given, or the mend
@@ -62,15 +57,17 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: simulate(bubble="field"), "'field'"),
     (lambda: simulate(accuracy=1e-5), "1e-05"),
     (lambda: Accuracy(relative_error="fine"), "'fine'"),
-    (lambda: many(GEL), "[NeoHookeanKelvinVoigt"),
+    (lambda: cavirheo.simulate_many(GEL, **BUBBLE), "[NeoHookeanKelvinVoigt"),
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
     (lambda: RadiusCurve(TIME * 1e6, RADIUS), "us"),
     (lambda: RadiusCurve(TIME, [["a"]]), "[['a']]"),
     (lambda: RadiusCurve(TIME, RADIUS, meta="shot 1"), "'shot 1'"),
     (lambda: CURVE.with_max_radius(250), "0.00025 m"),
-    (lambda: ANSWER.median("G"), NAMES_AND_UNITS),
+    (lambda: ANSWER.median("G"), "shear_modulus, viscosity"),
     (lambda: ANSWER.interval("viscosity", 95), "0.95"),
+    (lambda: cavirheo.predict_radius(CURVE, ANSWER, [np.nan]), "[nan]"),
+    (lambda: cavirheo.predict_radius(CURVE, ANSWER, TIME), "draws"),
     (lambda: cavirheo.read_curves(["a.csv", "b.csv"]), "a.csv"),
     (lambda: cavirheo.load(7), "7"),
 ]

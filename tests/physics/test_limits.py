@@ -10,10 +10,11 @@ from itertools import product
 
 import numpy as np
 import pytest
-from conftest import load_benchmark, slow
+from conftest import slow
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from benchmarks import lagrangian
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, SolverError, simulate, simulate_many
 from cavirheo.physics import materials
 from cavirheo.physics import simulate as forward
@@ -28,7 +29,6 @@ from cavirheo.physics.table import read
 from validation.field_standard import neo_hookean, newtonian
 from validation.field_standard import solve as solve_by_field_standard
 
-lagrangian = load_benchmark("lagrangian")
 GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
 IDEAL = Newtonian(0.0)
 ARMS = parse("neo-hookean(1e4) + newtonian(0.02) + ucm(0.2, 3e-6) + maxwell(0.3, 3e-5)")
