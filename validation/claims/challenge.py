@@ -139,4 +139,5 @@ def predicted(run: Run) -> Iterator[Number]:
             for group in open_sets.SETS:
                 errors = [row["rms"] for row in rows if row["set"] == group]
                 yield statistic(f"open.{program}.{key_of(group)}", errors, "R_max")
-            yield statistic(f"open.{program}.held", [row["held"] for row in rows], "1", np.mean)
+            if any(np.isfinite(row["held"]) for row in rows):
+                yield statistic(f"open.{program}.held", [row["held"] for row in rows], "1", np.mean)
