@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile test-planted fuzz test-all validate pages challenge test-lowest test-pythons lint docs man dist space clean
+.PHONY: demo test test-slow test-hostile test-planted fuzz test-all validate pages challenge test-lowest test-newest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --fps 500000 --um-per-px 4 -o demo-result
@@ -37,6 +37,13 @@ test-lowest:
 	$(PYTHON) tests/lowest.py plot video > build/lowest.txt
 	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot,video]" pytest
 	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore=tests/app --ignore=tests/meta/test_golden.py
+
+# Every law and the frozen answers, with the newest Python that is found and the newest libraries for it
+NEWEST ?= $(or $(lastword $(sort $(wildcard $(HOME)/.pyenv/versions/3.1[1-9].*/bin/python))),$(PYTHON))
+test-newest:
+	$(NEWEST) -m venv build/newest
+	build/newest/bin/pip install --quiet --disable-pip-version-check . pytest
+	build/newest/bin/python -m pytest -m "not slow" tests/physics/test_materials.py tests/meta/test_golden.py
 
 # Ten claims as numbers with their standard errors, in ten minutes; FULL=1 takes all cases, DATA=folder the open sets.
 # For a release: make validate FULL=1 DATA=folder RESULTS=validation/results.json pages
