@@ -39,9 +39,9 @@ test-lowest:
 	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore=tests/app --ignore=tests/meta/test_golden.py
 
 # Every law and the frozen answers, with the newest Python that is found and the newest libraries for it
-NEWEST ?= $(or $(lastword $(sort $(wildcard $(HOME)/.pyenv/versions/3.1[1-9].*/bin/python))),$(PYTHON))
+NEWEST ?= $(or $(lastword $(sort $(wildcard $(or $(PYENV_ROOT),$(HOME)/.pyenv)/versions/3.1[1-9].*/bin/python))),$(PYTHON))
 test-newest:
-	$(NEWEST) -m venv build/newest
+	$(NEWEST) -m venv --clear build/newest
 	build/newest/bin/pip install --quiet --disable-pip-version-check . pytest
 	build/newest/bin/python -m pytest -m "not slow" tests/physics/test_materials.py tests/meta/test_golden.py
 

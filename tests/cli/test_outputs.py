@@ -28,14 +28,13 @@ from cavirheo.reporting import pictures, read_json, write_report
 from cavirheo.workflow.store import Store, Unfinished
 from cavirheo.writing.document import LIST, LOCK, Claim, Outputs, claimed
 
-EXAMPLES = ROOT / "examples"
 VERBS = {  # what each writes first, and a call that is complete but for -o
     "result.csv": "infer shot.csv --verify none",
     "result.json": "fit shot.csv",
     "laws.json": "which-law shot.csv",
     "comparison.csv": "compare . --references references.csv",
     "shots.csv": "collapse-time shot.csv",
-    "rheometer.csv": f"rheometer {EXAMPLES / 'soft_gel_strain_sweep.csv'}",
+    "rheometer.csv": f"rheometer {ROOT / 'examples' / 'soft_gel_strain_sweep.csv'}",
     "simulation.csv": "simulate --material newtonian(0.1) --rmax-um 100 --stretch 5 --duration-us 5",
 }
 

@@ -17,7 +17,6 @@ from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
 from cavirheo.physics.bubble import FIELD
 
-PUBLISHED = ROOT / "examples" / "published_values.csv"
 HEAD = "set,files,density,method,quantity,mean,std"
 REFERENCES = f"""# by hand
 {HEAD}
@@ -153,7 +152,7 @@ def test_nothing_is_dropped(fake, run, folder, tmp_path):
 
 
 def test_published_values_can_be_read(tmp_path):
-    by_name = {about.name: about for about in read_references(PUBLISHED)}
+    by_name = {about.name: about for about in read_references(ROOT / "examples" / "published_values.csv")}
     assert (len(by_name), sum(not about.recorded for about in by_name.values())) == (13, 7)
     assert by_name["PAAm-alginate 0.3 %"].values["IMR"]["shear_modulus"].mean == 6440.0
     assert not by_name["PEG 8000 40 w/v %"].solid

@@ -44,6 +44,11 @@ def test_frames_after_the_window_lie_where_the_draws_predict_them():
         within += ((low < truth.radius[later]) & (truth.radius[later] < high)).tolist()
         assert np.sqrt(np.mean((mean - truth.radius[later]) ** 2)) < 0.05 * cut.max_radius
     assert np.mean(within) > 0.8
+    curve = read_curves(EXAMPLE)[1]
+    answer = cavirheo.infer(curve, material="nhkv")  # half of the draws are of the limit of the real bubble
+    compared = curve.time[np.isfinite(curve.radius) & (curve.time > curve.time_of_max)][:30]
+    missed = predict_radius(curve, answer, compared).mean - np.interp(compared, curve.time, curve.radius)
+    assert np.std(missed) < 0.01 * curve.max_radius
 
 
 @pytest.mark.parametrize("file", ["soft_gel.csv", "stiff_gel.mat"])

@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -63,7 +62,7 @@ def predicted(recording: Recording, options: list[str], at: np.ndarray) -> np.nd
     verb, *more = options or ["infer"]
     how = {name.strip("-"): value for name, value in zip(more[::2], more[1::2], strict=True)}
     curve, medium = read_curves(recording.path)[0], Medium(density=recording.density)
-    curve = replace(curve, meta={**curve.meta, "exposure_s": recording.exposure})
+    curve = curve.labelled(exposure_s=recording.exposure)
     answer = {"infer": infer, "fit": fit}[verb](curve, medium=medium, trust_input=True, **how)
     return np.array(predict_radius(curve, answer, at))
 

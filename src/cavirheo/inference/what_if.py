@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -20,13 +19,13 @@ from cavirheo.inference.model import Network
 from cavirheo.inference.network_answer import network_window
 from cavirheo.messages import of_error
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.bubble import FIELD, REAL
+from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior, check_level
 
 DRAWS = 100  # of a posterior, that are simulated
-WIDEST = 0.19  # range of a radius scale about 1 that holds every one that was inferred
+WIDEST_SCALE = 0.19  # range of a radius scale about 1 that holds every one that was inferred
 
 
 class PredictedRadius(NamedTuple):
@@ -42,8 +41,7 @@ def predict_radius(
 ) -> PredictedRadius:
     """The radius that an answer predicts at any time: in frames that were not compared with it, say.
 
-    Where few frames were compared, the mean of the draws is nearer to later frames of real recordings than a simulation
-    with the best values (validation/challenge/README.md).
+    If the answer is right, no other prediction has a smaller expected square error than the mean.
 
     Args:
         curve: the recording that was answered.
@@ -65,18 +63,21 @@ def predict_radius(
     check_level(level)
     expect_whole(draws, "draws", 2)
     parts = list(posterior.laws.values()) or [posterior]
-    logs = np.array([part.evidence.log if part.evidence else 0.0 for part in parts])
-    rng = np.random.default_rng(0)
-    radii = list[Floats]()
-    for part, count in zip(parts, rng.multinomial(draws, np.exp(logs - log_sum(logs))), strict=True):
-        shot = _experiment(curve, part, cast(Medium, posterior.medium), _end(curve, posterior))
-        for row in rng.choice(len(part.theta), count, p=part.weights):
-            values = {name: float(part.draws(name)[row]) for name in part.parameters}
-            simulated = shot.predict(shot.from_best({**part.best, **values}), since=time - curve.time_of_max)
+    log_evidence = np.array([part.evidence.log if part.evidence else 0.0 for part in parts])
+    rng, end, radii = np.random.default_rng(0), _compared_end(curve, posterior), list[Floats]()
+    for part, count in zip(parts, rng.multinomial(draws, np.exp(log_evidence - log_sum(log_evidence))), strict=True):
+        about = part.material, cast(Medium, posterior.medium), end
+        shots = {bubble: _experiment(curve, bubble, *about) for bubble in (part.bubble, FIELD)}
+        chosen = rng.choice(len(part.theta), count, p=part.weights)
+        for values in zip(*(part.draws(name)[chosen].tolist() for name in part.parameters), strict=True):
+            draw = dict(zip(part.parameters, values, strict=True))
+            shot = shots[_bubble_of(part, draw)]
+            simulated = shot.predict(shot.from_best({**part.best, **draw}), since=time - curve.time_of_max)
             if simulated is not None:
                 radii.append(simulated.radius * curve.max_radius)
     if 2 * len(radii) < draws:
-        raise SolverError(f"only {len(radii)} of {draws} draws can be simulated until {1e6 * np.max(time):.4g} us")
+        many = f"only {len(radii)} of {draws} draws can be simulated until {1e6 * np.max(time):.4g} us"
+        raise SolverError(f"{many}; times are in s, on the clock of the recording")
     tail = 0.5 - 0.5 * level
     low, high = np.quantile(radii, (tail, 1.0 - tail), axis=0)
     return PredictedRadius(np.mean(radii, axis=0), low, high)
@@ -92,31 +93,34 @@ def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
 
 
 def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, float], analysis: Analysis) -> Checks:
-    """With these parameters (natural name, SI) in place of those of the answer, or why that cannot be simulated.
-    Without any damping a real bubble is its limit, the field's."""
-    undamped = posterior.bubble == REAL and values.get("confinement_damping") == 0.0
+    """With these parameters (natural name, SI) in place of those of the answer, or why that cannot be simulated."""
     try:
         check_stretch(values.get("stretch"))
-        end = _end(curve, posterior) or compared_window(curve, analysis).end
-        limit = replace(posterior, bubble=FIELD) if undamped else posterior
-        shot = _experiment(curve, limit, medium_of(analysis.medium), end)
+        end = _compared_end(curve, posterior) or compared_window(curve, analysis).end
+        bubble = _bubble_of(posterior, values)
+        shot = _experiment(curve, bubble, posterior.material, medium_of(analysis.medium), end)
         return shot.checks(shot.from_best({**posterior.best, **values}), "ok", [])
     except (InputError, SolverError) as error:
         return Checks("failed", (of_error(error),))
 
 
-def _end(curve: RadiusCurve, posterior: Posterior) -> float | None:
+def _bubble_of(posterior: Posterior, values: Mapping[str, float]) -> Bubble:
+    """That of the answer; a real bubble without any damping is its limit, the field's, which has draws, too."""
+    return FIELD if posterior.bubble == REAL and values.get("confinement_damping") == 0.0 else posterior.bubble
+
+
+def _compared_end(curve: RadiusCurve, posterior: Posterior) -> float | None:
     """Of the frames that were compared with an answer, s after R_max."""
     frames = posterior.checks.compared_time
     return None if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
 
 
-def _experiment(curve: RadiusCurve, posterior: Posterior, medium: Medium, end: float | None) -> Experiment:
+def _experiment(curve: RadiusCurve, bubble: Bubble, material: str, medium: Medium, end: float | None) -> Experiment:
     """A curve, the model that answers it, and the window that was compared; of whatever clock and scale it has. Raises
     InputError."""
     clock = float(curve.time[-1] - curve.time[0])
-    options = Options(None, end and end * (1.0 + 1e-9), None, tuple(FREE), clock, WIDEST, bubble=posterior.bubble)
-    return Experiment(curve, Family(posterior.material), medium, options)
+    options = Options(None, end and end * (1.0 + 1e-9), None, tuple(FREE), clock, WIDEST_SCALE, bubble=bubble)
+    return Experiment(curve, Family(material), medium, options)
 
 
 def slider(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:
