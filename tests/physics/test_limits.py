@@ -8,13 +8,13 @@ fifths of the cases are always run, and cover every law, motion and limit; the o
 from dataclasses import replace
 from itertools import product
 
+import lagrangian
 import numpy as np
 import pytest
 from conftest import slow
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from benchmarks import lagrangian
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, SolverError, simulate, simulate_many
 from cavirheo.physics import materials
 from cavirheo.physics import simulate as forward
@@ -381,32 +381,32 @@ def test_damage_by_strain_follows_the_smallest_radius():
 # --- laws with memory
 
 
-MEMORIES = {  # an arm of 0.05 and a spring of 0.3, in p_inf and t_c
-    "ucm": (UpperConvectedMaxwell, None),
-    "linear": (Maxwell, None),
-    "oldroyd": (OldroydB, None),
-    "zener": (UpperConvectedMaxwell, NeoHookean),
-    "zener_lin": (Maxwell, Linear),
+MEMORIES = {  # arm and spring, and those of the reference
+    "ucm": (UpperConvectedMaxwell, None, lagrangian.Convected, None),
+    "linear": (Maxwell, None, lagrangian.Fixed, None),
+    "oldroyd": (OldroydB, None, lagrangian.Convected, None),
+    "zener": (UpperConvectedMaxwell, NeoHookean, lagrangian.Convected, lagrangian.neo_hookean),
+    "zener_lin": (Maxwell, Linear, lagrangian.Fixed, lagrangian.linear),
 }
 
 
 @pytest.mark.parametrize("law", MEMORIES)
 @pytest.mark.parametrize("motion", [pytest.param("rayleigh-plesset", marks=pytest.mark.slow), "keller-miksis"])
 def test_against_the_stress_field_around_the_bubble(law, motion):
-    """R, U and S of a violent collapse as benchmarks/lagrangian.py gets them from the tensor equations."""
+    """R, U and S of a violent collapse as lagrangian.py gets them from the tensor equations."""
     liquid = Medium(surface_tension=0.072)
     R_max, stretch, De, mu, mu_s, G = 100e-6, 4.0, 0.3, 0.05, 0.02, 0.3
     t_c, p = liquid.time_scale(R_max), liquid.pressure
-    arm, spring = MEMORIES[law]
+    arm, spring, arm_of_tensors, spring_of_tensors = MEMORIES[law]
     if arm is OldroydB:
-        material, options = OldroydB((mu + mu_s) * p * t_c, De * t_c, De * t_c * mu_s / (mu + mu_s)), {"mu_s": mu_s}
+        material = OldroydB((mu + mu_s) * p * t_c, De * t_c, De * t_c * mu_s / (mu + mu_s))
     else:
-        material = Viscoelastic(spring and spring(G * p), None, [arm(mu * p * t_c, De * t_c)])
-        options = {"G": G} if spring else {}
+        material, mu_s = Viscoelastic(spring and spring(G * p), None, [arm(mu * p * t_c, De * t_c)]), 0.0
     t = np.linspace(0, 3, 61)
     C = np.inf if motion == "rayleigh-plesset" else liquid.sound_speed / liquid.velocity_scale
     pressures = dict(We=p * R_max / (2 * 0.072), pv=liquid.vapour_pressure / p, k=1.4, C=C)
-    R, U, S = lagrangian.solve(law, t, mu=mu, lam=De, stretch=stretch, n=40, rtol=1e-9, **pressures, **options)
+    tensors = [arm_of_tensors(mu, De), *([spring_of_tensors(G, 1 / stretch)] if spring else [])]
+    R, U, S = lagrangian.solve(t, *tensors, mu_s=mu_s, stretch=stretch, rtol=1e-9, **pressures)
     way = dict(max_radius=R_max, stretch=stretch, time=t * t_c, medium=liquid, relaxed=True, accuracy=to(1e-9))
     run = simulate(material, bubble=Bubble(motion=motion, exponent=1.4), **way)
     assert run.radius / R_max == pytest.approx(R, rel=1e-6)
