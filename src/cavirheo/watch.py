@@ -21,7 +21,7 @@ from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io.files import file_label, header_of, measurements, pixels_of
 from cavirheo.io.shots import CurveSet, is_size, listed, read_column, read_shots, samples_of, with_size, with_values
-from cavirheo.parallel import cores
+from cavirheo.parallel import Executor, cores
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import DOCUMENTS, html, result, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
@@ -56,7 +56,8 @@ class Watch:
 
     analysis: how curves are answered. read: gives the curves of one file. read_settings: all that it depends on besides
     the medium. group: as in `read_shots`. column: a table as of `read_column`, which may grow while shots arrive, or
-    the word R_max. half_width: as for `html.live_page`. say: gets a line on what goes wrong; show: each new row.
+    the word R_max. half_width: as for `html.live_page`. say: gets a line on what goes wrong; show: each new row. look,
+    patience: as LOOK and PATIENCE. executor: as of `analyse`.
     """
 
     folder: Path
@@ -71,8 +72,10 @@ class Watch:
     date: str | None = None
     say: Callable[[str], None] = lambda _: None
     show: Callable[[CurveRecord], None] = lambda _: None
+    look: float = LOOK
     patience: float = PATIENCE
     half_width: float = html.HALF_WIDTH
+    executor: Executor | None = None
 
     def __post_init__(self) -> None:
         self.sizes = self.column is not None and is_size(self.column)
@@ -117,7 +120,7 @@ class Watch:
 
     def pause(self) -> bool:
         """Wait until the next look. Whether anything is still to come: a file in the making, or documents."""
-        time.sleep(LOOK)
+        time.sleep(self.look)
         return self._unwritten or any(self._is_news(path, state) for path, (state, _) in self._states.items())
 
     def once(self) -> bool:
@@ -135,7 +138,7 @@ class Watch:
         left = self._unanswered()
         keys, curves = list(left), list(left.values())
         self._unwritten |= new or _state(self.column) != self._column_then
-        for place, answer in analyse(curves, self.analysis, self.store):
+        for place, answer in analyse(curves, self.analysis, self.store, self.executor):
             self._latest, self._unwritten = keys[place], True
             self.show(curve_record(curves[place], answer))
             self._write_if_due()
@@ -200,7 +203,7 @@ class Watch:
         for file in [file for file in self.files.values() if file.unreadable and pixels_of(Path(file.path)) in states]:
             del self.files[file.path]  # a header whose pixels came later than was waited for
             self.records.remove([key_of(file.path)])
-        stable = [(path, state) for path, (state, since) in self._states.items() if now - since >= LOOK]
+        stable = [(path, state) for path, (state, since) in self._states.items() if now - since >= self.look]
         return sorted((pair for pair in stable if self._is_news(*pair)), key=lambda pair: (pair[1][1], pair[0]))
 
     def _is_news(self, path: Path, state: State) -> bool:

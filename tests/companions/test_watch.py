@@ -12,7 +12,6 @@ from answers import KnownAnalysis, answer, unanswered
 from conftest import BDT, EXAMPLE
 from recordings import SCALE, film, write_mraw
 
-from cavirheo import watch
 from cavirheo.io.shots import read_shots
 from cavirheo.parallel import Threads
 from cavirheo.reporting import read_json
@@ -67,9 +66,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path, monkeypatch) -> Bench:
-    monkeypatch.setattr(watch, "LOOK", 0.02)
-    return Bench(tmp_path, patience=0.2)
+def bench(tmp_path) -> Bench:
+    return Bench(tmp_path, look=0.02, patience=0.2)
 
 
 def test_each_file_is_answered_once_also_after_a_restart_and_stays_when_it_is_moved(bench):
@@ -137,9 +135,9 @@ def test_doubled_files_are_counted_once_and_named_and_shots_are_added_to_a_file(
     assert len(bench.asked) == len(set(bench.asked)) == len(rows) == 5
 
 
-def test_no_answer_of_a_file_is_lost_when_it_is_stopped_in_the_middle(bench, monkeypatch):
+def test_no_answer_of_a_file_is_lost_when_it_is_stopped_in_the_middle(bench):
     shutil.copy(EXAMPLE, bench.folder / "gel.csv")
-    monkeypatch.setattr(watch.analyse, "__defaults__", (Threads(1),))
+    bench.how |= {"executor": Threads(1)}
     real = bench.answer
 
     def stopped(one):
@@ -192,7 +190,7 @@ def test_a_film_of_two_files_is_one_recording_and_either_may_come_late(bench, la
 
 def test_a_column_may_grow_while_shots_arrive(bench):
     table = bench.folder / "share.csv"  # in the folder itself, and no recording
-    bench.how = {"column": table}
+    bench.how |= {"column": table}
     write(bench.folder, 1, 2)
     for text, second, note in (
         ("shot,share\nshot1,0.5\nshot9,2\n", {}, "names shot9, which is not here"),

@@ -110,7 +110,7 @@ PLANTED = (
     Planted("a worker with other code is taken", "workflow/cluster.py",
             "elif theirs.code != mine.code:", "elif False:", ("test_cluster",)),
     Planted("a file that is still written is read", "watch.py",
-            " if now - since >= LOOK]", "]", ("test_watch",)),
+            " if now - since >= self.look]", "]", ("test_watch",)),
     Planted("one recording in two files counts twice", "io/shots.py",
             "return list(first.values()), remarks", "return curves, remarks", ("test_watch", "test_outputs")),
     Planted("any file of the machine is uploaded", "app/page.py",
