@@ -18,7 +18,6 @@ import pytest
 from cavirheo import InputError, verbs
 from cavirheo.messages import Message
 from cavirheo.prior import Prior, TrainingProblem
-from cavirheo.training import dataset
 
 LIQUID = {"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}
 PROBLEM = TrainingProblem("newtonian", Prior.uniform(LIQUID))
@@ -160,11 +159,9 @@ class Instant(list):
 
 @pytest.fixture
 def instant(monkeypatch) -> Instant:
-    """Instead of the simulations of training curves, which then stand in small files."""
+    """Instead of the simulations of training curves."""
     made = Instant()
     monkeypatch.setattr(TrainingProblem, "simulate_many", lambda self, theta, workers=None: made.curves(self, theta))
-    monkeypatch.setattr(dataset, "SHARD", 20)
-    monkeypatch.setattr(dataset, "CHUNK", 8)
     return made
 
 

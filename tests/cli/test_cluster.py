@@ -21,7 +21,6 @@ from distributed import Client, LocalCluster
 from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Threads
-from cavirheo.training import dataset
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.cluster import (
     Identity,
@@ -64,11 +63,9 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
         list(Workers(workers.client, Identity("9.9", "", "")).flow(double, [1]))
 
 
-def test_a_data_set_is_the_same_from_threads_and_a_cluster(workers, monkeypatch, tmp_path):
-    monkeypatch.setattr(dataset, "SHARD", 6)
-    monkeypatch.setattr(dataset, "CHUNK", 2)
+def test_a_data_set_is_the_same_from_threads_and_a_cluster(workers, instant, tmp_path):
     for folder, how in (("threads", {"workers": 2}), ("dask", {"executor": workers})):
-        generate(PROBLEM, 14, tmp_path / folder, seed=3, progress=False, **how)
+        generate(PROBLEM, 1070, tmp_path / folder, seed=3, progress=False, **how)
     assert files(tmp_path / "dask") == files(tmp_path / "threads")
 
 

@@ -108,13 +108,13 @@ def files(folder: Path) -> dict[str, bytes]:
 
 def test_failures_are_kept_and_counted(instant, tmp_path):
     instant.fails = violent
-    made = generate(PROBLEM, 90, tmp_path, seed=3, progress=False)
+    made = generate(PROBLEM, 1100, tmp_path, seed=3, progress=False)
     data = load(tmp_path)
     failed = violent(data.theta)
-    assert 10 < failed.sum() < 40  # the test would prove nothing otherwise
+    assert 200 < failed.sum() < 400  # the test would prove nothing otherwise
     assert made.failures == data.failures == {"the step size went to zero": failed.sum()}
-    assert made.curves == len(data.theta) == 90
-    np.testing.assert_array_equal(data.theta, PROBLEM.prior.sample(90, 3))
+    assert made.curves == len(data.theta) == 1100
+    np.testing.assert_array_equal(data.theta, PROBLEM.prior.sample(1100, 3))
     np.testing.assert_array_equal(data.ok, ~failed)
     np.testing.assert_array_equal(np.isnan(data.radius[failed]), np.arange(100) >= np.full((failed.sum(), 1), 50))
     assert (data.radius[0, 0], data.problem.id) == (1.0, PROBLEM.id)
@@ -134,20 +134,20 @@ def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(tmp_path):
 def test_a_killed_run_goes_on_to_the_same_bytes(instant, tmp_path):
     class KilledInTheThirdFile(TrainingProblem):
         def simulate_many(self, theta, workers=None):
-            if len(instant) == 7:
+            if len(instant) == 21:
                 raise KeyboardInterrupt
             return super().simulate_many(theta, workers)
 
-    generate(PROBLEM, 90, tmp_path / "whole", seed=3, progress=False)
+    generate(PROBLEM, 1700, tmp_path / "whole", seed=3, progress=False)
     killed = KilledInTheThirdFile(PROBLEM.material_name, PROBLEM.prior)
     instant.clear()
     with pytest.raises(KeyboardInterrupt):
-        generate(killed, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
+        generate(killed, 1700, tmp_path / "cut", seed=3, workers=1, progress=False)
     (tmp_path / "cut" / ".shard-00002.h5.part.h5").write_bytes(b"half a file")
     assert code_of(load, tmp_path / "cut") == "dataset.incomplete"
     instant.clear()
-    made = generate(PROBLEM, 90, tmp_path / "cut", seed=3, progress=False)
-    assert (made.written, made.skipped, made.simulated, sum(instant)) == (3, 2, 50, 50)
+    made = generate(PROBLEM, 1700, tmp_path / "cut", seed=3, progress=False)
+    assert (made.written, made.skipped, made.simulated, sum(instant)) == (2, 2, 700, 700)
     assert files(tmp_path / "cut") == files(tmp_path / "whole")
     assert made.failures == load(tmp_path / "whole").failures
 
@@ -177,15 +177,15 @@ def test_split_is_a_partition_that_no_parameter_decides(instant, tmp_path):
 
 def test_a_set_grows_in_parts_to_the_same_bytes_and_is_surveyed(instant, tmp_path):
     instant.fails = violent
-    generate(PROBLEM, 90, tmp_path / "one", seed=3, workers=1, progress=False)
-    generate(PROBLEM, 90, tmp_path / "two", seed=3, shard=(1, 2), progress=False)
+    generate(PROBLEM, 2100, tmp_path / "one", seed=3, workers=1, progress=False)
+    generate(PROBLEM, 2100, tmp_path / "two", seed=3, shard=(1, 2), progress=False)
     half = survey(tmp_path / "two")
-    assert (half.curves, half.total, half.files, half.lacking) == (50, 90, 3, 2)
-    generate(PROBLEM, 90, tmp_path / "two", seed=3, shard=(2, 2), progress=False)
+    assert (half.curves, half.total, half.files, half.lacking) == (1100, 2100, 3, 2)
+    generate(PROBLEM, 2100, tmp_path / "two", seed=3, shard=(2, 2), progress=False)
     assert files(tmp_path / "one") == files(tmp_path / "two")
     whole = survey(tmp_path / "two")
-    assert (whole.curves, whole.files, whole.lacking, sum(whole.statuses.values())) == (90, 5, 0, 90)
-    assert whole.statuses["ok"] == 90 - sum(load(tmp_path / "two").failures.values()) < 90
+    assert (whole.curves, whole.files, whole.lacking, sum(whole.statuses.values())) == (2100, 5, 0, 2100)
+    assert whole.statuses["ok"] == 2100 - sum(load(tmp_path / "two").failures.values()) < 2100
     assert whole.size == sum(map(len, files(tmp_path / "two").values()))
     assert whole.sha256 != half.sha256
 

@@ -83,7 +83,7 @@ def test_a_recipe_that_is_no_file(tmp_path):
 
 @pytest.fixture
 def shards(instant, tmp_path) -> Path:
-    dataset.generate(PROBLEM, 50, tmp_path / "set", progress=False)
+    dataset.generate(PROBLEM, 1100, tmp_path / "set", progress=False)
     return tmp_path / "set"
 
 
@@ -127,7 +127,7 @@ SHARDS = {  # what is done to one of three files, and the code by which their se
     "problem nested deeply": (attribute("problem", "[" * 20_000), "dataset."),
     "problem of another law": (attribute("problem", json.dumps(PROBLEM.to_dict() | {"material": "honey"})), "problem."),
     "total huge": (attribute("total", 2**62), "dataset."),
-    "start of another file": (attribute("start", 20), "dataset."),
+    "start of another file": (attribute("start", 500), "dataset."),
     "empty": (lambda path: os.truncate(path, 0), "dataset.unreadable"),
     "cut short": (lambda path: os.truncate(path, 1000), "dataset.unreadable"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "dataset.unreadable"),
@@ -149,7 +149,7 @@ def test_a_set_that_does_not_fit_is_refused_before_it_is_made(instant, tmp_path,
     said = error_of(dataset.generate, PROBLEM, 10**12, tmp_path, progress=False)
     assert (said.code, list(tmp_path.iterdir())) == ("dataset.size", [])
     error_of(dataset.generate, PROBLEM, 10**40, tmp_path, progress=False)
-    assert dataset.generate(PROBLEM, 10**8, tmp_path, shard=(1, 10**7), progress=False).curves == 20
+    assert dataset.generate(PROBLEM, 10**8, tmp_path, shard=(1, 200_000), progress=False).curves == 500
     dataset.generate(PROBLEM, 20, tmp_path / "small", progress=False)
     monkeypatch.setattr(os, "sysconf", lambda name: 10)
     assert code_of(dataset.load, tmp_path / "small") == "dataset.size"
