@@ -147,7 +147,6 @@ MODELS: dict[str, tuple[str, Callable[[], onnx.ModelProto | bytes]]] = {
     "with external data in a constant": ("graph.elsewhere", with_external_data_in_a_constant),
     "shaped by values": ("graph.shape", shaped_by_values),
     "expanded to a terabyte": ("model.memory", expanded_to_a_terabyte),
-    "slow": ("model.time", slow),
     "with two inputs": ("graph.order", lambda: then("Add", "linear more", given={"inputs": ANOTHER})),
     "with a ring": ("graph.order", lambda: graph([node("Add", "linear b", "a"), node("Identity", "a", "b")], last="b")),
     "of opset 999": ("model.fails", lambda: graph(opset=999)),

@@ -17,7 +17,6 @@ from scipy.optimize import brentq
 
 from cavirheo import Bubble, Medium, NeoHookeanKelvinVoigt, Newtonian, SolverError, simulate, simulate_many
 from cavirheo.physics import materials
-from cavirheo.physics import simulate as forward
 from cavirheo.physics.accuracy import PRECISE, Accuracy, wall_clustered
 from cavirheo.physics.bubble import ACCOMMODATION, CONTENTS, FIELD, MOTIONS, Damage
 from cavirheo.physics.laws import Gent, Linear, NeoHookean, Quadratic
@@ -462,16 +461,16 @@ def test_growth_leaves_what_an_impulse_leaves(G, mu, tau):
 @pytest.mark.parametrize(
     ("material", "said", "begun"),
     [
-        (GEL, "20 steps", True),
+        (Newtonian(1e-4), "more than 100000 steps", True),  # hardly damped
         (Viscoelastic(Gent(1e3, 20.0), None, [Maxwell(0.1, 1e-6)]), "no impulse at R_0", False),  # taut before R_max
     ],
     ids=str,
 )
-def test_a_failed_solve_says_so(material, said, begun, monkeypatch):
-    monkeypatch.setattr(forward, "MAX_STEPS", 20)
+def test_a_failed_solve_says_so(material, said, begun):
+    way = dict(time=[0, 0.03], bubble=Bubble(motion="rayleigh-plesset", exponent=1.4), **COLLAPSE)
     with pytest.raises(SolverError, match=said) as error:
-        simulate(material, **SHOT)
-    run = simulate(material, **SHOT, throw=False)
+        simulate(material, **way)
+    run = simulate(material, **way, throw=False)
     assert (run.ok, run.status) == (False, str(error.value))
     assert (np.isfinite(run.radius[0]), np.isnan(run.radius[-1])) == (begun, True)
 

@@ -19,14 +19,12 @@ from scipy.stats import kstest
 
 from cavirheo import Posterior, read_curves
 from cavirheo.inference.posterior_network import COORDINATES, END, SCALARS
-from cavirheo.parallel import Threads
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER
 from cavirheo.posterior import Checks
 from cavirheo.prior import FrameGrid, Prior, TrainingProblem, uniforms
 from cavirheo.training.dataset import generate, load, survey
 from cavirheo.training.recordings import COLUMNS, NODES, STEPS, TOP, film
-from cavirheo.workflow import store
 from cavirheo.workflow.store import Store, Unfinished
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
@@ -233,20 +231,18 @@ def known(curve, begun=None, failing=()):
     return Posterior(("stretch",), ("1",), theta, Checks(verdict), "nhkv", "verified")
 
 
-@pytest.mark.parametrize("executor", [None, Threads(2)])
-def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypatch, executor):
+def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path):
     curves = read_curves(EXAMPLE)
     analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
-    few = Unfinished(tmp_path / "few", visible=False, executor=executor).answers(curves, analysis)
-    monkeypatch.setattr(store, "HELD", 3)
-    kept = Unfinished(tmp_path / "many", visible=False, executor=executor)
-    many = kept.answers(curves, analysis)
-    assert many.indices == few.indices == list(range(len(curves)))
-    assert [i for i in many.indices if many[i] is many[i]] == [2]  # the failed one, which has no file
-    for mine, theirs in zip(many, few, strict=True):
-        np.testing.assert_array_equal(mine.theta, theirs.theta)
-    kept.remove()
-    assert code_of(lambda: many[0]) == "unfinished.gone"
+    for most, held in ((5, [0, 1, 2, 3, 4]), (4, [2])):  # the failed one has no file
+        kept = Unfinished(tmp_path, visible=False, held=most)
+        answers = kept.answers(curves, analysis)
+        assert answers.indices == list(range(5))
+        assert [i for i in range(5) if answers[i] is answers[i]] == held
+        for curve, answer in zip(curves, answers, strict=True):
+            np.testing.assert_array_equal(answer.theta, known(curve, failing=(curves[2].name,)).theta)
+        kept.remove()
+        assert code_of(lambda made=answers: made[0]) == "unfinished.gone"
 
 
 def test_answers_begin_with_those_that_are_kept(tmp_path):

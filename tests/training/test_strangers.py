@@ -17,10 +17,10 @@ from broken_recipes import RECIPES, RIGHT
 from conftest import PROBLEM, code_of, error_of, refusal
 
 from cavirheo import load
-from cavirheo.inference import session
 from cavirheo.inference.model import Network, card, check_graph, shipped
 from cavirheo.inference.network_answer import check_outputs
 from cavirheo.inference.posterior_network import INPUTS, PosteriorModel
+from cavirheo.inference.session import try_out
 from cavirheo.physics.media import BU2026
 from cavirheo.prior import FrameGrid, Prior
 from cavirheo.training import dataset
@@ -40,11 +40,14 @@ def test_a_right_model_of_a_stranger_is_run(tmp_path):
 
 @needs_onnx
 @pytest.mark.parametrize("name", BROKEN)
-def test_broken_model(tmp_path, name, monkeypatch):
+def test_broken_model(tmp_path, name):
     code, write = BROKEN[name]
-    if code == "model.time":
-        monkeypatch.setattr(session, "SECONDS", 1.0)
     assert code_of(Network, write(tmp_path)) == code
+
+
+@needs_onnx
+def test_a_model_that_takes_long_is_refused():
+    assert code_of(try_out, made.slow().SerializeToString(), made.FRAMES, 2, seconds=1.0) == "model.time"
 
 
 @needs_onnx

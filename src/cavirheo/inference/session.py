@@ -57,17 +57,17 @@ def draws_of_nothing(content: bytes) -> bool:
     return all(bool(np.isfinite(values).all()) for values in outputs)
 
 
-def try_out(content: bytes, frames: int, outputs: int) -> None:
-    """Raises InputError: on a plain curve it takes too much time or memory, fails, or gives no finite numbers.
+def try_out(content: bytes, frames: int, outputs: int, seconds: float = SECONDS) -> None:
+    """Raises InputError: on a plain curve it takes too long or too much memory, fails, or gives no finite numbers.
 
     A posterior network has no `frames` (0)."""
     from cavirheo.errors import InputError, require
 
     command = [sys.executable, "-P", __file__, str(MEMORY), str(frames), str(outputs)]
     try:
-        child = subprocess.run(command, input=content, capture_output=True, timeout=SECONDS, check=False)
+        child = subprocess.run(command, input=content, capture_output=True, timeout=seconds, check=False)
     except subprocess.TimeoutExpired:
-        raise InputError(f"it takes more than {SECONDS:.0f} s", "model.time") from None
+        raise InputError(f"it takes more than {seconds:.0f} s", "model.time") from None
     error = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     full = child.returncode < 0 or "alloc" in error or "MemoryError" in error  # killed, or it says so
     require(not full, f"it takes more than {MEMORY / 1e9:.1f} GB of memory", "model.memory")

@@ -30,7 +30,7 @@ from cavirheo.writing.terminal import bar, say
 _TYPES = (Posterior, Checks, Message, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
 _Value = TypeVar("_Value")
-HELD = 500  # answers of a run; of more, none is held that can be read again
+HELD = 500  # answers of a run
 
 
 class Store:
@@ -198,14 +198,17 @@ class Answers(Sequence[Posterior]):
 class Unfinished:
     """The answers of one command into the folder `out`, kept in `unfinished/` there until its documents are complete:
     the same command takes them up after Ctrl-C, a kill or a full disk. After Ctrl-C `interrupted` is set, and nothing
-    more is begun. Raises InputError: something else has the name of that folder."""
+    more is begun. Of more answers than `held`, none is held in memory that can be read again. Raises InputError:
+    something else has the name of that folder."""
 
-    def __init__(self, out: str | Path, *, visible: bool = True, executor: Executor | None = None) -> None:
+    def __init__(
+        self, out: str | Path, *, visible: bool = True, executor: Executor | None = None, held: int = HELD
+    ) -> None:
         folder = Path(out) / "unfinished"
         way = f"{folder} must be a folder, for answers are kept there: give another place with -o"
         require(folder.is_dir() or not folder.exists(), way, "document.folder")
         self.store = Store(folder)
-        self.visible, self.executor, self.interrupted = visible, executor, False
+        self.visible, self.executor, self.held, self.interrupted = visible, executor, held, False
         self._keys: set[str] = set()  # of all that this run may keep
 
     def answers(
@@ -214,7 +217,7 @@ class Unfinished:
         """The answers of the curves; not all of them if it is interrupted. starts: as of `analyse`."""
         keys, indices, store = [analysis.key(curve) for curve in curves], list[int](), self.store
         self._keys.update(keys)
-        store.most = 0 if len(curves) > HELD else None
+        store.most = 0 if len(curves) > self.held else None
         if self.interrupted:
             return Answers(store, keys, indices)
         taken = sum(store.get(key) is not None for key in set(keys) - store.written)
