@@ -1,13 +1,12 @@
 """Independent reference: spherical bubble in a viscoelastic medium with memory, relaxed at the start.
 
-The medium's stress is carried point by point and S(t) = 2 int_R^inf (tau_rr - tau_tt)/r dr is a quadrature;
-no reduced ODE is used. Units: length = the starting radius, pressure = the far pressure, unit density.
+The medium's stress is carried point by point and S(t) = 2 int_R^inf (tau_rr - tau_tt)/r dr is a quadrature, its rate a
+difference; no reduced ODE is used. Units: length = the starting radius, pressure = the far pressure, unit density.
 """
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.integrate import solve_ivp
-from scipy.interpolate import BarycentricInterpolator
 
 
 def quadrature(n=40, delta=1e-4, far=100.0):
@@ -35,79 +34,62 @@ class Convected:
         h, (a, b), g = R * R * U / r3, y.reshape(2, -1), self.g
         return np.r_[-4 * g * h * r3 ** (4 / 3) - a / self.lam, 2 * g * h * r3 ** (-2 / 3) - b / self.lam]
 
-    def S(self, R, U, y, dy):
-        """S and its rate."""
-        r3 = self.x + R**3
-        h, (a, b), (da, db) = R * R * U / r3, y.reshape(2, -1), dy.reshape(2, -1)
-        ca, cb = r3 ** (-4 / 3), r3 ** (2 / 3)
-        difference, drr, dtt = a * ca - b * cb, ca * (da - 4 * h * a), cb * (db + 2 * h * b)
-        return 2 / 3 * self.w @ (difference / r3), 2 / 3 * self.w @ ((drr - dtt - 3 * h * difference) / r3)
+    def S(self, R, y):
+        r3, (a, b) = self.x + R**3, y.reshape(2, -1)
+        return 2 / 3 * self.w @ ((a * r3 ** (-4 / 3) - b * r3 ** (2 / 3)) / r3)
 
 
 class Fixed:
     """Linear Maxwell arm, d tau/dt|_r = (2 mu D - tau)/lam at nodes v = 1/r^3 < 1/rmin^3, of which those inside the
-    bubble carry the continuation; S = (2/3) int_0^{R^-3} (tau_rr - tau_tt)/v dv."""
+    bubble carry the continuation; S = (2/3) int_0^{R^-3} (tau_rr - tau_tt)/v dv of a polynomial through them and 0."""
 
-    def __init__(self, mu, lam, n=12, rmin=0.02):
-        self.mu, self.lam, self.size = mu, lam, 2 * n
-        self.v = (1 + np.cos(np.pi * (np.arange(n) + 0.5) / n)) / 2 / rmin**3
-        self.interp = BarycentricInterpolator(self.v)
-        self.gl = leggauss(n)
+    def __init__(self, mu, lam, n=4, rmin=0.02):
+        self.mu, self.lam, self.rmin, self.size = mu, lam, rmin, 2 * n
+        self.k, x = np.arange(1, n + 1), np.arange(1, n + 1) / n  # x = v rmin^3
+        self.v, self.to_powers = x / rmin**3, np.linalg.inv(x[:, None] ** self.k)
 
     def rate(self, R, U, y):
         a, b = y.reshape(2, -1)
         d = R * R * U * self.v
         return np.r_[(-4 * self.mu * d - a) / self.lam, (2 * self.mu * d - b) / self.lam]
 
-    def _integral(self, R, y):
-        top = R**-3
-        assert top <= self.v[0] * 1.01, "R below rmin"
-        v = top * (self.gl[0] + 1) / 2
+    def S(self, R, y):
         a, b = y.reshape(2, -1)
-        self.interp.set_yi(a - b)
-        return 2 / 3 * (top / 2 * self.gl[1]) @ (self.interp(v) / v), self.interp(top)
-
-    def S(self, R, U, y, dy):
-        """S and its rate."""
-        S, wall = self._integral(R, y)
-        return S, self._integral(R, dy)[0] - 2 * U / R * wall
+        return 2 / 3 * self.to_powers @ (a - b) @ ((self.rmin / R) ** (3 * self.k) / self.k)
 
 
 def neo_hookean(G, R0):
-    """(R, U) -> S and its rate, of the elastic stress G b about the radius R0, by quadrature."""
+    """R -> S of the elastic stress G b about the radius R0, by quadrature."""
     x, w = quadrature()
 
-    def S(R, U):
+    def S(R):
         r3 = x + R**3
         l3 = r3 / (x + R0**3)  # (r/r0)^3
-        brr, btt, h = l3 ** (-4 / 3), l3 ** (2 / 3), R * R * U / r3
-        f = G * 2 / 3 * w / r3
-        return f @ (brr - btt), f @ (-4 * h * brr - 2 * h * btt - 3 * h * (brr - btt))
+        return 2 / 3 * G * w @ ((l3 ** (-4 / 3) - l3 ** (2 / 3)) / r3)
 
     return S
 
 
 def linear(G, R0):
     """The same of small strains, in closed form."""
-    return lambda R, U: (-4 * G / 3 * (1 - (R0 / R) ** 3), -4 * G * (R0 / R) ** 3 * U / R)
+    return lambda R: -4 * G / 3 * (1 - (R0 / R) ** 3)
 
 
-def solve(t, arm, spring=lambda R, U: (0.0, 0.0), *, mu_s, stretch, We, pv, k, C, rtol):
+def solve(t, arm, spring, *, mu_s, stretch, We, pv, k, C, rtol=1e-9, h=1e-7):
     """R, U, S at the times t (t[0] = 0).
 
-    mu_s: of a Newtonian solvent 2 mu_s D. C: sound speed (Keller-Miksis when finite).
+    mu_s: of a Newtonian solvent 2 mu_s D. C: sound speed (Keller-Miksis when finite). h: half the step of differences.
     """
     pg = (1 + stretch / We - pv) / stretch**3
 
-    def stress(R, U, y):
-        """S without the part of its rate that is proportional to U'; that rate; and the memory's."""
-        dy = arm.rate(R, U, y)
-        parts = (-4 * mu_s * U / R, 4 * mu_s * U * U / R**2), spring(R, U), arm.S(R, U, y, dy)
-        return *map(sum, zip(*parts, strict=True)), dy
+    def stress(R, m):
+        return arm.S(R, m) + (spring(R) if spring else 0.0)
 
     def rhs(t, y):
-        R, U = y[:2]
-        S, dS, dm = stress(R, U, y[2:])
+        R, U, m = y[0], y[1], y[2:]
+        dm = arm.rate(R, U, m)
+        S = stress(R, m) - 4 * mu_s * U / R
+        dS = (stress(R + h * U, m + h * dm) - stress(R - h * U, m - h * dm)) / (2 * h) + 4 * mu_s * (U / R) ** 2
         p = pv + pg * R ** (-3 * k)
         dp = -3 * k * pg * R ** (-3 * k) * U / R
         force = (1 + U / C) * (p - 1 / (We * R) + S - 1) + R / C * (dp + U / (We * R * R) + dS)
@@ -116,4 +98,4 @@ def solve(t, arm, spring=lambda R, U: (0.0, 0.0), *, mu_s, stretch, We, pv, k, C
 
     start = np.r_[1.0, 0.0, np.zeros(arm.size)]
     R, U, *m = solve_ivp(rhs, (0, t[-1]), start, t_eval=t, method="DOP853", rtol=rtol, atol=1e-3 * rtol).y
-    return R, U, np.array([stress(*now, then)[0] for *now, then in zip(R, U, np.transpose(m), strict=True)])
+    return R, U, np.array(list(map(stress, R, np.transpose(m)))) - 4 * mu_s * U / R
