@@ -50,6 +50,11 @@ def rows_of(path: Path | str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    """Of every file in it and below."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
 @contextmanager
 def refused(code: str, *words: str) -> Iterator[None]:
     """An InputError of this code is raised, and its message has these words."""

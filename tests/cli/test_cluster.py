@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from answers import same
-from conftest import EXAMPLE, PROBLEM, ROOT, refusal, refused
+from conftest import EXAMPLE, PROBLEM, ROOT, contents, refusal, refused, until
 from dask import config
 from distributed import Client, LocalCluster
 
@@ -43,10 +42,6 @@ def workers() -> Iterator[Workers]:
         yield Workers(client, identity())
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.h5"))}
-
-
 def double(job: int) -> int:
     if job < 0:
         raise InputError(f"no {job}", "test.refused")
@@ -66,7 +61,7 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
 def test_a_data_set_is_the_same_from_threads_and_a_cluster(workers, instant, tmp_path):
     for folder, how in (("threads", {"workers": 2}), ("dask", {"executor": workers})):
         generate(PROBLEM, 1070, tmp_path / folder, seed=3, progress=False, **how)
-    assert files(tmp_path / "dask") == files(tmp_path / "threads")
+    assert contents(tmp_path / "dask") == contents(tmp_path / "threads")
 
 
 def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
@@ -103,7 +98,7 @@ def cluster(folder: Path, *paths: Path) -> Iterator[tuple[str, list[subprocess.P
     local, where = ("--host", "127.0.0.1", "--no-dashboard"), folder / "where.json"
     processes = [begin("distributed.cli.dask_scheduler", "--port", 0, "--scheduler-file", where, *local, cwd=folder)]
     try:
-        wait_for(where.exists, processes[0])
+        until(where.exists)
         address = json.loads(where.read_text())["address"]
         for path in paths:
             words = (address, "--nthreads", 1, "--no-nanny", *local)
@@ -113,12 +108,6 @@ def cluster(folder: Path, *paths: Path) -> Iterator[tuple[str, list[subprocess.P
         for process in reversed(processes):
             process.kill()
             process.wait()
-
-
-def wait_for(there, process: subprocess.Popen[bytes]) -> None:
-    while not there():
-        assert process.poll() is None
-        time.sleep(0.05)
 
 
 def test_another_version_and_a_worker_without_the_package_are_refused_by_name(run, tmp_path):
@@ -193,13 +182,13 @@ def test_a_slurm_of_one_node_makes_the_same_data_set(tmp_path):
         for count in (1, 2, 3, None):
             process = begin("cavirheo", *words, cwd=tmp_path, SLURM_CONF=str(node / "slurm.conf"))
             if count:
-                wait_for(lambda count=count: len(files(tmp_path / "there")) >= count, process)
+                until(lambda count=count: len(contents(tmp_path / "there")) >= count, 300.0)
                 process.kill()
             assert process.wait() == (-signal.SIGKILL if count else 0), (tmp_path / "said.log").read_text()
     finally:
         subprocess.run([script, "stop", node], check=True)
-    assert len(files(tmp_path / "there")) == 4
-    assert files(tmp_path / "there") == files(tmp_path / "here")
+    assert len(contents(tmp_path / "there")) == 4
+    assert contents(tmp_path / "there") == contents(tmp_path / "here")
 
 
 @pytest.mark.slow
@@ -208,7 +197,7 @@ def test_nothing_is_lost_when_a_worker_is_killed(tmp_path):
     assert begin("cavirheo", *words, "here", cwd=tmp_path).wait() == 0
     with cluster(tmp_path, ROOT / "src", ROOT / "src") as (address, workers):
         process = begin("cavirheo", *words, "there", "--scheduler", address, cwd=tmp_path)
-        wait_for(lambda: any((tmp_path / "there").glob("unfinished/*.npz")), process)
+        until(lambda: any((tmp_path / "there").glob("unfinished/*.npz")), 300.0)
         workers[0].kill()
         assert process.wait() == 0, (tmp_path / "said.log").read_text()
     here, there = (json.loads((tmp_path / way / "result.json").read_text())["curves"] for way in ("here", "there"))

@@ -176,7 +176,9 @@ def test_what_is_asked_reaches_the_answers_and_without_pictures_none_are_drawn(r
     more = ("--seed", 7, "--trust-input", "--group", "folder", "--medium", "zhu2025", "--stretch", 9, "--window", 1)
     for given in ((), (*more, "--density", 1040, "--rmax-um", 200)):
         assert run(*words, *given)[0] == 0
-    plain, asked = lab_answers
+    assert run("fit", "shot.csv", "--free", "t0", "--no-pictures", "-o", "f")[0] == 0
+    plain, asked, fitted = lab_answers
+    assert (fitted.method, fitted.free) == ("fit", ("t0",))
     assert (plain.seed, plain.trust_input, plain.medium.density, plain.window) == (0, False, 998.0, None)
     assert (asked.seed, asked.trust_input, asked.medium, asked.window) == (7, True, medium("zhu2025", density=1040), 1)
     assert asked.stretch == 9

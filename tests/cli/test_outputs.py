@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from answers import KnownAnalysis, fit, same
-from conftest import EXAMPLE, ROOT, code_of, refusal, until
+from conftest import EXAMPLE, ROOT, code_of, contents, refusal, until
 from threadpoolctl import threadpool_info
 
 from cavirheo import RadiusCurve, read_curves
@@ -37,10 +37,6 @@ VERBS = {  # what each writes first, and a call that is complete but for -o
     "rheometer.csv": f"rheometer {ROOT / 'examples' / 'soft_gel_strain_sweep.csv'}",
     "simulation.csv": "simulate --material newtonian(0.1) --rmax-um 100 --stretch 5 --duration-us 5",
 }
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def stopped(*_: object, **__: object) -> None:
@@ -230,7 +226,6 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
 
 
 def test_blas_has_one_thread_until_the_last_leaves():
-
     def blas() -> set[int]:
         return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
 

@@ -7,13 +7,12 @@ from functools import partial
 import numpy as np
 import pytest
 from answers import GEL, fit, holds, simulated
-from conftest import done, slow
+from conftest import slow
 
-from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, load, simulate
+from cavirheo import Bubble, NeoHookeanKelvinVoigt, RadiusCurve, simulate
 from cavirheo.inference import experiment
 from cavirheo.inference.assumptions import Family, Options
 from cavirheo.inference.experiment import Experiment
-from cavirheo.io import write_csv
 from cavirheo.physics.bubble import ACCOMMODATION
 from cavirheo.physics.materials import parse
 from cavirheo.physics.media import WATER
@@ -187,13 +186,6 @@ def test_frames_that_drift_upwards_are_left_out_and_counted():
     assert answer.checks.compared_time[-1] < 120e-6  # the drift is known from the last collapse on
     assert len(answer.checks.messages) > len(fit(curve, window=1).checks.messages)
     assert [answer.median(name) for name in ("shear_modulus", "viscosity")] == pytest.approx([8e3, 0.05], rel=0.03)
-
-
-def test_the_command_frees_the_clock(run, tmp_path):
-    write_csv(tmp_path / "gel.csv", shot(frames=60))
-    done(run("fit", "gel.csv", "--bubble", "field", "--free", "t0", "-o", "out"))
-    (record,) = load(tmp_path / "out" / "result.json").curves
-    assert (record.method, "time_origin" in record.other_parameters) == ("least_squares", True)
 
 
 @pytest.mark.parametrize("weights", ["equal", slow("learnt")])

@@ -111,12 +111,9 @@ def test_a_problem_of_an_unusual_medium_is_read_back():
 
 
 def test_what_may_be_given_otherwise_is_taken():
-    """A medium by its name, lists for arrays; a curve without a scale is not asked for one."""
+    """A medium by its name, and lists for arrays."""
     ours = [simulate(medium=kind).radius for kind in ("bu2026", MEDIA["bu2026"])]
     np.testing.assert_array_equal(*ours)
     assert simulate().radius[-1] != ours[0][-1]
     assert RadiusCurve(TIME.tolist(), RADIUS.tolist()).max_radius == CURVE.max_radius
     assert simulate(time=TIME[:3].tolist()).radius.tolist() == simulate().radius.tolist()
-    assert RadiusCurve(TIME, 1e6 * RADIUS, unscaled="pixels").with_max_radius(2e-4).max_radius == 2e-4
-    stars = RadiusCurve(TIME / 2e-5 * 0.1, RADIUS / 2e-4, unscaled="no R_max", time_unscaled=True)
-    assert np.median(np.diff(stars.with_max_radius(2e-4).time)) == pytest.approx(1e-6)

@@ -7,14 +7,13 @@ import pickle
 import re
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 from answers import KnownAnalysis
-from conftest import EXAMPLE, LIQUID, PROBLEM, ROOT, code_of, refused
+from conftest import EXAMPLE, LIQUID, PROBLEM, ROOT, code_of, contents, refused
 from scipy.stats import kstest
 
 from cavirheo import Posterior, read_curves
@@ -100,10 +99,6 @@ def violent(theta: np.ndarray) -> np.ndarray:
     return theta[:, 1] > 9.0
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
-
-
 def test_failures_are_kept_and_counted(instant, tmp_path):
     instant.fails = violent
     made = generate(PROBLEM, 1100, tmp_path, seed=3, progress=False)
@@ -120,43 +115,40 @@ def test_failures_are_kept_and_counted(instant, tmp_path):
     assert code_of(generate, PROBLEM, 30, tmp_path, shard=(0, 2), progress=False) == "dataset.shard"
 
 
-def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(tmp_path):
-    class Broken(TrainingProblem):
-        def simulate_many(self, theta, workers):
-            return [SimpleNamespace(radius=np.r_[np.inf, np.ones(99)], status="ok")] * len(theta)
-
-    broken = Broken(PROBLEM.material_name, PROBLEM.prior)
-    assert list(generate(broken, 3, tmp_path, progress=False).failures.values()) == [3]
+def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(instant, tmp_path):
+    instant.curves = lambda _, theta: [SimpleNamespace(radius=np.r_[np.inf, np.ones(99)], status="ok")] * len(theta)
+    assert list(generate(PROBLEM, 3, tmp_path, progress=False).failures.values()) == [3]
 
 
 def test_a_killed_run_goes_on_to_the_same_bytes(instant, tmp_path):
-    class KilledInTheThirdFile(TrainingProblem):
-        def simulate_many(self, theta, workers=None):
-            if len(instant) == 21:
-                raise KeyboardInterrupt
-            return super().simulate_many(theta, workers)
+    def killed_in_the_third_file(theta):
+        if len(instant) == 22:
+            raise KeyboardInterrupt
+        return violent(theta)
 
+    instant.fails = violent
     generate(PROBLEM, 1700, tmp_path / "whole", seed=3, progress=False)
-    killed = KilledInTheThirdFile(PROBLEM.material_name, PROBLEM.prior)
     instant.clear()
+    instant.fails = killed_in_the_third_file
     with pytest.raises(KeyboardInterrupt):
-        generate(killed, 1700, tmp_path / "cut", seed=3, workers=1, progress=False)
+        generate(PROBLEM, 1700, tmp_path / "cut", seed=3, workers=1, progress=False)
     (tmp_path / "cut" / ".shard-00002.h5.part.h5").write_bytes(b"half a file")
     assert code_of(load, tmp_path / "cut") == "dataset.incomplete"
     instant.clear()
+    instant.fails = violent
     made = generate(PROBLEM, 1700, tmp_path / "cut", seed=3, progress=False)
     assert (made.written, made.skipped, made.simulated, sum(instant)) == (2, 2, 700, 700)
-    assert files(tmp_path / "cut") == files(tmp_path / "whole")
+    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
     assert made.failures == load(tmp_path / "whole").failures
 
 
 def test_other_settings_do_not_mix(instant, tmp_path):
     generate(PROBLEM, 30, tmp_path, seed=3, progress=False)
     other = TrainingProblem("newtonian", Prior.uniform(LIQUID | {"stretch": [3.0, 10.0]}))
-    before = files(tmp_path)
+    before = contents(tmp_path)
     for what, n, seed, wanted in (("seed", 30, 4, PROBLEM), ("total", 31, 3, PROBLEM), ("problem", 30, 3, other)):
         assert code_of(generate, wanted, n, tmp_path, seed=seed, progress=False) == f"dataset.another_{what}"
-        assert files(tmp_path) == before
+        assert contents(tmp_path) == before
 
 
 def test_split_is_a_partition_that_no_parameter_decides(instant, tmp_path):
@@ -180,11 +172,11 @@ def test_a_set_grows_in_parts_to_the_same_bytes_and_is_surveyed(instant, tmp_pat
     half = survey(tmp_path / "two")
     assert (half.curves, half.total, half.files, half.lacking) == (1100, 2100, 3, 2)
     generate(PROBLEM, 2100, tmp_path / "two", seed=3, shard=(2, 2), progress=False)
-    assert files(tmp_path / "one") == files(tmp_path / "two")
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
     whole = survey(tmp_path / "two")
     assert (whole.curves, whole.files, whole.lacking, sum(whole.statuses.values())) == (2100, 5, 0, 2100)
     assert whole.statuses["ok"] == 2100 - sum(load(tmp_path / "two").failures.values()) < 2100
-    assert whole.size == sum(map(len, files(tmp_path / "two").values()))
+    assert whole.size == sum(map(len, contents(tmp_path / "two").values()))
     assert whole.sha256 != half.sha256
 
 

@@ -33,12 +33,6 @@ BROKEN = made.BROKEN if made else {}
 
 
 @needs_onnx
-def test_a_right_model_of_a_stranger_is_run(tmp_path):
-    network = Network(made.sound(tmp_path))
-    assert network(np.ones((600, made.FRAMES))).shape == (600, 2)
-
-
-@needs_onnx
 @pytest.mark.parametrize("name", BROKEN)
 def test_broken_model(tmp_path, name):
     code, write = BROKEN[name]
