@@ -2,26 +2,22 @@
 
 import numpy as np
 import pytest
+from answers import GEL, answer
 from conftest import refused
 
 import cavirheo
-from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, RadiusCurve
+from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve
 from cavirheo.inference.verify import verify
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.media import MEDIA, medium
-from cavirheo.posterior import Checks
 from cavirheo.prior import Prior, TrainingProblem
 
-GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
 TIME = np.arange(100) * 1e-6
 RADIUS = 50e-6 + 150e-6 * np.abs(np.cos(TIME / 15e-6)) * np.exp(-TIME / 60e-6)
 CURVE = RadiusCurve(TIME, RADIUS)
 BUBBLE = {"max_radius": 2e-4, "stretch": 6.0, "time": TIME[:3]}
-ANSWER = Posterior(
-    ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s"), np.array([[3.9, -1.3], [4.0, -1.2], [4.1, -1.1]]),
-    Checks("ok"), "nhkv", "laplace", best={"shear_modulus": 1e4, "viscosity": 0.06, "stretch": 7.0}, stretch=7.0,
-)  # fmt: skip
+ANSWER = answer(CURVE, draws=3)
 
 
 def simulate(material=GEL, **changes):

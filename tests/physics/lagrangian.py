@@ -1,12 +1,11 @@
-"""Independent reference: spherical bubble in a viscoelastic medium with memory, relaxed at the start.
+"""Independent reference: the stress of a viscoelastic medium with memory around a bubble, relaxed at the start.
 
-The medium's stress is carried point by point and S(t) = 2 int_R^inf (tau_rr - tau_tt)/r dr is a quadrature, its rate a
-difference; no reduced ODE is used. Units: length = the starting radius, pressure = the far pressure, unit density.
+It is carried point by point and S(t) = 2 int_R^inf (tau_rr - tau_tt)/r dr is a quadrature; no reduced ODE is used.
+Units: length = the starting radius, pressure = the far pressure, unit density. `spring`: R -> S of what stands beside.
 """
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from scipy.integrate import solve_ivp
 
 
 def quadrature(n=40, delta=1e-4, far=100.0):
@@ -24,8 +23,8 @@ class Convected:
     d tau_rr/dt = -4h tau_rr - tau_rr/lam - 4 (mu/lam) h,   d tau_tt/dt = 2h tau_tt - tau_tt/lam + 2 (mu/lam) h
     carried as r^4 tau_rr and tau_tt/r^2."""
 
-    def __init__(self, mu, lam):
-        self.g, self.lam = mu / lam, lam
+    def __init__(self, mu, lam, spring=lambda R: 0.0):
+        self.g, self.lam, self.spring = mu / lam, lam, spring
         self.x, self.w = quadrature()
         self.size = 2 * len(self.x)
 
@@ -36,15 +35,15 @@ class Convected:
 
     def S(self, R, y):
         r3, (a, b) = self.x + R**3, y.reshape(2, -1)
-        return 2 / 3 * self.w @ ((a * r3 ** (-4 / 3) - b * r3 ** (2 / 3)) / r3)
+        return 2 / 3 * self.w @ ((a * r3 ** (-4 / 3) - b * r3 ** (2 / 3)) / r3) + self.spring(R)
 
 
 class Fixed:
     """Linear Maxwell arm, d tau/dt|_r = (2 mu D - tau)/lam at nodes v = 1/r^3 < 1/rmin^3, of which those inside the
     bubble carry the continuation; S = (2/3) int_0^{R^-3} (tau_rr - tau_tt)/v dv of a polynomial through them and 0."""
 
-    def __init__(self, mu, lam, n=4, rmin=0.02):
-        self.mu, self.lam, self.rmin, self.size = mu, lam, rmin, 2 * n
+    def __init__(self, mu, lam, spring=lambda R: 0.0, n=4, rmin=0.02):
+        self.mu, self.lam, self.spring, self.rmin, self.size = mu, lam, spring, rmin, 2 * n
         self.k, x = np.arange(1, n + 1), np.arange(1, n + 1) / n  # x = v rmin^3
         self.v, self.to_powers = x / rmin**3, np.linalg.inv(x[:, None] ** self.k)
 
@@ -55,7 +54,7 @@ class Fixed:
 
     def S(self, R, y):
         a, b = y.reshape(2, -1)
-        return 2 / 3 * self.to_powers @ (a - b) @ ((self.rmin / R) ** (3 * self.k) / self.k)
+        return 2 / 3 * self.to_powers @ (a - b) @ ((self.rmin / R) ** (3 * self.k) / self.k) + self.spring(R)
 
 
 def neo_hookean(G, R0):
@@ -73,29 +72,3 @@ def neo_hookean(G, R0):
 def linear(G, R0):
     """The same of small strains, in closed form."""
     return lambda R: -4 * G / 3 * (1 - (R0 / R) ** 3)
-
-
-def solve(t, arm, spring, *, mu_s, stretch, We, pv, k, C, rtol=1e-9, h=1e-7):
-    """R, U, S at the times t (t[0] = 0).
-
-    mu_s: of a Newtonian solvent 2 mu_s D. C: sound speed (Keller-Miksis when finite). h: half the step of differences.
-    """
-    pg = (1 + stretch / We - pv) / stretch**3
-
-    def stress(R, m):
-        return arm.S(R, m) + (spring(R) if spring else 0.0)
-
-    def rhs(t, y):
-        R, U, m = y[0], y[1], y[2:]
-        dm = arm.rate(R, U, m)
-        S = stress(R, m) - 4 * mu_s * U / R
-        dS = (stress(R + h * U, m + h * dm) - stress(R - h * U, m - h * dm)) / (2 * h) + 4 * mu_s * (U / R) ** 2
-        p = pv + pg * R ** (-3 * k)
-        dp = -3 * k * pg * R ** (-3 * k) * U / R
-        force = (1 + U / C) * (p - 1 / (We * R) + S - 1) + R / C * (dp + U / (We * R * R) + dS)
-        force -= 1.5 * (1 - U / (3 * C)) * U * U
-        return np.r_[U, force / ((1 - U / C) * R + 4 * mu_s / C), dm]
-
-    start = np.r_[1.0, 0.0, np.zeros(arm.size)]
-    R, U, *m = solve_ivp(rhs, (0, t[-1]), start, t_eval=t, method="DOP853", rtol=rtol, atol=1e-3 * rtol).y
-    return R, U, np.array(list(map(stress, R, np.transpose(m)))) - 4 * mu_s * U / R
