@@ -139,14 +139,17 @@ NEEDED = [
     ("video", "av", f"measure {EXAMPLE.with_name('bubble.mp4')} --fps 5e5"),
     ("cluster", "distributed", "generate recipe.toml -n 2 -o d --scheduler tcp://127.0.0.1:1"),
     ("cluster", "dask_jobqueue", "generate recipe.toml -n 2 -o d --scheduler slurm:no.toml"),
+    *(("train", library, "train recipe.toml d -o r") for library in ("torch", "onnxscript")),
 ]
 
 
 @pytest.mark.parametrize(("extra", "library", "call"), NEEDED)
 def test_without_an_extra_a_command_says_what_to_install(lab, monkeypatch, extra, library, call):
     monkeypatch.setitem(sys.modules, library, None)
-    monkeypatch.delitem(sys.modules, "cavirheo.app.server", raising=False)
-    refused_cleanly(lab(*call.split()), f"cavirheo[{extra}]")
+    for loaded in ("app.server", "training.train", "training.networks"):
+        monkeypatch.delitem(sys.modules, f"cavirheo.{loaded}", raising=False)
+        monkeypatch.delattr(f"cavirheo.{loaded}", raising=False)
+    refused_cleanly(lab(*call.split()), f"[{extra}]")
 
 
 # --- options that every verb reads alike ------------------------------------------------------------------------------

@@ -234,16 +234,6 @@ def test_a_damaged_run_is_named(instant, small, run, tmp_path):
         assert name in line or bad == b"{}"
 
 
-def test_training_says_what_is_not_installed(small, run, monkeypatch):
-    for name in ("torch", "onnxscript"):
-        with monkeypatch.context() as patch:
-            for loaded in ("train", "networks"):
-                patch.delitem(sys.modules, f"cavirheo.training.{loaded}", raising=False)
-                patch.delattr(f"cavirheo.training.{loaded}", raising=False)
-            patch.setitem(sys.modules, name, None)
-            assert "[train]" in refusal(run("train", small, "data", "-o", "run"))
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
 @pytest.mark.parametrize("most", [0, 3000])
 def test_a_full_disk(small, tmp_path, most):
