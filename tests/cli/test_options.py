@@ -135,21 +135,21 @@ def test_an_odd_call_is_refused_in_one_line_and_leaves_nothing(lab, tmp_path, ca
 
 
 NEEDED = [
-    ("app", "gradio", "app --no-browser"),
-    ("video", "av", f"measure {EXAMPLE.with_name('bubble.mp4')} --fps 5e5"),
-    ("cluster", "distributed", "generate recipe.toml -n 2 -o d --scheduler tcp://127.0.0.1:1"),
-    ("cluster", "dask_jobqueue", "generate recipe.toml -n 2 -o d --scheduler slurm:no.toml"),
-    *(("train", library, "train recipe.toml d -o r") for library in ("torch", "onnxscript")),
+    ("cavirheo[app]", "gradio", "app --no-browser"),
+    ("cavirheo[video]", "av", f"measure {EXAMPLE.with_name('bubble.mp4')} --fps 5e5"),
+    ("cavirheo[cluster]", "distributed", "generate recipe.toml -n 2 -o d --scheduler tcp://127.0.0.1:1"),
+    ("cavirheo[cluster]", "dask_jobqueue", "generate recipe.toml -n 2 -o d --scheduler slurm:no.toml"),
+    *(("[train]", library, "train recipe.toml d -o r") for library in ("torch", "onnxscript")),
 ]
 
 
-@pytest.mark.parametrize(("extra", "library", "call"), NEEDED)
-def test_without_an_extra_a_command_says_what_to_install(lab, monkeypatch, extra, library, call):
+@pytest.mark.parametrize(("named", "library", "call"), NEEDED)
+def test_without_an_extra_a_command_says_what_to_install(lab, monkeypatch, named, library, call):
     monkeypatch.setitem(sys.modules, library, None)
     for loaded in ("app.server", "training.train", "training.networks"):
         monkeypatch.delitem(sys.modules, f"cavirheo.{loaded}", raising=False)
         monkeypatch.delattr(f"cavirheo.{loaded}", raising=False)
-    refused_cleanly(lab(*call.split()), f"[{extra}]")
+    refused_cleanly(lab(*call.split()), named)
 
 
 # --- options that every verb reads alike ------------------------------------------------------------------------------
