@@ -98,7 +98,7 @@ def cluster(folder: Path, *paths: Path) -> Iterator[tuple[str, list[subprocess.P
     local, where = ("--host", "127.0.0.1", "--no-dashboard"), folder / "where.json"
     processes = [begin("distributed.cli.dask_scheduler", "--port", 0, "--scheduler-file", where, *local, cwd=folder)]
     try:
-        until(where.exists)
+        until(where.exists, 60.0)
         address = json.loads(where.read_text())["address"]
         for path in paths:
             words = (address, "--nthreads", 1, "--no-nanny", *local)
