@@ -316,17 +316,18 @@ class Walkers:
 
 def markov_sample(
     target: Density, walkers: Floats, further: Callable[[Floats], Mixture | None], rng: np.random.Generator, draws: int,
-    coordinates: Coordinates | None = None,
+    coordinates: Coordinates | None = None, settling: int = TUNING.settling_most,
 ) -> tuple[Sample, Floats]:  # fmt: skip
     """So many draws of a density that is quick to know, nearly independent, with its integral; and where the walkers
-    (k, d) end. further, coordinates: as of `Walkers`.
+    (k, d) end. further, coordinates: as of `Walkers`. settling: fits of the mixture, at most, until they count as
+    settled.
 
     Steps along their differences alternate with jumps to a mixture, fitted to the walkers until they have settled.
     Then they walk until as many jumps are taken as there are draws. The integral is that of bridge sampling between
     them and what the mixture has drawn.
     """
     chains, heights = Walkers(target, walkers, further, coordinates or Coordinates()), [np.inf, np.inf]
-    for _ in range(TUNING.settling_most):
+    for _ in range(settling):
         chains.settle(rng)
         height = []
         for _ in range(TUNING.walked_between):

@@ -163,7 +163,8 @@ def climb_emulated(
     """The maximum reached from u (d,) as by `climb`, and what was simulated for it.
 
     A surrogate of what is simulated shows the way; one simulation where it ends teaches the next one, until this finds
-    what was expected. Finite differences, which cost one simulation a parameter, only go on from there.
+    what was expected: its derivatives are then the mode's. Finite differences, which cost one simulation a parameter,
+    only go on where it does not.
     """
     known = len(simulated.u)
     enough = len(simulated.finite.u) > 2 * (len(start) + 1)
@@ -174,10 +175,13 @@ def climb_emulated(
             return None, simulated.after(known)
         end = Simulated.at(target, mode.u[None])
         simulated = simulated.joined(end)
+        if abs(end.value[0] - mode.log_posterior) < TUNING.climb_expected:
+            mode = replace(mode, residual=end.residual[0], log_posterior=float(end.value[0]))
+            return mode, simulated.after(known)
+        if not np.isfinite(end.value[0]):
+            break
         if end.value[0] > height:  # not of all that is known: another mode may be higher
             start, height = mode.u, end.value[0]
-        if not abs(end.value[0] - mode.log_posterior) > TUNING.climb_expected or not np.isfinite(end.value[0]):
-            break
     mode = climb(target, start, ROUGH, maxima)
     if mode and np.any(mode.u != start):
         simulated = simulated.joined(Simulated(mode.u[None], mode.residual[None], np.array([mode.log_posterior])))
@@ -301,9 +305,10 @@ class AdaptiveProposal:
         self.learn(on_the_way)
         self.also([mode] if mode else [])
 
-    def emulated(self, rng: np.random.Generator, enough: float = TUNING.pool) -> tuple[Surrogate, Sample] | None:
+    def emulated(self, rng: np.random.Generator, enough: float | None = None) -> tuple[Surrogate, Sample] | None:
         """Draws, worth `enough` independent ones, of a surrogate of all simulations so far, and of rough ones about the
-        modes where these are too few; None where they still are, or nothing that is drawn is likely."""
+        modes where these are too few; None where they still are, or nothing that is drawn is likely. Without `enough`
+        a few roughly settled ones, of a surrogate that is to be taught by them."""
         d = len(self.target.prior.names)
         if len(self.simulated.u) <= 2 * (d + 1):
             self(self._wide().draw(TUNING.own_draws, rng))
@@ -313,7 +318,8 @@ class AdaptiveProposal:
         if self.taught is None or self.taught[1] != count:
             self.taught = Surrogate(self.target, *self.simulated), count
         surrogate, _ = self.taught
-        draws = int(TUNING.emulated_draws * enough)
+        draws = int(TUNING.emulated_draws * (enough or TUNING.pool))
+        settling = TUNING.settling_most if enough else TUNING.settling_taught
         walkers = self._begun(surrogate, int(np.clip(draws / 6, *TUNING.walkers)), rng)
         if walkers is None:
             return None
@@ -323,7 +329,7 @@ class AdaptiveProposal:
             return surrogate(w) + lift(w)
 
         sample, self.walkers = markov_sample(
-            lifted, walkers, lambda w: shelves(self.target, w, d), rng, draws, self.target
+            lifted, walkers, lambda w: shelves(self.target, w, d), rng, draws, self.target, settling
         )
         u, camera = np.split(sample.u, [d], axis=1)
         sample = replace(sample, u=u, camera=camera, log_target=sample.log_target - lift(sample.u))
