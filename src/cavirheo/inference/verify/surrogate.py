@@ -163,8 +163,7 @@ def climb_emulated(
     """The maximum reached from u (d,) as by `climb`, and what was simulated for it.
 
     A surrogate of what is simulated shows the way; one simulation where it ends teaches the next one, until this finds
-    what was expected: its derivatives are then the mode's. Finite differences, which cost one simulation a parameter,
-    only go on where it does not.
+    what was expected. Finite differences, which cost one simulation a parameter, only go on from there.
     """
     known = len(simulated.u)
     enough = len(simulated.finite.u) > 2 * (len(start) + 1)
@@ -175,13 +174,10 @@ def climb_emulated(
             return None, simulated.after(known)
         end = Simulated.at(target, mode.u[None])
         simulated = simulated.joined(end)
-        if abs(end.value[0] - mode.log_posterior) < TUNING.climb_expected:
-            mode = replace(mode, residual=end.residual[0], log_posterior=float(end.value[0]))
-            return mode, simulated.after(known)
-        if not np.isfinite(end.value[0]):
-            break
         if end.value[0] > height:  # not of all that is known: another mode may be higher
             start, height = mode.u, end.value[0]
+        if not abs(end.value[0] - mode.log_posterior) > TUNING.climb_expected or not np.isfinite(end.value[0]):
+            break
     mode = climb(target, start, ROUGH, maxima)
     if mode and np.any(mode.u != start):
         simulated = simulated.joined(Simulated(mode.u[None], mode.residual[None], np.array([mode.log_posterior])))
