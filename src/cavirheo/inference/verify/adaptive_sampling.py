@@ -179,7 +179,7 @@ class AdaptiveSampling:
         explorer, rng = self.explorer, self._rng(self.turns)
         last = min(self.turns + TUNING.emulated_turns, TUNING.emulated_rounds)
         while self.turns < last:
-            emulation = explorer.emulated(rng)
+            emulation = explorer.emulated(rng, settling=TUNING.settling_teaching)
             if emulation is None:
                 return False
             often = TUNING.emulated_more if self.error > TUNING.emulated_wrong else 1

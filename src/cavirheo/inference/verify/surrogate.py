@@ -301,10 +301,12 @@ class AdaptiveProposal:
         self.learn(on_the_way)
         self.also([mode] if mode else [])
 
-    def emulated(self, rng: np.random.Generator, enough: float | None = None) -> tuple[Surrogate, Sample] | None:
+    def emulated(
+        self, rng: np.random.Generator, enough: float = TUNING.pool, settling: int = TUNING.settling_most
+    ) -> tuple[Surrogate, Sample] | None:
         """Draws, worth `enough` independent ones, of a surrogate of all simulations so far, and of rough ones about the
-        modes where these are too few; None where they still are, or nothing that is drawn is likely. Without `enough`
-        a few roughly settled ones, of a surrogate that is to be taught by them."""
+        modes where these are too few; None where they still are, or nothing that is drawn is likely. settling: as of
+        `markov_sample`."""
         d = len(self.target.prior.names)
         if len(self.simulated.u) <= 2 * (d + 1):
             self(self._wide().draw(TUNING.own_draws, rng))
@@ -314,8 +316,7 @@ class AdaptiveProposal:
         if self.taught is None or self.taught[1] != count:
             self.taught = Surrogate(self.target, *self.simulated), count
         surrogate, _ = self.taught
-        draws = int(TUNING.emulated_draws * (enough or TUNING.pool))
-        settling = TUNING.settling_most if enough else TUNING.settling_taught
+        draws = int(TUNING.emulated_draws * enough)
         walkers = self._begun(surrogate, int(np.clip(draws / 6, *TUNING.walkers)), rng)
         if walkers is None:
             return None

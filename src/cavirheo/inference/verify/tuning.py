@@ -55,7 +55,7 @@ class Tuning:
     walked_whole: float = 0.1  # of the steps that go the whole difference,
     walked_straight: float = 0.8  # and that are taken in coordinates in which ridges are straighter
     walked_between: int = 8  # steps and jumps between two fits of the mixture
-    settling_taught: int = 2  # fits, at most, of walkers whose draws only teach the next surrogate,
+    settling_teaching: int = 2  # fits, at most, of walkers whose draws only teach the next surrogate,
     settling_most: int = 12  # and of others, until the mean height of the walkers
     settled: float = 0.3  # changes by less in three of them
     lowest_walker: float = 15.0  # height below the best, from which it does not matter how low one is
