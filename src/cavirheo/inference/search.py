@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, even_points
 from cavirheo.errors import SolverError
 from cavirheo.inference.camera import NAMES
 from cavirheo.inference.experiment import FORWARD, Experiment, Prediction
@@ -159,7 +159,7 @@ class Scan:
         numbers = np.arange(first, first + count)
         self.points = shot.starts(np.zeros((count, len(fit.bounds))))
         self.searched = slice(0, len(wide))  # columns that are not at nothing
-        cube = spread_starts(np.tile([0.0, 1.0], (len(wide), 1)), first + count)[first:]
+        cube = even_points(first + count, len(wide))[first:]
         for box, taken in ((usual, numbers % 2 == 0), (wide, numbers % 2 == 1)):
             self.points[taken, self.searched] = box[:, 0] + cube[taken] * (box[:, 1] - box[:, 0])
         names, times = family.parameters, shot.curve.collapse_times()
@@ -188,17 +188,6 @@ class Scan:
             if len(chosen) < count and all(np.max(distance) > FAR for distance in off):
                 chosen.append(point)
         return chosen
-
-
-def spread_starts(bounds: Floats, count: int) -> Floats:
-    """(count, d) points that fill a box (d, 2) evenly: the additive recurrence of the generalised golden ratio (Roberts
-    2018, "The unreasonable effectiveness of quasirandom sequences")."""
-    d = len(bounds)
-    phi = 2.0
-    for _ in range(40):
-        phi = (1.0 + phi) ** (1.0 / (d + 1))
-    cube = (0.5 + np.outer(np.arange(1, count + 1), phi ** -np.arange(1.0, d + 1))) % 1.0
-    return np.asarray(bounds[:, 0] + cube * (bounds[:, 1] - bounds[:, 0]))
 
 
 class Search:

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, ndtri
 
-from cavirheo.arrays import Floats, log_sum
+from cavirheo.arrays import Floats, even_points, log_sum
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.messages import Message
 from cavirheo.prior import log_normal
@@ -391,7 +391,7 @@ def integral_about(log_density: Density, middle: Floats, scale: float, counts: S
             spread = ((points - middle).T * weight) @ (points - middle) + 1e-4 * np.eye(d)
             root = np.asarray(TUNING.integrated_wider * np.linalg.cholesky(spread))
         gaussians.append((float(np.log(count)), middle, root))
-        new = middle + _normal_points(count, d) @ root.T
+        new = middle + ndtri(even_points(count, d)) @ root.T
         points, log_value = np.concatenate([points, new]), np.append(log_value, log_density(new))
         log_q = [
             size - np.sum(np.log(np.diag(root))) + log_normal(np.asarray(np.linalg.solve(root, (points - middle).T).T))
@@ -399,16 +399,6 @@ def integral_about(log_density: Density, middle: Floats, scale: float, counts: S
         ]
         log_weight = log_value - log_sum(np.array(log_q), axis=0)  # of the sum, not the mean, over the points
     return float(log_sum(log_weight))
-
-
-@cache
-def _normal_points(count: int, d: int) -> Floats:
-    """(count, d) that fill the standard normal evenly."""
-    ratio = 2.0
-    for _ in range(50):
-        ratio = (1.0 + ratio) ** (1.0 / (d + 1.0))
-    steps = ratio ** -np.arange(1.0, d + 1.0)
-    return np.asarray(ndtri((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0))
 
 
 def generalised_pareto(x: Floats) -> tuple[float, float]:
