@@ -49,6 +49,7 @@ def test_frames_after_the_window_lie_where_the_draws_predict_them():
     compared = curve.time[np.isfinite(curve.radius) & (curve.time > curve.time_of_max)][:30]
     missed = predict_radius(curve, answer, compared).mean - np.interp(compared, curve.time, curve.radius)
     assert np.std(missed) < 0.01 * curve.max_radius
+    assert code_of(predict_radius, read_curves(EXAMPLE)[0], answer, compared) == "predict.other_curve"
 
 
 @pytest.mark.parametrize("file", ["soft_gel.csv", "stiff_gel.mat"])
@@ -158,9 +159,6 @@ def test_a_recording_that_begins_a_little_before_its_maximum_is_not_taken_to_beg
     for name, truth in (("shear_modulus", 1e4), ("viscosity", 0.02)):
         low, high = answer.interval(name, 0.99)
         assert low < truth < high < 3 * low
-
-
-# --- doubts
 
 
 @pytest.mark.parametrize(("radius", "time"), [(2.0, 1.0), (0.36, 1.0), (1.0, 1e-3), (1.0, 2.0)])

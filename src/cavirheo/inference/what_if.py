@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior, check_level
 
 DRAWS = 100  # of a posterior, that are simulated
+SAME_RADIUS = 0.01  # of R_max: half the frames of a curve that was answered are nearer to those that were compared
 WIDEST_SCALE = 0.19  # range of a radius scale about 1 that holds every one that was inferred
 
 
@@ -52,14 +53,16 @@ def predict_radius(
 
     Returns: three arrays (n,) in m.
 
-    Raises InputError: an answer without draws, a time that is not finite, a level outside 0 to 1, less than two draws;
-    SolverError: more than half of the draws cannot be simulated.
+    Raises InputError: an answer without draws or of another curve, a time that is not finite, a level outside 0 to 1,
+    less than two draws; SolverError: more than half of the draws cannot be simulated.
     """
     time = as_numbers("time", time)
     fine = time.ndim == 1 and len(time) > 0 and bool(np.all(np.isfinite(time)))
     require(fine, f"times must be one row of finite numbers, got {brief(time.tolist())}", "curve.time")
     message = f"a prediction needs an answer with draws; that of {posterior.method} has {len(posterior.theta)}"
     require(posterior.medium is not None and len(posterior.theta) > 1, message, "predict.draws", curve.name)
+    message = "the answer is of another recording: give the curve that was answered"
+    require(_is_of(posterior, curve), message, "predict.other_curve", curve.name)
     check_level(level)
     expect_whole(draws, "draws", 2)
     parts = list(posterior.laws.values()) or [posterior]
@@ -107,6 +110,17 @@ def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, f
 def _bubble_of(posterior: Posterior, values: Mapping[str, float]) -> Bubble:
     """That of the answer; a real bubble without any damping is its limit, the field's, which has draws, too."""
     return FIELD if posterior.bubble == REAL and values.get("confinement_damping") == 0.0 else posterior.bubble
+
+
+def _is_of(posterior: Posterior, curve: RadiusCurve) -> bool:
+    """Whether the radii that were compared with an answer are those of this curve."""
+    checks: Any = posterior.checks
+    if checks.residual_over_rmax is None:
+        return True
+    measured = np.interp(checks.compared_time, curve.time, curve.radius)
+    simulated = np.interp(checks.compared_time, checks.reconstruction_time, checks.reconstruction_radius)
+    difference = (measured - simulated) / curve.max_radius - checks.residual_over_rmax
+    return bool(np.nanmedian(np.abs(difference)) < SAME_RADIUS)
 
 
 def _compared_end(curve: RadiusCurve, posterior: Posterior) -> float | None:
