@@ -180,7 +180,8 @@ class Training(ABC, Generic[Network]):
         hint = "use another folder, or the recipe and data that it was begun with"
         require(not changed, f"{self.folder} holds another run ({changed}): {hint}", "training.another_run")
         with of_run(path):
-            self.history = [line for line in note["history"] if line["validation"] + line["train"] + line["seconds"]]
+            losses = ("train", "validation", "seconds")
+            self.history = [{**line, **{part: float(line[part]) for part in losses}} for line in note["history"]]
             self.step = int(note["step"])
             adam: dict[int, dict[str, Tensor]] = {}
             for key in [key for key in state if key.startswith("adam.")]:
@@ -274,8 +275,9 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         for i, kind in enumerate(self.kinds):
             self.mask[i, used(*kind)] = 1.0
         n = len(curves["kind"])
+        require(n >= 2, f"a posterior network needs 2 curves or more, one of them for validation; the data have {n}")
         self.identity = {"curves": n}
-        first_held = max(round((1.0 - VALIDATION) * n), n - MOST_HELD)
+        first_held = max(min(round((1.0 - VALIDATION) * n), n - 1), n - MOST_HELD)
         self.train, self.held = np.arange(first_held), np.arange(first_held, n)
         repeated = np.resize(self.held, max(len(self.held), FEWEST_VALIDATED))  # each several times where they are few
         self.validation = film(curves, repeated, 2**31 - 1)
