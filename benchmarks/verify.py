@@ -18,7 +18,7 @@ import numpy as np
 from fit import cases, sets_below
 
 from cavirheo.inference import fit
-from cavirheo.inference.verify import verify_many
+from cavirheo.inference.verify import verify
 
 
 def main() -> None:
@@ -33,13 +33,13 @@ def main() -> None:
     else:
         curves = [case.noisy(given.noise, number) for number, case in enumerate(cases(given.n, 1))]
     bubble = "real" if given.real else "field"  # as the shots are
-    verify_many(curves[:1], [fit(curves[0], bubble=bubble)])  # compiles
+    verify(curves[0], fit(curves[0], bubble=bubble))  # compiles
     cores, rows, without = os.cpu_count() or 1, [], 0
     for curve in curves:
         began, spent = time.perf_counter(), time.process_time()
         fitted = fit(curve, bubble=bubble)
         middle = time.perf_counter()
-        (answer,) = verify_many([curve], [fitted])
+        answer = verify(curve, fitted)
         end = time.perf_counter()
         if answer.checks.verdict == "failed":
             continue

@@ -6,10 +6,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import cavirheo
-from cavirheo.inference.verify import verify_many
 
-curves = cavirheo.read_curves(Path(__file__).parent / "soft_gel.csv")[:1]
-(answer,) = verify_many(curves, cavirheo.infer_many(curves), level="full", seed=1)
+curve = cavirheo.read_curves(Path(__file__).parent / "soft_gel.csv")[0]
+answer = cavirheo.infer(curve, material="nhkv", verify="full", seed=1)
 for name, unit in (("shear_modulus", "Pa"), ("viscosity", "Pa s")):
     low, high = answer.interval(name)
     print(f"{name}: {answer.median(name):.4g} {unit}, 90 % interval {low:.4g} to {high:.4g}")

@@ -121,7 +121,7 @@ MORE = Page(
     (
         Group(
             "Posterior by simulations",
-            {"cavirheo.inference.verify": "verify_many verify Verification"},
+            {"cavirheo.inference.verify": "verify Verification"},
             "[How](../docs/how-to/posterior.md).",
         ),
         Group(

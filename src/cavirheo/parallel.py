@@ -1,13 +1,16 @@
-"""Work on all cores, with threads: the solver lets go of the interpreter while it computes. What an executor is."""
+"""Work on all cores: what an executor is, and those of this machine, with threads and with processes."""
 
 from __future__ import annotations
 
 import ctypes
+import multiprocessing
 import os
+import signal
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
@@ -15,17 +18,25 @@ from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from cavirheo.errors import expect_whole, require
+from cavirheo.errors import InputError, expect_whole, require
 
 Job = TypeVar("Job")
 Output = TypeVar("Output")
+FEWEST = 3  # jobs of some seconds for which processes are started, which takes a second or two
+AHEAD = 2  # jobs sent to each process: one that runs and one that waits there
+IDLE = 30.0  # s after which a process without work ends
+_pools: list[Any] = []  # that of the latest processes, which the next flow uses again
 
 
 def cores(workers: int | None = None) -> int:
-    """`workers`, or as many as the machine has."""
-    if workers is not None:
-        expect_whole(workers, "workers", 1)
-    return workers or os.cpu_count() or 1
+    """`workers`, or as many as this process may use: those of the machine, of its container or of its job, and at most
+    LOKY_MAX_CPU_COUNT of the environment."""
+    if workers is None:
+        from loky import cpu_count
+
+        return int(cpu_count())
+    expect_whole(workers, "workers", 1)
+    return workers
 
 
 class _OneBlasThread:
@@ -58,7 +69,7 @@ one_blas_thread = _OneBlasThread()
 
 
 class Executor(Protocol):
-    """Where units of work run: `Threads` here, or the workers of a cluster. The outputs are the same."""
+    """Where units of work run: `Threads` or `Processes` here, or the workers of a cluster. The outputs are the same."""
 
     def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
         """(index, function(job)) of each job, in the order in which they end. Close it to drop what has not begun.
@@ -69,7 +80,8 @@ class Executor(Protocol):
 
 @dataclass(frozen=True)
 class Threads:
-    """So many threads of this machine, all cores by default."""
+    """So many threads of this machine, all cores by default: for what the solver, which lets go of the interpreter,
+    does most of."""
 
     workers: int | None = None
 
@@ -107,16 +119,84 @@ class Threads:
                 pool.shutdown(wait=False)
 
 
+@dataclass(frozen=True)
+class Processes:
+    """So many processes of this machine, all cores by default: for jobs of seconds that are mostly Python's, of which
+    threads do one at a time."""
+
+    workers: int | None = None
+
+    def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
+        """As `Executor.flow`. What has begun when it is closed, or by an exception, ends at once. Raises InputError:
+        a process was ended from outside; and what `function` raises."""
+        from loky import get_reusable_executor
+
+        if not jobs:
+            return
+        count, waiting = min(cores(self.workers), len(jobs)), deque(range(len(jobs)))
+        pool = get_reusable_executor(count, timeout=IDLE, initializer=_depend_on, initargs=(os.getpid(),))
+        _pools[:] = [pool]
+        sent: dict[Future[Output], int] = {}
+        try:
+            while waiting or sent:
+                while waiting and len(sent) < AHEAD * count:
+                    index = waiting.popleft()
+                    sent[pool.submit(function, jobs[index])] = index
+                for future in wait(sent, return_when=FIRST_COMPLETED).done:
+                    result = future.result()
+                    yield sent.pop(future), result
+        except BrokenExecutor as error:
+            message = f"one of {count} processes was ended from outside, for want of memory perhaps"
+            mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
+            raise InputError(f"{message}: {mending}", "parallel.ended") from error
+        finally:
+            if sent:
+                end_processes()
+
+
+def end_processes() -> None:
+    """End those that `Processes` has started, whatever they do. A process that leaves without its exit handlers calls
+    it first."""
+    while _pools:
+        _pools.pop().shutdown(kill_workers=True)
+
+
+def _depend_on(parent: int) -> None:
+    """Ctrl-C is for the parent of this process, which ends it; if the parent is killed, so is this."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def of_this_machine(jobs: int, workers: int | None = None) -> Executor:
+    """That for so many jobs of some seconds: processes, but for few jobs or in a process that may not have any."""
+    several = jobs >= FEWEST and cores(workers) > 1 and not multiprocessing.current_process().daemon
+    return Processes(workers) if several else Threads(workers)
+
+
 def each(
     function: Callable[[Job], Output],
     jobs: Iterable[Job],
     workers: int | None = None,
     on_output: Callable[[int, Output], None] | None = None,
 ) -> list[Output]:
-    """function(job) of each job, in their order, on so many threads (all cores by default). `on_output` is called in
-    this thread with the index and the output of each job, in the order in which they end."""
+    """function(job) of each job, in their order, on so many threads (all cores by default). `on_output` as of
+    `in_order`."""
+    return in_order(Threads(workers).flow(function, list(jobs)), on_output)
+
+
+def in_order(
+    flow: Generator[tuple[int, Output], None, None], on_output: Callable[[int, Output], None] | None = None
+) -> list[Output]:
+    """The outputs of all jobs of a flow, in the order of the jobs. `on_output` is called in this thread with the index
+    and the output of each, in the order in which they end."""
     outputs: dict[int, Output] = {}
-    with closing(Threads(workers).flow(function, list(jobs))) as flow:
+    with closing(flow):
         for index, result in flow:
             outputs[index] = result
             if on_output:

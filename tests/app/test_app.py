@@ -477,8 +477,6 @@ def test_nothing_is_left_when_the_server_ends(tmp_path):
     assert [path for path in tmp_path.rglob("*") if "cavirheo" in path.name or path.is_file()] == []
 
 
-# --- a recording
-
 TEXTS = (str(RATE), str(SCALE), "")
 
 

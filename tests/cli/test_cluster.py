@@ -19,7 +19,7 @@ from distributed import Client, LocalCluster
 
 from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
-from cavirheo.parallel import Threads
+from cavirheo.parallel import Processes, Threads
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.cluster import (
     Identity,
@@ -49,7 +49,7 @@ def double(job: int) -> int:
 
 
 def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(workers):
-    for executor in (Threads(2), Threads(1), workers):
+    for executor in (Threads(2), Threads(1), Processes(2), workers):
         assert sorted(executor.flow(double, range(7, 50))) == [(i, 2 * (i + 7)) for i in range(43)]
         assert list(executor.flow(double, [])) == []
         with refused("test.refused", "no -1"), closing(executor.flow(double, [-1, -1])) as flow:

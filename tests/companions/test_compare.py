@@ -61,6 +61,7 @@ def fake(monkeypatch):
         return answer_of(curve, shear, viscosity, verdict=verdict, material=material)
 
     monkeypatch.setattr(Analysis, "answer", answer)
+    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")  # other processes would answer themselves
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     return calls
 

@@ -67,7 +67,7 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path) -> Bench:
-    return Bench(tmp_path, look=0.02, patience=0.2)
+    return Bench(tmp_path, look=0.02, patience=0.2, executor=Threads())
 
 
 def test_each_file_is_answered_once_also_after_a_restart_and_stays_when_it_is_moved(bench):

@@ -10,7 +10,7 @@ from conftest import messages
 import cavirheo
 from cavirheo import Newtonian, population
 from cavirheo.inference.alternatives import averaged_over_laws, compared, contenders, judged
-from cavirheo.inference.verify import verify_many
+from cavirheo.inference.verify import verify
 from cavirheo.messages import Message
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
 
@@ -104,7 +104,7 @@ def test_warnings_are_those_of_the_law_that_is_chosen(warned):
     candidates = [cavirheo.infer(liquid, material=law, **way) for law in ("nhkv", "newtonian")]
     odd = replace(candidates[warned].checks, verdict="check_input", messages=(Message("check_input.no_rebound"),))
     candidates[warned] = replace(candidates[warned], checks=odd)
-    (found,) = verify_many([liquid], [candidates], level="map")
+    found = verify(liquid, candidates, level="map")
     assert found.material == "newtonian"
     assert (found.checks.verdict == "check_input") == ("no rebound" in found.checks.message) == (warned == 1)
 

@@ -194,9 +194,6 @@ def test_an_exposure_does_not_move_the_clock():
     assert abs(np.mean(origin)) < 0.1  # 0.02 is its standard error
 
 
-# --- what stays on the disk
-
-
 def test_a_set_on_the_disk_is_the_set_in_memory_and_a_single_bit_that_changed_is_noticed(tmp_path):
     generate(PROBLEM, 6, tmp_path / "set", seed=1, progress=False)
     here, there = load(tmp_path / "set"), load(tmp_path / "set", tmp_path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import shutil
 from collections.abc import Mapping, Sequence
@@ -25,6 +24,7 @@ from cavirheo.inference.what_if import checks_with, compared_window, slider
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.io.videos import Camera
+from cavirheo.parallel import cores
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import file_names, result, write_report
 from cavirheo.reporting.answer import curve_record
@@ -92,7 +92,7 @@ def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[R
     remedy = "choose fewer in step 2, or use the command line (cavirheo infer --verify full)"
     fine = verify != "full" or len(chosen) <= session.limits.full
     require(fine, f"{message}: {remedy}", "app.too_many_full")
-    previews, workers = session.previews, max((os.cpu_count() or 1) // len(chosen), 1)
+    previews, workers = session.previews, max(cores() // len(chosen), 1)
     preview_mark = {"verdict": "unverified", "messages": []} if verify != settings.verify else {}
 
     def answer_one(curve: RadiusCurve) -> Posterior:

@@ -92,7 +92,8 @@ def infer_many(
 
     Args:
         curves: R(t), s and m.
-        workers: threads; default: all cores. The answers do not depend on it.
+        workers: cores that are used, by default all that this process may use: from three curves on, by a process
+            each. The answers do not depend on it.
         done: called with the index and the answer of each curve as it is found, verified if that is asked.
 
     Returns:
@@ -150,7 +151,8 @@ def fit_many(
         others: look at the other of these two bubbles, too; what it and other modes answer is in `Posterior.others`.
         trust_input: warnings on the recording or its settings are said, but decide no verdict.
         seed: of the draws.
-        workers: threads; default: all cores. The answers do not depend on it.
+        workers: cores that are used, by default all that this process may use: from three curves on, by a process
+            each. The answers do not depend on it.
         done: called with the index of each curve and its answer as it is found.
 
     Returns:

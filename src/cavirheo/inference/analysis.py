@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import partial
 from importlib.metadata import version
-from itertools import product
+from itertools import product, repeat
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Literal
@@ -31,7 +32,7 @@ from cavirheo.inference.model import DEFAULT, Network, card, path_of
 from cavirheo.inference.network_answer import Answer, check_outputs, read_draws, read_values
 from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
 from cavirheo.inference.verify import verify
-from cavirheo.parallel import cores, each, one_blas_thread
+from cavirheo.parallel import Executor, Threads, cores, in_order, of_this_machine, one_blas_thread
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
@@ -43,6 +44,7 @@ _log = logging.getLogger(__name__)
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
 LEVELS = ("auto", "none", "map", "full")  # of verification (inference/verify)
 _DOING = {"infer": "inferring", "bdt": "inferring", "fit": "fitting", "search": "searching"}
+Job = tuple[RadiusCurve, Posterior | None]  # a curve, and the answer that its own begins with
 _LABELS = {"name", "label", "group", "group_source", "column", "notes", "hints", "source", "source_sha256"}
 _LABELS |= {"flags", "contact_sheet"}  # of `RadiusCurve.meta`: no answer depends on these
 
@@ -180,15 +182,26 @@ class Analysis:
         done: Callable[[int, Posterior], None] | None = None,
         starts: Sequence[Posterior] | None = None,
     ) -> list[Posterior]:
-        """An answer for each curve, in their order, on so many threads (all cores by default); the answers do not
-        depend on it. done: called with the index and the answer of each curve as it is found. starts: for each
-        what `answer` takes. Raises InputError: none of the curves can be answered so."""
+        """An answer for each curve, in their order, on so many cores (all by default); the answers do not depend on
+        it. done: called with the index and the answer of each curve as it is found. starts: for each what `answer`
+        takes. Raises InputError: none of the curves can be answered so."""
         curves = several(curves)
         self.check(curves)
-        inner = max(cores(workers) // max(len(curves), 1), 1)
-        start_of_each: Sequence[Posterior | None] = starts or [None] * len(curves)
-        jobs = zip(curves, start_of_each, strict=True)
-        return each(lambda job: self.answer(*job, workers=inner), jobs, workers, done)
+        return in_order(self.flow(curves, starts, workers=workers), done)
+
+    def flow(
+        self,
+        curves: Sequence[RadiusCurve],
+        starts: Sequence[Posterior | None] | None = None,
+        executor: Executor | None = None,
+        workers: int | None = None,
+    ) -> Generator[tuple[int, Posterior], None, None]:
+        """(index of the curve, its answer) as they are found, by an executor or on so many cores of this machine."""
+        jobs = list(zip(curves, starts or repeat(None, len(curves)), strict=True))
+        inner = 1 if executor else max(cores(workers) // max(len(jobs), 1), 1)
+        if executor is None:
+            executor = Threads(workers) if self.verify == "none" else of_this_machine(len(jobs), workers)
+        return executor.flow(partial(_answer, self, inner), jobs)
 
     def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on so many threads; without draws, and with the reason, where there is none. start:
@@ -269,6 +282,11 @@ class Analysis:
         how: dict[str, Any] = {"bubble": bubble, "medium": medium_of(self.medium)}
         draws = np.empty((0, len(names)))
         return Posterior(names, units(names), draws, Checks("failed"), law, method, provenance, **how)
+
+
+def _answer(analysis: Analysis, workers: int, job: Job) -> Posterior:
+    """A unit of work of an executor."""
+    return analysis.answer(*job, workers=workers)
 
 
 def _names_of(law: str) -> tuple[str, ...]:

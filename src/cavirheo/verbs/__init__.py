@@ -14,6 +14,7 @@ import typer
 
 import cavirheo
 from cavirheo.errors import InputError, SolverError
+from cavirheo.parallel import end_processes
 from cavirheo.verbs import companions, curves, documents, histories, machine
 from cavirheo.verbs.options import option
 from cavirheo.verbs.run import Command
@@ -114,6 +115,7 @@ def entry() -> None:
         status = 2
     if files := sys.modules.get("cavirheo.io.files"):
         files.tidy()
+    end_processes()
     with suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()

@@ -19,7 +19,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.messages import Message
-from cavirheo.parallel import Executor, Threads, cores
+from cavirheo.parallel import Executor
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
@@ -150,22 +150,16 @@ def analyse(
             left.append(index)
     if not left:
         return
-    unit = partial(_answer, analysis, 1 if executor else max(cores() // len(left), 1))
-    jobs = [(curves[index], starts[index] if starts else None) for index in left]
+    some, begin = [curves[index] for index in left], [starts[index] for index in left] if starts else None
     with (
         bar(analysis.doing, len(left), visible=visible) as advance,
-        closing((executor or Threads()).flow(unit, jobs)) as flow,
+        closing(analysis.flow(some, begin, executor)) as flow,
     ):
         for place, answer in flow:
-            fine = answer.checks.verdict != "failed" or bool(jobs[place][0].unusable)
+            fine = answer.checks.verdict != "failed" or bool(some[place].unusable)
             store.put(keys[left[place]], answer, file=fine)
             advance()
             yield left[place], answer
-
-
-def _answer(analysis: Analysis, workers: int, job: tuple[RadiusCurve, Posterior | None]) -> Posterior:
-    """A unit of work for an executor."""
-    return analysis.answer(*job, workers=workers)
 
 
 def of_file(answer: Posterior, curve: RadiusCurve) -> Posterior:

@@ -303,7 +303,7 @@ def population(
     """The material of many shots, from the draws of their posteriors and no further simulation.
 
     Args:
-        answers: of shots of one material, as `infer_many`, `fit_many` or `verify_many` give them. Their weighted draws
+        answers: of shots of one material, as `infer_many` or `fit_many` give them. Their weighted draws
             are divided by the prior that they were made with (`Posterior.prior`; flat in the logarithm where that is
             not known). Those without an interval, of another model than most, or whose verdict says that they are no
             property of the material, are left out and counted; so is a copy of another's draws. Averages over laws

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -35,25 +35,8 @@ from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of
 from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
 
 _log = logging.getLogger(__name__)
-__all__ = ["Verification", "verify", "verify_many"]
+__all__ = ["Verification", "verify"]
 _REPEATED = 4  # times at most that a model is sampled anew after the last round of its surrogates
-
-
-def verify_many(
-    curves: Sequence[RadiusCurve],
-    answers: Sequence[Posterior | Sequence[Posterior]],
-    *,
-    bubble: Requested | None = None,
-    workers: int | None = None,
-    done: Callable[[int, Posterior], None] | None = None,
-    **settings: Any,
-) -> list[Posterior]:
-    """`verify` of each curve, on all cores, in their order. `done` is called with the index and the answer of each as
-    it is found."""
-    curves = several(curves)
-    verification, bubbles = _settings(max(cores(workers) // max(len(curves), 1), 1), bubble, settings)
-    pairs = list(zip(curves, map(_starts, answers), strict=True))
-    return each(lambda pair: _verified(*pair, verification, bubbles), pairs, workers, done)
 
 
 def verify(
@@ -72,24 +55,13 @@ def verify(
     evidence is not smaller than the largest by more than 3. Raises InputError: no answer, or a setting out of its
     domain.
     """
-    (curve,), starts = several([curve]), _starts(answer)
-    with one_blas_thread:
-        return _verified(curve, starts, *_settings(cores(workers), bubble, settings))
-
-
-def _settings(
-    workers: int, bubble: Requested | None, settings: dict[str, Any]
-) -> tuple[Verification, tuple[Bubble, ...]]:
-    """The settings of a verification, and the bubbles instead of that of the answer. Raises InputError."""
-    return Verification(workers=workers, **settings), () if bubble is None else bubbles_of(bubble)
-
-
-def _starts(answer: Posterior | Sequence[Posterior]) -> list[Posterior]:
-    """The answers for one curve. Raises InputError: something else."""
+    (curve,) = several([curve])
     starts: list[Any] = list(answer) if isinstance(answer, list | tuple) else [answer]
     for start in starts:
-        expect(start, Posterior, "a Posterior to be verified, of infer or fit, for each curve")
-    return starts
+        expect(start, Posterior, "a Posterior to be verified, of infer or fit")
+    verification = Verification(workers=cores(workers), **settings)
+    with one_blas_thread:
+        return _verified(curve, starts, verification, () if bubble is None else bubbles_of(bubble))
 
 
 def _verified(
