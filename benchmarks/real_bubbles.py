@@ -136,31 +136,23 @@ def fitted(curve: RadiusCurve, law: str, **model: Any) -> Posterior:
     return fit_many([curve], law, **{**USUAL, **model})[0]
 
 
-def laid(curve: RadiusCurve, answer: Posterior) -> tuple[Experiment, Floats]:
-    """The experiment over three collapses, and measured minus simulated over R_max of an answer to any window."""
-    shot = Experiment(curve, Family(answer.material), options=Options(bubble=answer.bubble))
-    seen = shot.predict(shot.from_best(answer.best))
-    return shot, np.full(len(shot.measured), np.nan) if seen is None else shot.measured - seen.radius
-
-
 def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan
 
 
 def record(curve: RadiusCurve, answer: Posterior) -> dict[str, Any]:
     """One answer for JSON. cycles: RMS residual from collapse to collapse, % of R_max."""
+    checks: Any = answer.checks
     if not answer.best:
-        return {"verdict": "failed", "message": answer.checks.message}
-    shot, missed = laid(curve, answer)
-    kept = shot.counted
-    part = np.searchsorted(curve.collapse_times() - curve.time_of_max, shot.since)
+        return {"verdict": "failed", "message": checks.message}
+    part = np.searchsorted(curve.collapse_times(), checks.compared_time)
     names = [name for name in ("shear_modulus", "viscosity") if name in answer.parameters]
     return {
-        "rmax_um": 1e6 * curve.max_radius, "rmse": 100 * rms(missed[kept]), "verdict": answer.checks.verdict,
+        "rmax_um": 1e6 * curve.max_radius, "rmse": 100 * checks.rmse_over_rmax, "verdict": checks.verdict,
         "best": {name: float(value) for name, value in answer.best.items()},
         "intervals": {name: answer.interval(name) for name in names},
         "evidence": answer.evidence.log if answer.evidence else None,
-        "cycles": [100 * rms(missed[kept & (part == k)]) for k in range(part[kept].max() + 1)],
+        "cycles": [100 * rms(checks.residual_over_rmax[part == k]) for k in range(part.max() + 1)],
     }  # fmt: skip
 
 
@@ -206,19 +198,22 @@ def run_fits(kept: Kept, sets: Sets) -> None:
 
 
 def ahead(curve: RadiusCurve, material: str, bubble: Bubble) -> dict[str, Any]:
-    """RMS of the frames after the first rebound's maximum, % of R_max, predicted from a fit to those before: by the
-    mean over its draws, and by its best values."""
+    """RMS of the frames after the first rebound's maximum, % of R_max, predicted from a fit to those before, by the
+    mean over its draws."""
     answer = fitted(curve, material, window=1, bubble=bubble)
     if not answer.best:
         return {"verdict": "failed", "message": answer.checks.message}
-    shot, missed = laid(curve, answer)
+    shot = Experiment(curve, Family(answer.material), options=Options(bubble=answer.bubble))
     later = shot.counted & (shot.since > shot.cut_to(1).since[-1])
     mean = np.nan
     with suppress(InputError, SolverError):  # a point, or what cannot be simulated so far
         predicted = predict_radius(curve, answer, shot.since[later] + curve.time_of_max).mean
         mean = rms(shot.measured[later] - predicted / curve.max_radius)
-    found = {"frames": int(np.sum(later)), "ahead": 100 * mean, "ahead_best": 100 * rms(missed[later])}
-    return {**found, "best": {name: float(value) for name, value in answer.best.items()}}
+    return {
+        "frames": int(np.sum(later)),
+        "ahead": 100 * mean,
+        "best": {name: float(value) for name, value in answer.best.items()},
+    }
 
 
 def run_ahead(kept: Kept, sets: Sets) -> None:
