@@ -26,6 +26,7 @@ FEWEST = 3  # jobs of some seconds for which processes are started, which takes 
 AHEAD = 2  # jobs sent to each process: one that runs and one that waits there
 IDLE = 30.0  # s after which a process without work ends
 _pools: list[Any] = []  # that of the latest processes, which the next flow uses again
+_in_use = threading.Lock()  # by a flow
 
 
 def cores(workers: int | None = None) -> int:
@@ -127,17 +128,22 @@ class Processes:
     workers: int | None = None
 
     def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
-        """As `Executor.flow`. What has begun when it is closed, or by an exception, ends at once. Raises InputError:
-        a process was ended from outside; and what `function` raises."""
+        """As `Executor.flow`. What has begun when it is closed, or by an exception, ends at once. Threads do the work
+        while another flow of this process has the processes, or where there cannot be any. Raises InputError: a process
+        was ended from outside; and what `function` raises."""
         from loky import get_reusable_executor
 
-        if not jobs:
-            return
-        count, waiting = min(cores(self.workers), len(jobs)), deque(range(len(jobs)))
-        pool = get_reusable_executor(count, timeout=IDLE, initializer=_depend_on, initargs=(os.getpid(),))
-        _pools[:] = [pool]
+        count, waiting, pool = min(cores(self.workers), len(jobs)), deque(range(len(jobs))), None
+        mine = bool(jobs) and _in_use.acquire(blocking=False)
         sent: dict[Future[Output], int] = {}
         try:
+            if mine:
+                with suppress(OSError):  # a sandbox without the means by which processes wait for each other
+                    pool = get_reusable_executor(count, timeout=IDLE, initializer=_depend_on, initargs=(os.getpid(),))
+            if pool is None:
+                yield from Threads(self.workers).flow(function, jobs)
+                return
+            _pools[:] = [pool]
             while waiting or sent:
                 while waiting and len(sent) < AHEAD * count:
                     index = waiting.popleft()
@@ -152,6 +158,8 @@ class Processes:
         finally:
             if sent:
                 end_processes()
+            if mine:
+                _in_use.release()
 
 
 def end_processes() -> None:

@@ -93,7 +93,9 @@ class Analysis:
         message = f"verify must be {', '.join(levels[:-1])} or {levels[-1]}, got {self.verify!r}"
         require(self.verify in levels, message, "option.verify")
         expect_whole(self.seed, "seed", 0, "option.seed")
-        settings: dict[str, Any] = {"model": str(self.model), "medium": medium_of(self.medium)}
+        name = str(self.model)
+        model = str(Path(name).absolute()) if name.endswith(".onnx") else name  # other processes may be elsewhere
+        settings: dict[str, Any] = {"model": model, "medium": medium_of(self.medium)}
         kind = card(path_of(str(self.model))) if self._networked else {}
         point = kind.get("kind") == "point"
         settings["bubble"] = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
