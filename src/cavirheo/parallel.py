@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
-from contextlib import closing, suppress
+from contextlib import ContextDecorator, closing, suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
@@ -40,7 +40,7 @@ def cores(workers: int | None = None) -> int:
     return workers
 
 
-class _OneBlasThread:
+class _OneBlasThread(ContextDecorator):
     """While any thread is in this block, BLAS computes in the thread that calls it: its own threads would only wait for
     each other beside ours, and with them the last bits differ. threadpoolctl lets one thread set the number, and does
     nothing for others: a thread of ours does it for all."""
@@ -190,21 +190,14 @@ def of_this_machine(jobs: int, workers: int | None = None) -> Executor:
 def each(
     function: Callable[[Job], Output],
     jobs: Iterable[Job],
-    workers: int | None = None,
+    executor: Executor | int | None = None,
     on_output: Callable[[int, Output], None] | None = None,
 ) -> list[Output]:
-    """function(job) of each job, in their order, on so many threads (all cores by default). `on_output` as of
-    `in_order`."""
-    return in_order(Threads(workers).flow(function, list(jobs)), on_output)
-
-
-def in_order(
-    flow: Generator[tuple[int, Output], None, None], on_output: Callable[[int, Output], None] | None = None
-) -> list[Output]:
-    """The outputs of all jobs of a flow, in the order of the jobs. `on_output` is called in this thread with the index
-    and the output of each, in the order in which they end."""
+    """function(job) of each job, in their order, by an executor or on so many threads (all cores by default).
+    `on_output` is called in this thread with the index and the output of each job, in the order in which they end."""
     outputs: dict[int, Output] = {}
-    with closing(flow):
+    here = Threads(executor) if executor is None or isinstance(executor, int) else executor
+    with closing(here.flow(function, list(jobs))) as flow:
         for index, result in flow:
             outputs[index] = result
             if on_output:

@@ -32,7 +32,7 @@ from cavirheo.inference.model import DEFAULT, Network, card, path_of
 from cavirheo.inference.network_answer import Answer, check_outputs, read_draws, read_values
 from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
 from cavirheo.inference.verify import verify
-from cavirheo.parallel import Executor, Threads, cores, in_order, of_this_machine, one_blas_thread
+from cavirheo.parallel import Executor, Threads, cores, each, of_this_machine, one_blas_thread
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
@@ -189,21 +189,32 @@ class Analysis:
         takes. Raises InputError: none of the curves can be answered so."""
         curves = several(curves)
         self.check(curves)
-        return in_order(self.flow(curves, starts, workers=workers), done)
+        function, jobs, executor = self._work(curves, starts, None, workers)
+        return each(function, jobs, executor, done)
 
     def flow(
         self,
         curves: Sequence[RadiusCurve],
         starts: Sequence[Posterior | None] | None = None,
         executor: Executor | None = None,
-        workers: int | None = None,
     ) -> Generator[tuple[int, Posterior], None, None]:
-        """(index of the curve, its answer) as they are found, by an executor or on so many cores of this machine."""
+        """(index of the curve, its answer) as they are found, by an executor or on all cores of this machine. starts:
+        as of `run`. Closing it drops what has not begun."""
+        function, jobs, here = self._work(curves, starts, executor, None)
+        return here.flow(function, jobs)
+
+    def _work(
+        self,
+        curves: Sequence[RadiusCurve],
+        starts: Sequence[Posterior | None] | None,
+        executor: Executor | None,
+        workers: int | None,
+    ) -> tuple[Callable[[Job], Posterior], list[Job], Executor]:
+        """A unit of work, what it is given for each curve, and where it is done."""
+        threads = 1 if executor else max(cores(workers) // max(len(curves), 1), 1)
+        here = executor or (Threads(workers) if self.verify == "none" else of_this_machine(len(curves), workers))
         jobs = list(zip(curves, starts or repeat(None, len(curves)), strict=True))
-        inner = 1 if executor else max(cores(workers) // max(len(jobs), 1), 1)
-        if executor is None:
-            executor = Threads(workers) if self.verify == "none" else of_this_machine(len(jobs), workers)
-        return executor.flow(partial(_answer, self, inner), jobs)
+        return partial(_answer, self, threads), jobs, here
 
     def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on so many threads; without draws, and with the reason, where there is none. start:

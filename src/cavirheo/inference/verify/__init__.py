@@ -39,6 +39,7 @@ __all__ = ["Verification", "verify"]
 _REPEATED = 4  # times at most that a model is sampled anew after the last round of its surrogates
 
 
+@one_blas_thread
 def verify(
     curve: RadiusCurve,
     answer: Posterior | Sequence[Posterior],
@@ -55,20 +56,12 @@ def verify(
     evidence is not smaller than the largest by more than 3. Raises InputError: no answer, or a setting out of its
     domain.
     """
-    (curve,) = several([curve])
+    began, (curve,) = time.perf_counter(), several([curve])
     starts: list[Any] = list(answer) if isinstance(answer, list | tuple) else [answer]
     for start in starts:
         expect(start, Posterior, "a Posterior to be verified, of infer or fit")
     verification = Verification(workers=cores(workers), **settings)
-    with one_blas_thread:
-        return _verified(curve, starts, verification, () if bubble is None else bubbles_of(bubble))
-
-
-def _verified(
-    curve: RadiusCurve, starts: Sequence[Posterior], verification: Verification, bubbles: Sequence[Bubble]
-) -> Posterior:
-    """As `verify`, of the settings and bubbles that were checked."""
-    began = time.perf_counter()
+    bubbles = () if bubble is None else bubbles_of(bubble)
     models = [replace(start, bubble=kind) for start in starts for kind in bubbles] or starts
     posteriors, problems = _answers(verification, curve, models)
     if not posteriors:
