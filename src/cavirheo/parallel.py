@@ -196,8 +196,8 @@ def each(
     """function(job) of each job, in their order, by an executor or on so many threads (all cores by default).
     `on_output` is called in this thread with the index and the output of each job, in the order in which they end."""
     outputs: dict[int, Output] = {}
-    here = Threads(executor) if executor is None or isinstance(executor, int) else executor
-    with closing(here.flow(function, list(jobs))) as flow:
+    chosen = Threads(executor) if executor is None or isinstance(executor, int) else executor
+    with closing(chosen.flow(function, list(jobs))) as flow:
         for index, result in flow:
             outputs[index] = result
             if on_output:

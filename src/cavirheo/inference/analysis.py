@@ -189,7 +189,7 @@ class Analysis:
         takes. Raises InputError: none of the curves can be answered so."""
         curves = several(curves)
         self.check(curves)
-        function, jobs, executor = self._work(curves, starts, None, workers)
+        function, jobs, executor = self._workload(curves, starts, None, workers)
         return each(function, jobs, executor, done)
 
     def flow(
@@ -200,10 +200,10 @@ class Analysis:
     ) -> Generator[tuple[int, Posterior], None, None]:
         """(index of the curve, its answer) as they are found, by an executor or on all cores of this machine. starts:
         as of `run`. Closing it drops what has not begun."""
-        function, jobs, here = self._work(curves, starts, executor, None)
-        return here.flow(function, jobs)
+        function, jobs, chosen = self._workload(curves, starts, executor, None)
+        return chosen.flow(function, jobs)
 
-    def _work(
+    def _workload(
         self,
         curves: Sequence[RadiusCurve],
         starts: Sequence[Posterior | None] | None,
@@ -212,9 +212,9 @@ class Analysis:
     ) -> tuple[Callable[[Job], Posterior], list[Job], Executor]:
         """A unit of work, what it is given for each curve, and where it is done."""
         threads = 1 if executor else max(cores(workers) // max(len(curves), 1), 1)
-        here = executor or (Threads(workers) if self.verify == "none" else of_this_machine(len(curves), workers))
+        chosen = executor or (Threads(workers) if self.verify == "none" else of_this_machine(len(curves), workers))
         jobs = list(zip(curves, starts or repeat(None, len(curves)), strict=True))
-        return partial(_answer, self, threads), jobs, here
+        return partial(_answer, self, threads), jobs, chosen
 
     def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on so many threads; without draws, and with the reason, where there is none. start:
