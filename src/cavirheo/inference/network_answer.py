@@ -33,6 +33,7 @@ from cavirheo.posterior import Checks, Diagnostics, Verdict
 from cavirheo.prior import log_normal, natural_values
 
 DRAWS = 1000
+STARTED = 100  # draws where a verification, which draws anew, starts from the answer
 SIMULATED = 8  # of the draws, those that the network takes for the likeliest, simulated to check the answer
 MODULUS = "shear_modulus"
 SHORTEST = 0.9  # of the network's samples that must lie inside the recording; the others are taken as the last one
@@ -57,7 +58,8 @@ def read_draws(
 
     def network_draws(shot: Experiment) -> tuple[Any, Floats]:
         proposal = model.proposal(shot, shot.prior(), discrepancy)
-        return proposal, proposal.draw(DRAWS, np.random.Generator(np.random.Philox(seed)))
+        count = DRAWS if checked else STARTED
+        return proposal, proposal.draw(count, np.random.Generator(np.random.Philox(seed)))
 
     def medians(curve: RadiusCurve) -> Floats:
         shot_without_spikes = Experiment(curve, shot.family, shot.medium, shot.options)
