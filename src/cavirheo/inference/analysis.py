@@ -274,10 +274,8 @@ class Analysis:
         checks = Checks("unverified" if network else "ok", t_star_end=shot.view.end / shot.time_scale)
         if network is None:
             return {"checks": checks}, wall_warnings(shot)
-        checked = self.verify == "none"
-        values, warnings = read_draws(
-            shot, network, checks, discrepancy=self.discrepancy, seed=self.seed, checked=checked
-        )
+        how: dict[str, Any] = {"discrepancy": self.discrepancy, "seed": self.seed, "verify": self.verify}
+        values, warnings = read_draws(shot, network, checks, **how)
         return values, [*warnings, *wall_warnings(shot)]
 
     def _empty_answer(

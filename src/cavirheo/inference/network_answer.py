@@ -33,7 +33,7 @@ from cavirheo.posterior import Checks, Diagnostics, Verdict
 from cavirheo.prior import log_normal, natural_values
 
 DRAWS = 1000
-STARTED = 100  # draws where a verification, which draws anew, starts from the answer
+STARTED = 100  # draws where a verification weighs others
 SIMULATED = 8  # of the draws, those that the network takes for the likeliest, simulated to check the answer
 MODULUS = "shear_modulus"
 SHORTEST = 0.9  # of the network's samples that must lie inside the recording; the others are taken as the last one
@@ -44,11 +44,12 @@ Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks`
 
 
 def read_draws(
-    shot: Experiment, model: PosteriorModel, checks: Checks, *, discrepancy: bool, seed: int, checked: bool
+    shot: Experiment, model: PosteriorModel, checks: Checks, *, discrepancy: bool, seed: int, verify: str
 ) -> Answer:
     """What a posterior network answers, with these checks. discrepancy: whether more than white noise may lie between
-    frames and law. checked: simulate the likeliest draws, and raise InputError where the network cannot read the curve;
-    without it the answer is for a verification to start from."""
+    frames and law. verify: level of the verification that starts from the answer; "none": the likeliest draws are
+    simulated, and InputError is raised where the network cannot read the curve."""
+    checked, draws = verify == "none", DRAWS if verify in ("none", "map") else STARTED
     source = "given" if shot.stretch else "inferred with the other parameters"
     fields: dict[str, Any] = {
         "checks": checks,
@@ -58,8 +59,7 @@ def read_draws(
 
     def network_draws(shot: Experiment) -> tuple[Any, Floats]:
         proposal = model.proposal(shot, shot.prior(), discrepancy)
-        count = DRAWS if checked else STARTED
-        return proposal, proposal.draw(count, np.random.Generator(np.random.Philox(seed)))
+        return proposal, proposal.draw(draws, np.random.Generator(np.random.Philox(seed)))
 
     def medians(curve: RadiusCurve) -> Floats:
         shot_without_spikes = Experiment(curve, shot.family, shot.medium, shot.options)
