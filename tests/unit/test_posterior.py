@@ -548,7 +548,7 @@ def test_no_answer_is_ok_without_an_interval(monkeypatch):
 def test_generate_and_train_a_small_network(tmp_path, run):
     pytest.importorskip("torch")
     small = (ROOT / "recipes/posterior.toml").read_text("utf-8")
-    sizes = {"n": 12, "samples": 512, "width": 16, "depth": 1, "hidden": 8, "batch": 64, "name": '"small"'}
+    sizes = {"n": 120, "samples": 512, "width": 16, "depth": 1, "hidden": 8, "batch": 64, "name": '"small"'}
     for name, size in sizes.items():
         small, changes = re.subn(rf"(?m)^{name} = \S+", f"{name} = {size}", small)
         assert changes == 1, name
@@ -557,8 +557,7 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     done(run("train", "small.toml", "data", "-o", "run", "--threads", 1))
     card = json.loads((tmp_path / "run" / "small.json").read_text("utf-8"))
     assert card["kind"] == "posterior"
-    assert card["training"]["held_out"] == 1
-    assert {"viscosity", "stretch"} <= set(card["coverage"]["by_slot"]) <= set(COORDINATES)
+    assert set(card["coverage"]["by_slot"]) == set(COORDINATES)
     assert network_of(str(tmp_path / "run" / "small.onnx")).name == "small"
 
 
