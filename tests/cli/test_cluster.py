@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -54,6 +55,10 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
         assert list(executor.flow(double, [])) == []
         with refused("test.refused", "no -1"), closing(executor.flow(double, [-1, -1])) as flow:
             list(flow)
+    with closing(Processes(2).flow(time.sleep, [0, 1e6, 1e6])) as flow:
+        assert next(flow)[0] == 0  # the others end with the flow
+    with refused("parallel.ended"):
+        list(Processes(2).flow(os._exit, [1, 1]))
     with pytest.raises(InputError):  # of a worker that comes later and is another
         list(Workers(workers.client, Identity("9.9", "", "")).flow(double, [1]))
 
