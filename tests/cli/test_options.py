@@ -139,7 +139,7 @@ NEEDED = [
     ("cavirheo[video]", "av", f"measure {EXAMPLE.with_name('bubble.mp4')} --fps 5e5"),
     ("cavirheo[cluster]", "distributed", "generate recipe.toml -n 2 -o d --scheduler tcp://127.0.0.1:1"),
     ("cavirheo[cluster]", "dask_jobqueue", "generate recipe.toml -n 2 -o d --scheduler slurm:no.toml"),
-    *(("[train]", library, "train recipe.toml d -o r") for library in ("torch", "onnxscript")),
+    *(("cavirheo[train]", library, "train recipe.toml d -o r") for library in ("torch", "onnxscript")),
 ]
 
 

@@ -120,7 +120,7 @@ def train(
     try:
         from cavirheo.training import train as training
     except ModuleNotFoundError as error:
-        raise InputError(f"training needs {error.name}: install cavirheo with the extra [train]") from error
+        raise InputError(f'training needs {error.name}: pip install "cavirheo[train]"') from error
     from cavirheo.training.recipe import read_recipe
 
     content = read_recipe(recipe)

@@ -260,7 +260,7 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
         if slurm and not find_spec("dask_jobqueue"):
             raise ModuleNotFoundError(name="dask_jobqueue")
     except ModuleNotFoundError as error:
-        message = f"--scheduler needs {error.name}: pip install 'cavirheo[cluster]' here and on the workers"
+        message = f'--scheduler needs {error.name}: pip install "cavirheo[cluster]" here and on the workers'
         raise InputError(f"{message}; without it all runs here", "cluster.extra") from None
     if slurm:
         settings = read_settings(Path(scheduler.removeprefix("slurm:")))
