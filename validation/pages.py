@@ -58,7 +58,7 @@ CLAIMS = (
     ),
     Claim(
         "calibration",
-        "90 % intervals of `infer` that hold the truth of simulated shots of the real bubble",
+        "90 % intervals of `infer` that hold the truth of simulated shots of the real bubble and a known law",
         both("infer.{}.90", ".0%", "%"),
     ),
     Claim("network", "90 % intervals of the network alone, over its whole prior", both("{}.90", ".0%", "%")),
@@ -74,17 +74,18 @@ CLAIMS = (
     ),
     Claim(
         "design",
-        "Interval that `design` predicts over the one that `infer` reaches, median of settings",
+        "Ratio of the interval that `design` predicts to the one that `infer` reaches, median of settings",
         both("ratio.{}", ".2f"),
     ),
     Claim(
         "evidence",
-        "The true law has a weight in the average of `infer`, or a simpler one does; a wrong one has 95 % or more",
+        "The true law, or a simpler one that cannot be distinguished from it, has a weight above 0.2 in the average of "
+        "`infer`; a wrong law has one above 0.95",
         (("right", "average.held", ".0%", "%"), ("wrong", "average.certain", ".0%", "%")),
     ),
     Claim(
         "challenge",
-        "90 % intervals of `infer` on recordings of another solver, another camera and other laws",
+        "90 % intervals of `infer` on recordings of another solver, another camera and another choice of values",
         both("several.all.{}.90", ".0%", "%"),
     ),
     Claim(
@@ -150,7 +151,8 @@ def row(claim: Claim, results: Mapping[str, dict]) -> str:
         cells.append(" ".join(part for part in (words, told, unit) if part))
         counts.append(str(one["n"]))
     n = counts[0] if len(set(counts)) == 1 else ", ".join(counts)
-    repeat = f"`python -m validation {claim.name}{' --full' * about['full']}`"
+    options = " --full" * about["full"] + " --data FOLDER" * (claim.name == "open_sets")
+    repeat = f"`python -m validation {claim.name}{options}`"
     return f"| {claim.sentence} | {', '.join(cells)} | {n} | {repeat} | {'; '.join(dict.fromkeys(origins))} |\n"
 
 

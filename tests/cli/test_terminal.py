@@ -139,7 +139,6 @@ def test_show_a_measurement_a_training_set_and_networks(run, tmp_path):
         out = done(run("show", name))
         assert [part for part in parts if part not in out] == []
         assert "NOT the file" not in out
-    # a card without what is for people
     optional = ("network", "loss_by_kind", "coverage", "made_with", "history", "versions", "license", "date")
     for name in ("posterior", "bdt-viscous"):
         about = {key: value for key, value in card(path_of(name)).items() if key not in optional}

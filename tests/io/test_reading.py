@@ -261,6 +261,7 @@ BAD = {  # content, or what writes it; code; what is named
     "blank.csv": (b"\n\n# nothing\n", "table.empty", "time_us,radius_um"),
     "words.csv": (b"time_us,radius_um\n1,2\n2,three\n", "tabular.number", "row 3, column 'radius_um': 'three'"),
     "commas.csv": (b"time_us,radius_um\n1,5,200,3\n", "tabular.width", "row 2 has 4 cells"),
+    "comma.csv": (b"time,us,radius_um\n1,200\n2,190\n", "tabular.width", "row 1 has 3 titles"),
     "twice.csv": (b"time_us,radius_um,radius_um\n1,2,3\n", "table.twice", "radius"),
     "swapped.csv": (b"time_um,radius_us\n1,2\n", "table.units", "time in um and radius in us"),
     "length.h5": (hdf5({"time_um": US, "radius_um": UM}), "table.units", "time in um"),

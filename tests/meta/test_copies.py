@@ -18,11 +18,7 @@ from cavirheo.posterior import Bubble, Evidence, WindowAnswer
 from cavirheo.reporting import result
 from cavirheo.reporting.table import write_csv
 
-WAYS = {
-    "pickle": lambda one: pickle.loads(pickle.dumps(one, protocol=2)),
-    "copy": copy.copy,
-    "deepcopy": copy.deepcopy,
-}
+WAYS = {"pickle": lambda one: pickle.loads(pickle.dumps(one, protocol=2)), "copy": copy.copy, "deepcopy": copy.deepcopy}
 
 
 def law_of(name: str) -> Material:

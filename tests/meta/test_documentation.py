@@ -150,7 +150,7 @@ def snippets() -> Iterator[Any]:
                 yield pytest.param(code, shown, id=name(page), marks=slow)
 
 
-@pytest.mark.parametrize(("code", "shown"), snippets())
+@pytest.mark.parametrize(("code", "shown"), [*snippets()])
 def test_snippets_run(code, shown, monkeypatch):
     monkeypatch.setattr(Analysis, "answer", answer_once)
     if not shown:

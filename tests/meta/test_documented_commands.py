@@ -150,7 +150,8 @@ def kit(tmp_path_factory) -> Path:
     write_shots(folder)
     write_tables(folder)
     infer = ["cavirheo", "infer", "examples/soft_gel.csv", "--quiet", "-o", "result"]
-    subprocess.run(infer, cwd=folder, env=surroundings(folder), check=True)
+    done = subprocess.run(infer, cwd=folder, env=surroundings(folder), check=True, capture_output=True)
+    assert (done.stdout, done.stderr) == (b"", b"")  # of the processes, too, that answered its five shots
     shutil.copytree(folder / "result", folder / "RESULT")
     shutil.copy(folder / "result/result.json", folder)
     return folder

@@ -37,13 +37,10 @@ def test_a_recording_depends_on_its_seed_and_number_alone(made, tmp_path):
     assert make.cells(7, 60) != make.cells(8, 60)
 
 
-REAL = {"accommodation": 0.05, "damping": 0.2}
+REAL, FUNG = {"accommodation": 0.05, "damping": 0.2}, Viscoelastic(Fung(5e3, 0.01), Newtonian(0.05))
 LAWS = {  # a truth, and the material of it
     "power-law": ({"G": 0.0, "mu": 0.05, "exponent": 0.6}, PowerLaw(0.05 * 1e5**0.4, 0.6, rest_rate=truth.PLATEAU)),
-    "fung + newtonian": (
-        {"G": 5e3, "mu": 0.05, "stiffening": 0.01} | REAL,
-        Viscoelastic(Fung(5e3, 0.01), Newtonian(0.05)),
-    ),
+    "fung + newtonian": ({"G": 5e3, "mu": 0.05, "stiffening": 0.01} | REAL, FUNG),
     "nhkv": ({"G": 8e3, "mu": 0.05} | REAL, NeoHookeanKelvinVoigt(8e3, 0.05)),
 }
 
@@ -86,9 +83,19 @@ def test_scores(G, row, held, bounded):
     if row is WHOLE:
         assert scores[0].interval_score == pytest.approx(scores[0].width) == pytest.approx(2.0)
         assert scores[1].interval_score == pytest.approx(np.log10(2) + 20 * np.log10(2))
-    for wrong in ([{"name": "b"}], answer * 2):
-        with pytest.raises(ValueError, match="one answer"):
-            score.judge(about, wrong, "mu")
+
+
+WRONG = [("a,1,2,1,,,", "above G_high 1"), ("a,-1,,,,,", "not negative"), ("a,,,", "4 cells")]
+WRONG += [("b,,,,,,", "unknown name 'b'"), ("a,,,,,,\na,,,,,,", "2 of 'a'")]
+
+
+@pytest.mark.parametrize(("lines", "said"), WRONG)
+def test_a_wrong_file_of_answers_is_refused_in_one_line(tmp_path, lines, said):
+    truths, mine = tmp_path / "truth.csv", tmp_path / "mine.csv"
+    truths.write_text("name,half,difficulty,law,G,mu\na,real,easy,nhkv,1000,0.1\n")
+    mine.write_text(f"name, G, G_low, G_high, mu, mu_low, mu_high\n{lines}\n")
+    with pytest.raises(SystemExit, match=rf"\Ascore.py: .*{said}.*\Z"):
+        score.main([str(truths), str(mine)])
 
 
 RESULTS = pages.read_results()

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import argparse
 import csv
+import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +21,10 @@ from pathlib import Path
 import numpy as np
 
 QUANTITIES = {"G": 1.0, "mu": 1e-6}  # Pa, Pa s: bounds below count as these
+ANSWERED = tuple(f"{name}{end}" for name in QUANTITIES for end in ("", "_low", "_high"))
+TRUTH = ("name", "half", "difficulty", "law", *QUANTITIES)
+PREDICTED = ("time_us", "radius_um")  # of the frames that a program has not seen
+HELD = ("name", "set", "R_max_um", *PREDICTED)
 LEVEL = 0.9
 Row = dict[str, str]
 
@@ -61,9 +67,38 @@ class Judged:
         return self.width + 2.0 / (1.0 - LEVEL) * max(self.low, -self.high, 0.0)
 
 
-def read(path: Path) -> list[Row]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+def read(path: Path, columns: Sequence[str] = (), numbers: Sequence[str] = ()) -> list[Row]:
+    """The lines of a table by the names in its first line; `columns` must be there, and `numbers` are not negative, or
+    empty. Raises ValueError: something else is written, with the line."""
+    try:
+        table = csv.reader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True)
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: it must be text in UTF-8") from None
+    heads, found = [name.strip() for name in next(table, [])], list[Row]()
+    missing = [name for name in columns if name not in heads]
+    if missing:
+        expected = f"its first line must name {', '.join(columns)}, with commas between"
+        raise ValueError(f"{path}: {expected}; missing: {', '.join(missing)}")
+    for cells in filter(None, table):
+        row, where = dict(zip(heads, map(str.strip, cells), strict=False)), f"{path}, line {table.line_num}"
+        if len(cells) != len(heads):
+            raise ValueError(f"{where}: {len(cells)} cells for {len(heads)} columns")
+        for name in numbers:
+            if not _fine(row.get(name, "")):
+                raise ValueError(f"{where}: {name} must be a number that is not negative, or empty; got {row[name]!r}")
+        for name in QUANTITIES:
+            low, high = (number(row.get(f"{name}_{end}")) for end in ("low", "high"))
+            if low > high:
+                raise ValueError(f"{where}: {name}_low {low:g} is above {name}_high {high:g}")
+        found.append(row)
+    return found
+
+
+def _fine(text: str) -> bool:
+    try:
+        return not text or 0.0 <= float(text) < np.inf
+    except ValueError:
+        return False
 
 
 def number(text: str | None, least: float = -np.inf) -> float:
@@ -76,10 +111,12 @@ def judge(truth: Sequence[Row], answers: Sequence[Row], quantity: str) -> list[J
 
     Raises ValueError for an answer to a recording that does not exist, or two to the same.
     """
-    given = {row["name"]: row for row in answers}
-    unknown = set(given) - {row["name"] for row in truth}
-    if unknown or len(given) < len(answers):
-        raise ValueError(f"each recording needs one answer by its name in truth.csv; got {sorted(unknown) or 'two'}")
+    given, times = {row["name"]: row for row in answers}, Counter(row["name"] for row in answers)
+    names = {row["name"] for row in truth}
+    for name, count in times.items():
+        if count > 1 or name not in names:
+            got = f"{count} of" if count > 1 else "the unknown name"
+            raise ValueError(f"each recording has one answer, by its name in the table of truths; got {got} {name!r}")
     found = []
     for about in truth:
         true, row = float(about[quantity]), given.get(about["name"], {})
@@ -205,7 +242,7 @@ def ahead(held: Sequence[Row], predictions: dict[str, list[Row]]) -> str:
     """
     rows = []
     for program, answers in predictions.items():
-        said = {(row["name"], row["time_us"]): float(row["radius_um"]) for row in answers}
+        said = {(row["name"], number(row["time_us"])): number(row["radius_um"]) for row in answers}
         for group in dict.fromkeys(row["set"] for row in held):
             errors = list(_misses([row for row in held if row["set"] == group], said))
             fine = [error for error in errors if np.isfinite(error)]
@@ -214,28 +251,43 @@ def ahead(held: Sequence[Row], predictions: dict[str, list[Row]]) -> str:
     return markdown(("program", "set", "answered", "RMSE ahead, % of R_max, median", "largest"), rows)
 
 
-def _misses(held: Sequence[Row], said: dict[tuple[str, str], float]) -> Iterator[float]:
+def _misses(held: Sequence[Row], said: dict[tuple[str, float], float]) -> Iterator[float]:
     for name in dict.fromkeys(row["name"] for row in held):
         mine = [row for row in held if row["name"] == name]
-        off = [said.get((name, row["time_us"]), np.nan) - float(row["radius_um"]) for row in mine]
+        off = [said.get((name, float(row["time_us"])), np.nan) - float(row["radius_um"]) for row in mine]
         yield 100 * float(np.sqrt(np.mean(np.square(off)))) / float(mine[0]["R_max_um"])
 
 
-def main() -> None:
+def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("truth", type=Path)
     parser.add_argument("answers", type=Path, nargs="+")
     parser.add_argument("--ahead", action="store_true")
     parser.add_argument("-o", "--out", type=Path)
-    given = parser.parse_args()
-    truth, programs = read(given.truth), {path.stem: read(path) for path in given.answers}
-    text = ahead(truth, programs) if given.ahead else report(truth, programs)
-    if given.out is None:
+    given = parser.parse_args(words)
+    try:
+        run(given.truth, given.answers, given.out, given.ahead)
+    except (OSError, ValueError) as error:
+        sys.exit(f"score.py: {error}")
+    except ModuleNotFoundError as error:
+        sys.exit(f"score.py: the tables are written; the picture needs {error.name}: pip install {error.name}")
+
+
+def run(truths: Path, answers: Sequence[Path], out: Path | None, of_frames: bool) -> None:
+    columns, numbers = (HELD, PREDICTED) if of_frames else (TRUTH, ANSWERED)
+    truth, programs = read(truths, columns), dict[str, list[Row]]()
+    for path in answers:
+        if path.stem in programs:
+            raise ValueError(f"two files are named {path.name}: each file is a program with that name, rename one")
+        programs[path.stem] = read(path, ("name", *numbers), (*numbers, "seconds"))
+    text = ahead(truth, programs) if of_frames else report(truth, programs)
+    if out is None:
         print(text)
         return
-    given.out.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
-    if not given.ahead:
-        draw(truth, programs, given.out.with_suffix(".png"))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
+    if not of_frames:
+        draw(truth, programs, out.with_suffix(".png"))
 
 
 if __name__ == "__main__":

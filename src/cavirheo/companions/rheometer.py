@@ -343,7 +343,7 @@ def _sweep(table: Table, label: str) -> Sweep:
             fine = len(strains) < 3 or _ratio(strains) <= _SWEPT
             require(fine, f"{trouble} {_SWEPT:g}: {remedy}", "rheometer.two_sweeps")
         try:
-            held = float(np.nanmedian(values) * second.factor)
+            held = float(np.nanmedian(values) * second.factor) if np.isfinite(values).any() else None
         except InputError:
             notes.append(f"{second.title!r} is not used: its unit is missing or not known")
     data = data[:, np.argsort(data[0], kind="stable")]

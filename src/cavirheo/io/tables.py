@@ -301,6 +301,12 @@ def _tables(sheet: Table) -> Iterator[Table]:
         if wide := next((row for row in rows if any(row.texts[len(titles) :])), None):
             message = f"row {wide.number} has {len(wide.texts)} cells, the header {len(titles)}"
             raise vocabulary.error("width", f"{message}: is a comma decimal, or part of a text that needs quotes?")
+        widest = max((len(row.texts) for row in rows), default=len(titles))
+        if not sheet.sheet and any(vocabulary.name(title).kind for title in titles[widest:]):
+            message = f"row {sheet.rows[at].number} has {len(titles)} titles, the rows below at most {widest} cells"
+            raise vocabulary.error(
+                "width", f"{message}: quote a title that holds a comma, or write the empty cells, too"
+            )
         last = rows[-1].texts if rows and any(vocabulary.term(title).units for title in titles) else []
         if word := next((cell for cell in last if plain_title(cell) in _SUMMARIES.split()), ""):
             message = f"row {rows[-1].number} is a {word} and no measurement: remove it, and others like it"

@@ -90,14 +90,18 @@ class GroupModel(Record):
 
     @property
     def words(self) -> str:
-        """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12"."""
-        from cavirheo.inference.alternatives import equal
+        """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12".
+
+        Of a model that the answer is an average over: its weight in that."""
+        from cavirheo.inference.alternatives import LEAST_PROBABILITY, equal
 
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
         modulus = f"G {digits.spread(self.shear_modulus_Pa, factor)} {unit}"
         viscosity = f"µ {digits.spread(self.viscosity_Pa_s)} Pa s"
         values = [text for text in (modulus, viscosity) if digits.MISSING not in text]
         sentence = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
+        if self.weight >= LEAST_PROBABILITY:
+            return f"{sentence}; a part of the answer, with {digits.percent(self.weight)} % of its weight"
         if self.log_evidence is None:
             return sentence
         if equal(self.log_evidence):

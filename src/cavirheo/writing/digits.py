@@ -75,7 +75,7 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
         return value.bound
     if value.bound and (end := value.q95 if value.bound == "upper" else value.q05) is not None:
         return f"{_SIDES[value.bound]} {significant(end * factor, 2)}{unit}{joint}(95 %)"
-    if value.q05 is None or value.q95 is None:
+    if value.q05 is None or value.q95 is None or value.q05 == value.q95:
         return significant(value.median * factor) + unit
     half = (value.q95 - value.q05) / 2.0
     relative = half / abs(value.median) if value.median else 1.0

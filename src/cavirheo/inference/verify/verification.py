@@ -353,7 +353,7 @@ class Estimation:
             "before": {n: self.answer.median(natural_name(n)) for n in self.answer.names if len(self.answer.theta)},
             "seed": settings.seed,
         }  # fmt: skip
-        verdict = self._verdict(at, predictive, excess, x, log_weight)
+        verdict = self._verdict(at, predictive, excess, x, log_weight, alternatives[-1].weight if limit else 0.0)
         verdict = "no_interval" if sample and not trusted and verdict == "ok" else verdict
         checks = shot.checks(at, verdict, self.messages)
         return Posterior(
@@ -398,8 +398,9 @@ class Estimation:
         return (x, minimum)[nearest], shot.misfit(differences[nearest])
 
     def _verdict(
-        self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None
-    ) -> Verdict:
+        self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None,
+        limit_weight: float,
+    ) -> Verdict:  # fmt: skip
         verdict: Verdict = "ok"
         if unbounded := self.shot.unbounded(x, self.prior.low, self.prior.high, log_weight):
             verdict = "undetermined"
@@ -413,6 +414,8 @@ class Estimation:
             self.messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
         below = dict(zip(self.prior.names, self.prior.cdf(at), strict=True))
         for name in self._pulled(at):
+            if name not in CAMERA and limit_weight > 0.5:  # most of the answer has no such parameter
+                continue
             self.messages.append(Message(f"prior_end.{name}.{'lower' if below[name] < 0.5 else 'upper'}"))
         self.messages += self.shot.messages
         return verdict
