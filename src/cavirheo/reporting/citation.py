@@ -143,6 +143,8 @@ def _experiment(answers: list[CurveRecord], result: Result) -> Iterator[str]:
 
 def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
     """The window, the methods, the models that were compared, the priors, and what the values are."""
+    from cavirheo.inference.alternatives import LEAST_PROBABILITY
+
     windows = sorted({curve.window.collapses for curve in answers if curve.window.collapses})
     if windows and (ends := [curve.window.t_star_end for curve in answers if curve.window.t_star_end]):
         *few, last = windows
@@ -157,8 +159,11 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
         preferred = Counter(model.in_words for curve in compared if (model := curve.preferred))
         count = digits.counted(len(compared), "curve")
         verdicts = ", ".join(f"it prefers {model} in {n} of {count}" for model, n in preferred.items())
-        yield f"Values are those of {' or '.join(models.values())}."
-        verdicts = verdicts or "it rejects the given values in no curve"
+        weighed = (model for curve in compared for model in curve.other_models if model.weight >= LEAST_PROBABILITY)
+        averaged = sorted({model.in_words for model in weighed if model.model not in models})
+        by_weight = f", averaged with those of {', '.join(averaged)} by the evidence" if averaged else ""
+        yield f"Values are those of {' or '.join(models.values())}{by_weight}."
+        verdicts = verdicts or "it prefers none of these to the given values"
         yield f"The evidence [Kass1995] compares this with {', '.join(sorted(rivals))}: {verdicts}."
 
     if any(curve.method in ("verified", "laplace", "amortised") for curve in answers):
