@@ -179,7 +179,7 @@ def _fit_series(
 
     A given `centre` is kept; k = 0 unless `skewed`. cost is the sum of squared residuals, weighted down beyond `knee`.
     """
-    c2, c1, _ = np.polyfit(x, y, 2)
+    c2, c1, _ = np.polyfit(x, y, 2, full=True)[0]  # and no warning where samples are of one instant
     free = centre is None
     if centre is None:
         centre = float(np.clip(-c1 / (2.0 * c2), x[0], x[-1])) if c2 < 0 else float(x[np.argmax(y)])

@@ -340,7 +340,7 @@ def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
 
 def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
     """(metres per number, a note, why there is no scale) from the largest radius and the unit given, if any."""
-    finite = np.sort(r[np.isfinite(r)])
+    finite = np.sort(r[np.isfinite(r) & (r > _NO_BUBBLE)])  # in any unit
     largest = float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))  # two frames may be wrong ones
     if unit == "px":
         return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"
