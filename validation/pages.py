@@ -58,8 +58,8 @@ CLAIMS = (
     ),
     Claim(
         "calibration",
-        "90 % intervals of `infer` that hold the truth of simulated shots of the real bubble and a known law",
-        both("infer.{}.90", ".0%", "%"),
+        "90 % intervals of `infer` that hold the truth of simulated shots of the real bubble; the law is one of four",
+        both("four_laws.{}.90", ".0%", "%"),
     ),
     Claim("network", "90 % intervals of the network alone, over its whole prior", both("{}.90", ".0%", "%")),
     Claim(

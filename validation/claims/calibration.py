@@ -40,10 +40,10 @@ ADDED = "confinement_damping"  # of the real bubble: half-normal
 LEVELS = (0.5, 0.9)
 FIRST = 2000  # seed of the first shot: on those before it settings were chosen
 SETTINGS = {  # bubble of the shots, of the answer, way, R_max as read, discrepancy; shots of a quick and a full run
-    "infer": (("real", "real", "infer", False, False), 60, 300),
+    "infer": (("real", "real", "infer", False, False), 40, 300),
     "fit": (("real", "real", "fit", False, False), 48, 300),
     "full": (("real", "real", "full", False, False), 32, 100),
-    "four_laws": (("real", "real", "laws", False, False), 0, 300),
+    "four_laws": (("real", "real", "laws", False, False), 20, 300),
     "infer_as_read": (("real", "real", "infer", True, True), 32, 200),
     "field_infer": (("field", "real", "infer", False, False), 0, 300),
     "field_infer_field": (("field", "field", "infer", False, False), 0, 300),
