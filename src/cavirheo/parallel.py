@@ -10,10 +10,13 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, wait
-from contextlib import ContextDecorator, closing, suppress
+from contextlib import ContextDecorator, closing, contextmanager, suppress
 from dataclasses import dataclass
+from importlib import import_module
+from multiprocessing import resource_tracker
+from pickle import PicklingError
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
@@ -26,7 +29,7 @@ Output = TypeVar("Output")
 FEWEST = 3  # jobs of some seconds for which processes are started, which takes a second or two
 AHEAD = 2  # jobs sent to each process: one that runs and one that waits there
 IDLE = 30.0  # s after which a process without work ends
-_pools: list[Any] = []  # that of the latest processes, which the next flow uses again
+_pools: dict[tuple[int, int], Any] = {}  # the latest, by (this process, how many): the next flow uses it again
 _in_use = threading.Lock()  # by a flow
 
 
@@ -34,9 +37,11 @@ def cores(workers: int | None = None) -> int:
     """`workers`, or as many as this process may use: those of the machine, of its container or of its job, and at most
     LOKY_MAX_CPU_COUNT of the environment."""
     if workers is None:
-        from loky import cpu_count
-
-        return int(cpu_count())
+        try:
+            return int(_loky().cpu_count())
+        except ValueError:
+            given = os.environ.get("LOKY_MAX_CPU_COUNT")
+            raise InputError(f"LOKY_MAX_CPU_COUNT must be a whole number, got {given!r}", "parallel.cores") from None
     expect_whole(workers, "workers", 1)
     return workers
 
@@ -130,27 +135,26 @@ class Processes:
 
     def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
         """As `Executor.flow`. What has begun when it is closed, or by an exception, ends at once. Threads do the work
-        while another flow of this process has the processes, or where there cannot be any. Raises InputError: a process
-        was ended from outside; and what `function` raises."""
-        from loky import get_reusable_executor
-
-        count, waiting, pool = min(cores(self.workers), len(jobs)), deque(range(len(jobs))), None
+        while another flow of this process has the processes, or where there cannot be any; this thread does a job that
+        cannot be sent. Raises InputError: a process was ended from outside; and what `function` raises."""
+        count, waiting = min(cores(self.workers), len(jobs)), deque(range(len(jobs)))
         mine = bool(jobs) and _in_use.acquire(blocking=False)
         sent: dict[Future[Output], int] = {}
         try:
-            if mine:
-                with suppress(OSError):  # a sandbox without the means by which processes wait for each other
-                    pool = get_reusable_executor(count, timeout=IDLE, initializer=_depend_on, initargs=(os.getpid(),))
+            pool = _started(count) if mine else None
             if pool is None:
                 yield from Threads(self.workers).flow(function, jobs)
                 return
-            _pools[:] = [pool]
             while waiting or sent:
                 while waiting and len(sent) < AHEAD * count:
                     index = waiting.popleft()
-                    sent[pool.submit(function, jobs[index])] = index
+                    with _sheltered():
+                        sent[pool.submit(function, jobs[index])] = index
                 for future in wait(sent, return_when=FIRST_COMPLETED).done:
-                    result = future.result()
+                    try:
+                        result = future.result()
+                    except PicklingError:
+                        result = function(jobs[sent[future]])
                     yield sent.pop(future), result
         except BrokenExecutor as error:
             message = f"one of {count} processes was ended from outside, for want of memory perhaps"
@@ -163,17 +167,60 @@ class Processes:
                 _in_use.release()
 
 
+def _loky() -> Any:
+    """The library of processes, imported where Ctrl-C cannot stop it halfway, after which no import would mend it."""
+    return run_in_thread(lambda: import_module("loky"))
+
+
+@contextmanager
+def _sheltered() -> Iterator[None]:
+    """Processes that are started here run nothing that lies in the current folder, and neither Ctrl-C nor the end of
+    the terminal reaches them: this process ends them."""
+    before, masked = os.environ.get("PYTHONSAFEPATH"), hasattr(signal, "pthread_sigmask")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    if masked:
+        resource_tracker.ensure_running()  # whose start takes the mask off
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+    try:
+        yield
+    finally:
+        if masked:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
+def _started(count: int) -> Any:
+    """So many processes, those of before if there are as many; None where there cannot be any: a sandbox without the
+    means by which they wait for each other, or no room for more."""
+    key, loky = (os.getpid(), count), _loky()
+    if key in _pools:
+        return _pools[key]
+    if any(process != os.getpid() for process, _ in _pools):
+        _pools.clear()  # of the process that this one is a fork of
+    end_processes()
+    with suppress(OSError, RuntimeError, NameError), _sheltered():  # NameError: of loky, where files run out
+        pool = loky.ProcessPoolExecutor(count, timeout=IDLE, initializer=_depend_on, initargs=(os.getpid(),))
+        _pools[key] = pool
+        pool.submit(int)  # starts them
+        return pool
+    end_processes()
+    return None
+
+
 def end_processes() -> None:
     """End those that `Processes` has started, whatever they do. A process that leaves without its exit handlers calls
     it first."""
     while _pools:
-        _pools.pop().shutdown(kill_workers=True)
+        _pools.popitem()[1].shutdown(kill_workers=True)
         gc.collect()  # gives their semaphores back, which are in cycles: else a line on stderr says that they leaked
 
 
 def _depend_on(parent: int) -> None:
     """Ctrl-C is for the parent of this process, which ends it; if the parent is killed, so is this."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not blocked
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -184,8 +231,9 @@ def _depend_on(parent: int) -> None:
 
 
 def of_this_machine(jobs: int, workers: int | None = None) -> Executor:
-    """That for so many jobs of some seconds: processes, but for few jobs or in a process that may not have any."""
-    several = jobs >= FEWEST and cores(workers) > 1 and not multiprocessing.current_process().daemon
+    """That for so many jobs of some seconds: processes, but for few jobs or in one of several processes of somebody
+    else, which would wait for ours at its end."""
+    several = jobs >= FEWEST and cores(workers) > 1 and multiprocessing.parent_process() is None
     return Processes(workers) if several else Threads(workers)
 
 

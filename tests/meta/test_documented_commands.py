@@ -149,6 +149,7 @@ def kit(tmp_path_factory) -> Path:
     write_recipes(folder)
     write_shots(folder)
     write_tables(folder)
+    (folder / "queue.py").write_text("print(1)")  # of the user: nothing that lies beside the data is run
     infer = ["cavirheo", "infer", "examples/soft_gel.csv", "--quiet", "-o", "result"]
     done = subprocess.run(infer, cwd=folder, env=surroundings(folder), check=True, capture_output=True)
     assert (done.stdout, done.stderr) == (b"", b"")  # of the processes, too, that answered its five shots

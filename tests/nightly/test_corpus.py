@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-# pytest has put this folder on the path
-from corpus import FILES, make_all
+from corpus import FILES, make_all  # of this folder, which pytest has put on the path
 from planted_errors import PLANTED
 from rooms import FINE, ROOMS, prepared, table, through
 

@@ -85,12 +85,14 @@ def main() -> None:
 
 
 def _open_streams() -> None:
-    """Both can be written to: a closed one goes nowhere, and what its encoding does not have is escaped."""
-    for name in ("stdout", "stderr"):
-        if stream := getattr(sys, name):
+    """All are open, also those of processes that are started: a closed one goes nowhere, and what the encoding of an
+    output does not have is escaped."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if not (stream := getattr(sys, name)):
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest that is free: this one
+            setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115  # until the end
+        elif number:
             stream.reconfigure(errors="backslashreplace")
-        else:
-            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  # until the end
 
 
 def entry() -> None:
@@ -122,11 +124,12 @@ def entry() -> None:
     os._exit(status)
 
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def _stop(number: int, frame: object) -> None:
-    """The first Ctrl-C or SIGTERM ends the work, so that what was answered is written; the second ends the process."""
+    """The first Ctrl-C, SIGTERM or end of the terminal ends the work, so that what was answered is written; the second
+    ends the process."""
     for each in _SIGNALS:
         signal.signal(each, _leave)
     raise KeyboardInterrupt
