@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-
 from corpus import FILES, make_all  # of this folder, which pytest has put on the path
 from planted_errors import PLANTED
 from rooms import FINE, ROOMS, prepared, table, through
