@@ -142,8 +142,8 @@ def repeated(radius: Floats) -> tuple[int, int] | None:
     value, length = radius[start], np.diff(start, append=len(radius))
     step, before, after = rounding(radius), np.diff(value)[:-1], np.diff(value)[1:]
     slowest, whole = np.minimum(np.abs(before), np.abs(after)), np.abs(before + after)
-    onward, jump = np.sign(before) == np.sign(after), _JUMP * float(np.max(radius, initial=0.0))
-    moves = onward & (slowest > max(1.5 * step, jump))
+    same_sign, jump = np.sign(before) == np.sign(after), _JUMP * float(np.max(radius, initial=0.0))
+    moves = same_sign & (slowest > max(1.5 * step, jump))
     lengths, by_chance = length[1:-1][moves], float(np.sum(step / whole[moves]))
     held = lengths[lengths > 1]
     if len(held) <= _REPEATED + 3.0 * by_chance:

@@ -141,14 +141,14 @@ class Processes:
         mine = bool(jobs) and _in_use.acquire(blocking=False)
         sent: dict[Future[Output], int] = {}
         try:
-            pool = _started(count) if mine else None
+            pool = _pool_of(count) if mine else None
             if pool is None:
                 yield from Threads(self.workers).flow(function, jobs)
                 return
             while waiting or sent:
                 while waiting and len(sent) < AHEAD * count:
                     index = waiting.popleft()
-                    with _sheltered():
+                    with _protected_start():
                         sent[pool.submit(function, jobs[index])] = index
                 for future in wait(sent, return_when=FIRST_COMPLETED).done:
                     try:
@@ -157,6 +157,7 @@ class Processes:
                         result = function(jobs[sent[future]])
                     yield sent.pop(future), result
         except BrokenExecutor as error:
+            end_processes()
             message = f"one of {count} processes was ended from outside, for want of memory perhaps"
             mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
             raise InputError(f"{message}: {mending}", "parallel.ended") from error
@@ -173,18 +174,18 @@ def _loky() -> Any:
 
 
 @contextmanager
-def _sheltered() -> Iterator[None]:
+def _protected_start() -> Iterator[None]:
     """Processes that are started here run nothing that lies in the current folder, and neither Ctrl-C nor the end of
     the terminal reaches them: this process ends them."""
-    before, masked = os.environ.get("PYTHONSAFEPATH"), hasattr(signal, "pthread_sigmask")
+    before, mask = os.environ.get("PYTHONSAFEPATH"), None
     os.environ["PYTHONSAFEPATH"] = "1"
-    if masked:
-        resource_tracker.ensure_running()  # whose start takes the mask off
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
+        if hasattr(signal, "pthread_sigmask"):
+            resource_tracker.ensure_running()  # whose start takes the mask off
+            mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
         yield
     finally:
-        if masked:
+        if mask is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         if before is None:
             del os.environ["PYTHONSAFEPATH"]
@@ -192,21 +193,22 @@ def _sheltered() -> Iterator[None]:
             os.environ["PYTHONSAFEPATH"] = before
 
 
-def _started(count: int) -> Any:
+def _pool_of(count: int) -> Any:
     """So many processes, those of before if there are as many; None where there cannot be any: a sandbox without the
     means by which they wait for each other, or no room for more."""
     key, loky = (os.getpid(), count), _loky()
-    if key in _pools:
-        return _pools[key]
     if any(process != os.getpid() for process, _ in _pools):
         _pools.clear()  # of the process that this one is a fork of
-    end_processes()
-    with suppress(OSError, RuntimeError, NameError), _sheltered():  # NameError: of loky, where files run out
-        pool = loky.ProcessPoolExecutor(count, timeout=IDLE, initializer=_depend_on, initargs=(os.getpid(),))
-        _pools[key] = pool
-        pool.submit(int)  # starts them
-        return pool
-    end_processes()
+    if key not in _pools:
+        end_processes()
+    for _ in range(2):  # those of before may have been ended from outside meanwhile
+        with suppress(OSError, RuntimeError, NameError), _protected_start():  # NameError: of loky, where files run out
+            if key not in _pools:
+                how = {"timeout": IDLE, "initializer": _depend_on, "initargs": (os.getpid(),)}
+                _pools[key] = loky.ProcessPoolExecutor(count, **how)
+            _pools[key].submit(int)  # starts them
+            return _pools[key]
+        end_processes()
     return None
 
 
