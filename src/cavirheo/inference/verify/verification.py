@@ -398,9 +398,14 @@ class Estimation:
         return (x, minimum)[nearest], shot.misfit(differences[nearest])
 
     def _verdict(
-        self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None,
+        self,
+        at: Floats,
+        predictive: dict[str, Any] | None,
+        excess: float,
+        x: Floats,
+        log_weight: Floats | None,
         limit_weight: float,
-    ) -> Verdict:  # fmt: skip
+    ) -> Verdict:
         verdict: Verdict = "ok"
         if unbounded := self.shot.unbounded(x, self.prior.low, self.prior.high, log_weight):
             verdict = "undetermined"
