@@ -16,7 +16,6 @@ from contextlib import ContextDecorator, closing, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from multiprocessing import resource_tracker
-from pickle import PicklingError
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
@@ -28,6 +27,7 @@ Job = TypeVar("Job")
 Output = TypeVar("Output")
 FEWEST = 3  # jobs of some seconds for which processes are started, which takes a second or two
 AHEAD = 2  # jobs sent to each process: one that runs and one that waits there
+SAFE_PATH = {"PYTHONSAFEPATH": "1"}  # of a Python that does not look for modules in the current folder
 IDLE = 30.0  # s after which a process without work ends
 _pools: dict[tuple[int, int], Any] = {}  # the latest, by (this process, how many): the next flow uses it again
 _in_use = threading.Lock()  # by a flow
@@ -148,16 +148,14 @@ class Processes:
             while waiting or sent:
                 while waiting and len(sent) < AHEAD * count:
                     index = waiting.popleft()
-                    with _protected_start():
-                        sent[pool.submit(function, jobs[index])] = index
+                    sent[pool.submit(function, jobs[index])] = index
                 for future in wait(sent, return_when=FIRST_COMPLETED).done:
                     try:
                         result = future.result()
-                    except PicklingError:
+                    except _loky().process_executor.PicklingError:
                         result = function(jobs[sent[future]])
                     yield sent.pop(future), result
         except BrokenExecutor as error:
-            end_processes()
             message = f"one of {count} processes was ended from outside, for want of memory perhaps"
             mending = "the same command goes on; LOKY_MAX_CPU_COUNT=1 before it asks for one process alone"
             raise InputError(f"{message}: {mending}", "parallel.ended") from error
@@ -178,7 +176,7 @@ def _protected_start() -> Iterator[None]:
     """Processes that are started here run nothing that lies in the current folder, and neither Ctrl-C nor the end of
     the terminal reaches them: this process ends them."""
     before, mask = os.environ.get("PYTHONSAFEPATH"), None
-    os.environ["PYTHONSAFEPATH"] = "1"
+    os.environ |= SAFE_PATH
     try:
         if hasattr(signal, "pthread_sigmask"):
             resource_tracker.ensure_running()  # whose start takes the mask off
@@ -204,9 +202,9 @@ def _pool_of(count: int) -> Any:
     for _ in range(2):  # those of before may have been ended from outside meanwhile
         with suppress(OSError, RuntimeError, NameError), _protected_start():  # NameError: of loky, where files run out
             if key not in _pools:
-                how = {"timeout": IDLE, "initializer": _depend_on, "initargs": (os.getpid(),)}
+                how = {"timeout": IDLE, "initializer": _depend_on, "initargs": (os.getpid(),), "env": SAFE_PATH}
                 _pools[key] = loky.ProcessPoolExecutor(count, **how)
-            _pools[key].submit(int)  # starts them
+            _pools[key].submit(int)  # starts them, or those anew that have ended for want of work
             return _pools[key]
         end_processes()
     return None

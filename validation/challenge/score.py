@@ -80,11 +80,12 @@ def read(path: Path, columns: Sequence[str] = (), numbers: Sequence[str] = ()) -
         expected = f"its first line must name {', '.join(columns)}, with commas between"
         raise ValueError(f"{path}: {expected}; missing: {', '.join(missing)}")
     for cells in filter(None, table):
-        row, where = dict(zip(heads, map(str.strip, cells), strict=False)), f"{path}, line {table.line_num}"
+        where = f"{path}, line {table.line_num}"
         if len(cells) != len(heads):
             raise ValueError(f"{where}: {len(cells)} cells for {len(heads)} columns")
+        row = dict(zip(heads, map(str.strip, cells), strict=True))
         for name in numbers:
-            if not _fine(row.get(name, "")):
+            if not _is_amount(row.get(name, "")):
                 raise ValueError(f"{where}: {name} must be a number that is not negative, or empty; got {row[name]!r}")
         for name in QUANTITIES:
             low, high = (number(row.get(f"{name}_{end}")) for end in ("low", "high"))
@@ -94,7 +95,8 @@ def read(path: Path, columns: Sequence[str] = (), numbers: Sequence[str] = ()) -
     return found
 
 
-def _fine(text: str) -> bool:
+def _is_amount(text: str) -> bool:
+    """Whether this is a number that is not negative, or nothing."""
     try:
         return not text or 0.0 <= float(text) < np.inf
     except ValueError:
@@ -274,6 +276,7 @@ def main(words: Sequence[str] | None = None) -> None:
 
 
 def run(truths: Path, answers: Sequence[Path], out: Path | None, of_frames: bool) -> None:
+    """Print or write the tables of these files, and draw the picture. Raises ValueError as `read` and `judge`."""
     columns, numbers = (HELD, PREDICTED) if of_frames else (TRUTH, ANSWERED)
     truth, programs = read(truths, columns), dict[str, list[Row]]()
     for path in answers:

@@ -418,9 +418,8 @@ class Estimation:
             chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
             self.messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
         below = dict(zip(self.prior.names, self.prior.cdf(at), strict=True))
-        for name in self._pulled(at):
-            if name not in CAMERA and limit_weight > 0.5:  # most of the answer has no such parameter
-                continue
+        mostly_limit = limit_weight > 0.5  # most of the answer has no parameter of the real bubble
+        for name in (name for name in self._pulled(at) if name in CAMERA or not mostly_limit):
             self.messages.append(Message(f"prior_end.{name}.{'lower' if below[name] < 0.5 else 'upper'}"))
         self.messages += self.shot.messages
         return verdict
