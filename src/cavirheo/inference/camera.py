@@ -39,9 +39,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.noise import Covariances, Noise, expanded, products, summed
+from cavirheo.inference.noise import Covariances, Noise, expanded, squared, summed
 from cavirheo.parameters import parameter_of
-from cavirheo.physics.cache import compiled
+from cavirheo.physics.cache import compiled, kernel
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
 FINEST = 0.004  # t_c between the instants at which a simulation is kept,
@@ -183,7 +183,9 @@ class CameraNuisances:
         """(n,) measured minus simulated by a camera z (m,), beyond what the shape of a simulation on `grid` gives."""
         shape = _shape(run, self.step, self.collapses)
         by_shape = _difference_of_shapes(shape[None], z[None], len(self.grid) - 1.0, self.shape_frames)[0]
-        return _simulated_frames(run._replace(by_size=NOTHING), self.frames, z)[:, -1] - by_shape
+        columns = np.empty((len(self.time), len(self.free) + 1))
+        _film(run._replace(by_size=NOTHING), self.frames, z, columns)
+        return columns[:, -1] - by_shape
 
     def of_shapes(self, shapes: Floats, noise: Noise) -> Floats:
         """(k, n + m + 1) extended residuals of bubbles of these shapes (k, numbers), without shapes."""
@@ -262,14 +264,16 @@ def _integrated(
     """What `CameraNuisances.extended` gives but for the shape, from starts z (k, m) of steps, the last of which gain
     less than `finest`, and the noise's covariances."""
     weight, moved, rank, factor = covariances
-    m, residuals = len(frames.free), np.empty((len(frames.time), len(starts)))
+    m, residuals = len(frames.free), np.empty((len(starts), len(frames.time)))
+    columns, next_columns = np.empty((len(frames.time), m + 1)), np.empty((len(frames.time), m + 1))
     for k in range(len(starts)):
-        residuals[:, k] = _simulated_frames(run, frames, starts[k])[:, m]
-    squares = products(residuals, weight, moved, rank, factor)
+        _film(run, frames, starts[k], columns)
+        residuals[k] = columns[:, m]
+    squares = squared(residuals, weight, moved, rank, factor)
     heights, largest = np.empty(len(starts)), np.zeros(len(rank))
     some = moved, rank, factor, constants
     for k in range(len(starts)):
-        height, share = summed(squares[:, k, k], constants, power)
+        height, share = summed(squares[:, k], constants, power)
         heights[k] = height - 0.5 * np.sum(starts[k] ** 2)
         largest = np.maximum(largest, share)
     padded = np.concatenate((np.array([-np.inf]), heights, np.array([-np.inf])))
@@ -284,7 +288,7 @@ def _integrated(
         if m and (k == 0 or k == tries):
             counted = np.flatnonzero(largest > (ROUGH_SHARE if k < tries else SHARE) * np.max(largest))
             some = moved[counted], rank[counted], factor[counted], constants[counted]
-        columns = _simulated_frames(run, frames, z)
+        _film(run, frames, z, columns)
         height, gradient, curvature = expanded(columns, weight, *some, power)
         value = height - 0.5 * np.sum(z**2)
         for _ in range(STEPS if m else 0):
@@ -293,12 +297,12 @@ def _integrated(
                 break
             for length in (1.0, 0.5, 0.2, 0.05):
                 next_z = z - length * direction
-                next_columns = _simulated_frames(run, frames, next_z)
+                _film(run, frames, next_z, next_columns)
                 height, slope, curved = expanded(next_columns, weight, *some, power)
                 next_value = height - 0.5 * np.sum(next_z**2)
                 if next_value > value:
-                    gain, z, columns, value = next_value - value, next_z, next_columns, next_value
-                    gradient, curvature = slope, curved
+                    gain, z, value, gradient, curvature = next_value - value, next_z, next_value, slope, curved
+                    columns, next_columns = next_columns, columns
                     break
             if gain < least:
                 break
@@ -330,20 +334,17 @@ def _solved(curvature: Floats, vector: Floats) -> tuple[Floats, float]:
     return solution, log_det
 
 
-@compiled
-def _simulated_frames(run: SimulatedCurve, frames: Frames, z: Floats) -> Floats:
-    """(n, m + 1) the simulated frames' derivatives by z (m,), and measured minus simulated.
+@kernel
+def _film(run: SimulatedCurve, frames: Frames, z: Floats, columns: Floats) -> None:
+    """Into columns (n, m + 1): the simulated frames' derivatives by z (m,), and measured minus simulated.
 
     A bubble is even about 0. What size changes is a line between two instants.
     """
-    free, widths, step = frames.free, frames.widths, frames.step
-    p, m = np.array([0.0, 1.0, 1.0]), len(free)
-    p[free] += widths[free] * z
-    clock, scale, factor = p[0], p[1], p[2]
-    columns, grown = np.empty((len(frames.time), m + 1)), scale * factor - 1.0
-    frame = np.empty(4)  # its radius, and derivatives by clock, scale and factor
+    free, step, m = frames.free, frames.step, len(frames.free)
+    clock, scale, factor = _seen(frames, z)
+    grown = scale * factor - 1.0
     for n in range(len(frames.time)):
-        frame[:] = 0.0
+        radius = by_clock = by_scale = by_factor = 0.0
         for instant, share in zip(frames.instants, frames.shares):  # noqa: B905 (the compiler knows no strict)
             since = (frames.time[n] + instant - clock) / (scale * factor)
             away = abs(since) / step
@@ -359,17 +360,32 @@ def _simulated_frames(run: SimulatedCurve, frames: Frames, z: Floats) -> Floats:
             if since < 0.0:
                 slope = -slope
             moved = slope * since
-            frame[0] += share * factor * height
-            frame[1] -= share * slope / scale
-            frame[2] += share * factor * (factor * larger - moved / scale)
-            frame[3] += share * (height - moved + factor * scale * larger)
+            radius += share * factor * height
+            by_clock -= share * slope / scale
+            by_scale += share * factor * (factor * larger - moved / scale)
+            by_factor += share * (height - moved + factor * scale * larger)
         for k in range(m):
-            columns[n, k] = frame[1 + free[k]] * widths[free[k]]
-        columns[n, m] = frames.measured[n] - frame[0]
-    return columns
+            slope = by_clock if free[k] == 0 else by_scale if free[k] == 1 else by_factor
+            columns[n, k] = slope * frames.widths[free[k]]
+        columns[n, m] = frames.measured[n] - radius
 
 
-@compiled
+@kernel
+def _seen(frames: Frames, z: Floats) -> tuple[float, float, float]:
+    """Clock, scale and factor of z (m,)."""
+    clock, scale, factor = 0.0, 1.0, 1.0
+    for k in range(len(frames.free)):
+        moved = frames.widths[frames.free[k]] * z[k]
+        if frames.free[k] == 0:
+            clock += moved
+        elif frames.free[k] == 1:
+            scale += moved
+        else:
+            factor += moved
+    return clock, scale, factor
+
+
+@kernel
 def _radius_at(run: SimulatedCurve, away: float, step: float) -> tuple[float, float]:
     """R/R_max `away` steps of the grid after it was largest, and its derivative by these: cubic Hermite pieces between
     regular instants, or between the nodes of a shape."""
@@ -388,7 +404,7 @@ def _radius_at(run: SimulatedCurve, away: float, step: float) -> tuple[float, fl
     return height, slope * rate / length
 
 
-@compiled
+@kernel
 def _between_nodes(shape: Floats, first: int, place: float) -> tuple[float, float]:
     """R/R_max at a place, from 0 to NODES, among nodes that begin at `first` of a shape, and its derivative by it."""
     i = min(int(place), NODES - 1)
@@ -399,7 +415,7 @@ def _between_nodes(shape: Floats, first: int, place: float) -> tuple[float, floa
     return _cubic(low, high, begin, end, place - i)
 
 
-@compiled
+@kernel
 def _cubic(low: float, high: float, begin: float, end: float, t: float) -> tuple[float, float]:
     """Value and derivative at t, from 0 to 1, of the cubic with these values and derivatives at both ends."""
     rise = high - low
@@ -407,7 +423,7 @@ def _cubic(low: float, high: float, begin: float, end: float, t: float) -> tuple
     return low + t * (begin + t * (square + t * cube)), begin + t * (2.0 * square + 3.0 * t * cube)
 
 
-@compiled
+@kernel
 def _place(share: float, part: int, collapses: int) -> tuple[float, float]:
     """Where a share of the way from one collapse to the next is among the nodes, from 0 to NODES, and the derivative,
     as it is a quarter of the way to the next node at a collapse. After the last collapse the nodes are dense at its
@@ -419,7 +435,7 @@ def _place(share: float, part: int, collapses: int) -> tuple[float, float]:
     return NODES * _angle(share), NODES / (np.pi * np.sqrt(both))
 
 
-@compiled
+@kernel
 def _angle(share: float) -> float:
     """arcsin(share^(1/2)) over pi/2, from 0 to 1, but for 3e-9: a polynomial, in a tenth of the time."""
     low = min(share, 1.0 - share)
@@ -430,7 +446,7 @@ def _angle(share: float) -> float:
     return angle if share < 0.5 else 1.0 - angle
 
 
-@compiled
+@kernel
 def _share(place: float, part: int, collapses: int) -> float:
     """Of the way from one collapse to the next, at a place among the nodes."""
     way = place / NODES
@@ -457,7 +473,7 @@ def _shape(run: SimulatedCurve, step: float, collapses: int) -> Floats:
     return shape
 
 
-@compiled
+@kernel
 def _turn(first: float, second: float, fall: float, rise: float) -> float:
     """Where R is least between two instants, from 0 to 1, with these radii and derivatives: R^5 is cubic there, for an
     empty cavity collapses as R^5 = A (t - t_0)^2 (Rayleigh 1917, doi:10.1080/14786440808635681)."""
@@ -483,10 +499,8 @@ def _of_shapes(
 
 @compiled
 def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames) -> Floats:
-    """What `CameraNuisances.difference_of_shapes` gives: as `_simulated_frames`, without derivatives, which take as
-    long again."""
-    free, widths, count, each = frames.free, frames.widths, len(frames.time), len(frames.instants)
-    difference, p = np.empty((len(shapes), count)), np.empty(3)
+    """What `CameraNuisances.difference_of_shapes` gives: as `_film`, without derivatives, which take as long again."""
+    count, each, difference = len(frames.time), len(frames.instants), np.empty((len(shapes), len(frames.time)))
     collapses = (shapes.shape[1] - NODES - 1) // (NODES + 2)
     knots, rates = np.zeros(collapses + 2), np.empty(collapses + 1)
     share, parts = np.empty(count * each), np.empty(count * each, np.int64)
@@ -498,12 +512,11 @@ def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames
         knots[1 : collapses + 1], knots[collapses + 1] = shape[:collapses] * last, last
         for part in range(collapses + 1):
             rates[part] = 1.0 / max(knots[part + 1] - knots[part], 1e-9)
-        p[0], p[1], p[2] = 0.0, 1.0, 1.0
-        p[free] += widths[free] * z[k]
-        rate, part = 1.0 / (p[1] * p[2] * frames.step), 0
+        clock, scale, factor = _seen(frames, z[k])
+        rate, part = 1.0 / (scale * factor * frames.step), 0
         for n in range(count):
             for j in range(each):
-                away = abs(frames.time[n] + frames.instants[j] - p[0]) * rate
+                away = abs(frames.time[n] + frames.instants[j] - clock) * rate
                 while part < collapses and away > knots[part + 1]:
                     part += 1
                 while part > 0 and away <= knots[part]:
@@ -517,7 +530,7 @@ def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames
             for j in range(each):
                 first = collapses + parts[n * each + j] * (NODES + 1)
                 radius += frames.shares[j] * _between_nodes(shape, first, share[n * each + j])[0]
-            difference[k, n] = frames.measured[n] - p[2] * radius
+            difference[k, n] = frames.measured[n] - factor * radius
     return difference
 
 

@@ -70,7 +70,7 @@ class Noise:
 
     def _shares(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
-        squares = np.asarray(_squares(np.ascontiguousarray(residuals), *self.covariances))
+        squares = np.asarray(squared(np.ascontiguousarray(residuals), *self.covariances))
         terms = self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE))
         total = log_sum(terms, axis=0)
         return total, np.exp(terms - total), squares
@@ -174,7 +174,7 @@ def products(columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.in
 
 
 @compiled
-def _squares(residuals: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
+def squared(residuals: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
     """(grid, k) e' C^-1 e of residuals (k, n): as `products`, each step for all residuals at once."""
     count, n = residuals.shape
     columns, white, squares = residuals.T.copy(), np.zeros(count), np.empty((len(rank), count))

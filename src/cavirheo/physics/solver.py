@@ -28,12 +28,12 @@ import math
 
 import numpy as np
 
-from cavirheo.physics.cache import compiled
+from cavirheo.physics.cache import compiled, kernel
 
 OK, TOO_MANY_STEPS, STEP_TOO_SMALL, OUTSIDE_LAW = 0, 1, 2, 3
 
 
-@compiled
+@kernel
 def piece(table, x):
     """The row of a table (physics/table.py) that holds x."""
     low, count = 0, table.shape[0] - 1
@@ -44,7 +44,7 @@ def piece(table, x):
     return low
 
 
-@compiled
+@kernel
 def look_up(table, x):
     """f(x), f'(x), f''(x) from the one quintic of a table that holds x; NaN outside the table."""
     if not table[0, 0] <= x <= table[-1, 0]:
@@ -56,7 +56,7 @@ def look_up(table, x):
     return f0, f1, 2 * c[3] + t * (6 * c[4] + t * (12 * c[5] + t * 20 * c[6]))
 
 
-@compiled
+@kernel
 def soften(numbers, R):
     """Damage (physics/scales.py) where the wall turns at R, its smallest radius so far."""
     decades = math.log10(numbers.damage[2] / R)
@@ -68,7 +68,7 @@ def soften(numbers, R):
             row[k + 1] *= softer / wider**k
 
 
-@compiled
+@kernel
 def spring(numbers, R):
     """S_el at radius R, and its derivatives dS_el/dR, d2S_el/dR2."""
     lam = numbers.stretch
@@ -76,7 +76,7 @@ def spring(numbers, R):
     return E, E1 * lam, E2 * lam * lam
 
 
-@compiled
+@kernel
 def stress(numbers, R, rate):
     """S without memories at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
     E, E_R, E_RR = (0.0, 0.0, 0.0) if numbers.delayed else spring(numbers, R)
@@ -84,7 +84,7 @@ def stress(numbers, R, rate):
     return E + math.copysign(1.0, rate) * V, E_R, E_RR, V1, math.copysign(1.0, rate) * V2
 
 
-@compiled
+@kernel
 def fault(numbers, R, P):
     """OK, or why a step to this state must be shorter: it is unphysical, or beyond the reach of the elastic law."""
     law = numbers.whole if numbers.damage[2] > R else numbers.elastic
@@ -92,7 +92,7 @@ def fault(numbers, R, P):
     return STEP_TOO_SMALL if not (R > 0 and P > 0) else OK if inside else OUTSIDE_LAW
 
 
-@compiled
+@kernel
 def accelerate(numbers, t, R, U, p, p_dot, memory):
     """U' with its derivatives by R, U, p, p' and t, and by the wall's excess pressure b and its rate; docs (2.1)-(2.4).
 
@@ -150,7 +150,7 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
     return value, by_R, by_U, by_t, by_b, by_v
 
 
-@compiled
+@kernel
 def gas_at_wall(numbers, R, P, w, B):
     """Mole fraction g of gas at the wall, where z = w + B/g (w, B: one-sided difference); 1/(dz/dB); resistance m.
 
@@ -168,7 +168,7 @@ def gas_at_wall(numbers, R, P, w, B):
     return (0.5 * (h + root) if h > 0 else -2 * m * B / (root - h)), root, m
 
 
-@compiled
+@kernel
 def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
     """Time derivative of the state into `out`; returns p' and z. theta, gas, F, H are work space."""
     M = grid.centre.size
@@ -226,7 +226,7 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
     return p_dot, z
 
 
-@compiled
+@kernel
 def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     """The shells of (shift - J), LU-factorised from the centre to the wall. There must be shells.
 
@@ -392,7 +392,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
         c22[i] *= d22[i]
 
 
-@compiled
+@kernel
 def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot):
     """LU factors of the border R, U, P, p', z of (shift - J), whose shells `eliminate` has done.
 
@@ -483,7 +483,7 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
     return u_t, q_a, q_b, zN_a, zN_b, zG_a, zG_b, per_rate, z_N, z_G
 
 
-@compiled
+@kernel
 def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):
     """Solve (shift - J) u = r in place with the factors; b (5,) is work space."""
     N, G = r[:M], r[M : 2 * M]
@@ -535,7 +535,7 @@ def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):
         N[i], G[i] = n, g
 
 
-@compiled
+@kernel
 def add(x, weights, scale, u, count):
     """x += scale * the weighted sum of the first `count` rows of u, three rows at a time."""
     m = count % 3
@@ -555,13 +555,13 @@ def add(x, weights, scale, u, count):
         m += 3
 
 
-@compiled
+@kernel
 def longest_step(table, t):
     """The longest step from t that passes over no piece of the table unseen: to the end of the next one."""
     return table[min(piece(table, t) + 2, table.shape[0] - 1), 0] - t
 
 
-@compiled
+@kernel
 def report(k, x, h, M, numbers, y, slope, next_y, next_slope, out, fields):
     """Row k of the results, a fraction x of the step h from y to next_y."""
     # quintic Hermite in R, whose first two derivatives are known at both ends; cubic in all else
@@ -584,30 +584,21 @@ def report(k, x, h, M, numbers, y, slope, next_y, next_slope, out, fields):
         out[k, 4 + m] = y[j] + i * (next_y[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
         out[k, 3] += numbers.memory[m, 0] * out[k, 4 + m]
     if fields.size > 0:
-        fields[k] = next_y[: 2 * M]  # steps end at the frames then
+        for j in range(2 * M):  # steps end at the frames then
+            fields[k, j] = next_y[j]
 
 
-@compiled
-def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats):
-    """From the state `start` (3 + k,) R, U, p, m_k, contents at rest and ambient temperature, to time[-1].
-
-    out (time, 4 + k): R, U, p, S, m_k; fields (time, 2 M) or empty: the contents. Rows from a failure on stay as they
-    are, and so do those after the end of the first step on which the wall turns from growth to collapse if `to_turn`.
-    stats (5,): steps, rejected steps, relative change of the gas in the bubble, time reached, radius there.
-    Returns OK, TOO_MANY_STEPS, STEP_TOO_SMALL, or OUTSIDE_LAW if no step stays within the laws of the material.
-    """
+@kernel
+def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats, work):
+    """What `integrate` does, in arrays `work` that it makes."""
     M, K = grid.centre.size, numbers.memory.shape[0]
     A, C, when, drift, gamma, order = method.A, method.C, method.when, method.drift, method.gamma, method.order
     n, stages = 2 * M + 3 + K, A.shape[0]
-    y, next_y, slope, next_slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    u = np.empty((stages, n))
-    theta, gas, F, H = np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)
-    cell, flux, blocks, border = np.zeros((5, M)), np.zeros((7, M + 1)), np.zeros((9, M)), np.zeros((6, M))
-    recall = np.zeros((K, 4))
-    schur, b, pivot = np.zeros((5, 5)), np.zeros(5), np.zeros(5, np.int64)
+    y, next_y, slope, next_slope, u, theta, gas, F, H, cell, flux, blocks, border, recall, schur, b, pivot = work
     R, p = start[0], start[2]
     y[:M], y[M : 2 * M] = p * R**3, (p - numbers.vapour) * R**3
-    y[2 * M :] = start
+    for j in range(3 + K):
+        y[2 * M + j] = start[j]
     y[2 * M + 2] = (p - numbers.base) * R**3
     gas_at_start = (p - numbers.vapour) * R**3
     cause = fault(numbers, R, gas_at_start)
@@ -709,3 +700,23 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     stats[0], stats[1], stats[2] = steps, rejected, 3 * total / gas_at_start - 1
     stats[3], stats[4] = t, y[2 * M]
     return status
+
+
+@compiled
+def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats):
+    """From the state `start` (3 + k,) R, U, p, m_k, contents at rest and ambient temperature, to time[-1].
+
+    out (time, 4 + k): R, U, p, S, m_k; fields (time, 2 M) or empty: the contents. Rows from a failure on stay as they
+    are, and so do those after the end of the first step on which the wall turns from growth to collapse if `to_turn`.
+    stats (5,): steps, rejected steps, relative change of the gas in the bubble, time reached, radius there.
+    Returns OK, TOO_MANY_STEPS, STEP_TOO_SMALL, or OUTSIDE_LAW if no step stays within the laws of the material.
+    """
+    M, K = grid.centre.size, numbers.memory.shape[0]
+    n, stages = 2 * M + 3 + K, method.A.shape[0]
+    y, next_y, slope, next_slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    theta, gas, F, H = np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)
+    cell, flux, blocks, border = np.zeros((5, M)), np.zeros((7, M + 1)), np.zeros((9, M)), np.zeros((6, M))
+    of_shells = theta, gas, F, H, cell, flux, blocks, border
+    of_border = np.zeros((K, 4)), np.zeros((5, 5)), np.zeros(5), np.zeros(5, np.int64)
+    work = (y, next_y, slope, next_slope, np.empty((stages, n)), *of_shells, *of_border)
+    return march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats, work)

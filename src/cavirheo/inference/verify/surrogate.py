@@ -163,7 +163,8 @@ def climb_emulated(
     """The maximum reached from u (d,) as by `climb`, and what was simulated for it.
 
     A surrogate of what is simulated shows the way; one simulation where it ends teaches the next one, until this finds
-    what was expected. Finite differences, which cost one simulation a parameter, only go on from there.
+    what was expected: that end is the maximum, with the surrogate's curvature. Else finite differences, which cost one
+    simulation a parameter, go on from the highest of these ends.
     """
     known = len(simulated.u)
     enough = len(simulated.finite.u) > 2 * (len(start) + 1)
@@ -173,10 +174,12 @@ def climb_emulated(
         if mode is None:
             return None, simulated.after(known)
         end = Simulated.at(target, mode.u[None])
-        simulated = simulated.joined(end)
-        if end.value[0] > height:  # not of all that is known: another mode may be higher
-            start, height = mode.u, end.value[0]
-        if not abs(end.value[0] - mode.log_posterior) > TUNING.climb_expected or not np.isfinite(end.value[0]):
+        simulated, (value,) = simulated.joined(end), end.value
+        if value > height:  # not of all that is known: another mode may be higher
+            if abs(value - mode.log_posterior) < TUNING.climb_expected:
+                return replace(mode, log_posterior=float(value), residual=end.residual[0]), simulated.after(known)
+            start, height = mode.u, value
+        if not np.isfinite(value):
             break
     mode = climb(target, start, ROUGH, maxima)
     if mode and np.any(mode.u != start):
