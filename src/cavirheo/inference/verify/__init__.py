@@ -26,6 +26,7 @@ from cavirheo.inference.alternatives import (
 )
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.checks import ERRORS, MISFIT, warned
+from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Verification
@@ -160,6 +161,7 @@ def _verify_with_bubble(
         if settings.level == "map":
             return [estimation.laplace()]
         estimation.sampling.search_windows()
+        estimation.sampling.refine()
         return answers_of([estimation]) if estimation.sampling.log_laplace >= least else []
     except ERRORS as error:
         _log.debug("%s has no answer of the %s", curve.name, bubble.title, exc_info=error)
@@ -182,6 +184,7 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
     problems = [error for error in errors if error is not None]
     if not laws:
         raise problems[0]
+    _refine(laws)
     if len(laws) > 1 and max(laws, key=lambda law: law.log_probability).sampling.misfit > MISFIT:
         each(lambda law: law.sampling.search_windows(), laws, workers)  # before it is said that none of them fits
     limits: dict[int, Estimation] = {}
@@ -194,6 +197,7 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
         if limit and _look_at(limit) is None:
             limit.log_prior = np.log(LIMIT) if real else -np.inf
             limits[i] = limit
+            _refine([law, limit])
         if real and (unlike or i in limits):
             law.log_prior = np.log(1.0 - LIMIT)
     counted = [law for law in (*laws, *limits.values()) if np.isfinite(law.log_prior)]
@@ -227,6 +231,13 @@ def _look_at(model: Estimation) -> SolverError | None:
     return None
 
 
+def _refine(models: Sequence[Estimation]) -> None:
+    """Refine what is known of the models, but for those far below the likeliest."""
+    top = max(model.log_probability for model in models)
+    near = [model.sampling for model in models if model.log_probability > top - TUNING.hopeless]
+    each(AdaptiveSampling.refine, [sampling for sampling in near if not sampling.refined], models[0].target.workers)
+
+
 def _shares(models: Sequence[Estimation]) -> Floats:
     """(n,) probabilities of the models, as far as they are known."""
     logs = np.array([model.log_probability for model in models])
@@ -239,6 +250,7 @@ def _sample(models: Sequence[Estimation]) -> None:
         highest = max(models, key=lambda model: model.sampling.explorer.height)
         for model in models:
             model.look_where(highest)
+        _refine(models)
         top = max(model.log_probability for model in models)
         waiting = []
         for model, share in zip(models, _shares(models), strict=True):

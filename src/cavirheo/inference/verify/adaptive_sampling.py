@@ -113,26 +113,20 @@ class AdaptiveSampling:
         self.target, self.scanned, self.windowed, self.seed, self.exact = target, scanned, windowed, seed, exact
         self.two_fidelity = TwoFidelityTarget(target)
         simulated, maxima = None, list[Mode]()
+        self.network: tuple[Floats, Floats] | None = None  # u (k, d) of its simulated draws, and their log density
         if network:
             u = network.draw(own_draws, self._rng(1))
             simulated = Simulated.at(self.two_fidelity, u)
+            self.network = u, network.log_density(u)
             if len(simulated.finite.u) > 2 * (u.shape[1] + 1):
                 maxima, simulated = self._climb_by_draws(simulated)
-        self.ranged, self.windows_grown, found = not maxima, False, bool(maxima)
-        if not found:
+        self.ranged, self.windows_grown = not maxima, False
+        if not maxima:
             maxima = modes(self.two_fidelity, starts(), scanned())
         if not maxima:
             raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-        if self._follow(maxima[0].u, maxima[0].residual):
-            residuals = self.two_fidelity.residuals(np.array([mode.u for mode in maxima]))
-            maxima = [replace(mode, residual=row) for mode, row in zip(maxima, residuals, strict=True)]
-            simulated = Simulated.at(self.two_fidelity, simulated.u) if simulated else None
-        two_fidelity = self.two_fidelity
-        two_fidelity.correct(_likely_simulations(two_fidelity, maxima[0], simulated if found else None, seed))
-        if simulated:
-            simulated = two_fidelity.integrated(two_fidelity.corrected(simulated.u, simulated.residual))
-        about = simulated if found else None
-        self.explorer = AdaptiveProposal(two_fidelity, two_fidelity.corrected_modes(maxima), about)
+        self.explorer = AdaptiveProposal(self.two_fidelity, maxima, simulated)
+        self.refined = False
         self.own: Sample | None = None
         self.sample: Sample | None = None
         self.shapes = np.empty((0, 0))  # (k, numbers) of the draws
@@ -140,10 +134,25 @@ class AdaptiveSampling:
         self.error, self.turns = 0.0, 0  # turns: rounds of surrogates so far
         self.surrogate_evidence = -np.inf  # log evidence of surrogate's draws that too few simulated ones replaced
         self.ended = False
-        if network and simulated:
-            if not found:
-                self.explorer.learn(simulated)
-            self.own = Sample(u, simulated.value[: len(u)], network.log_density(u))
+
+    def refine(self) -> None:
+        """Give all that is known what rough simulations miss; a model that is far below the others does without."""
+        if self.refined:
+            return
+        self.refined, maxima, simulated = True, self.explorer.modes, self.explorer.simulated
+        if self._follow(maxima[0].u, maxima[0].residual):
+            residuals = self.two_fidelity.residuals(np.array([mode.u for mode in maxima]))
+            maxima = [replace(mode, residual=row) for mode, row in zip(maxima, residuals, strict=True)]
+            simulated = Simulated.at(self.two_fidelity, simulated.u)
+        target = self.two_fidelity
+        target.correct(_likely_simulations(target, maxima[0], simulated, self.seed))
+        simulated = target.integrated(target.corrected(simulated.u, simulated.residual))
+        self.explorer = AdaptiveProposal(target, target.corrected_modes(maxima), simulated)
+        if self.network:
+            u, log_q = self.network
+            alike = np.all(u[:, None] == simulated.u, axis=2)
+            value = np.where(np.any(alike, axis=1), simulated.value[np.argmax(alike, axis=1)], -np.inf)
+            self.own = Sample(u, value, log_q)
 
     def _follow(self, u: Floats, residual: Floats) -> bool:
         """As that of the target, for rough simulations, too."""
@@ -284,6 +293,7 @@ class AdaptiveSampling:
     def weigh(self, share: float) -> None:
         """Take draws that are worth what a model with this share in the answer needs, or that tell this share better:
         of a surrogate; where it has not become good enough, or all are to be simulated, of it and simulated."""
+        self.refine()
         thorough, enough = share > TUNING.part_thorough, max(TUNING.auto_enough * share, TUNING.effective_fewest)
         if thorough:
             self.search_windows()
@@ -339,10 +349,10 @@ class AdaptiveSampling:
         return self.two_fidelity.highest(self.explorer.highest, self.surrogate)
 
 
-def _likely_simulations(target: TwoFidelityTarget, mode: Mode, simulated: Simulated | None, seed: int) -> Simulated:
+def _likely_simulations(target: TwoFidelityTarget, mode: Mode, simulated: Simulated, seed: int) -> Simulated:
     """Rough simulations at a mode and where the posterior is: some of the known ones, for it may be curved and
     the Gaussian about its mode then leads far from it."""
-    if simulated is None:
+    if len(simulated.u) <= TUNING.corrected:
         return Simulated.at(target, np.concatenate([mode.u[None], mode.draws(TUNING.corrected, seed)]))
     top = np.argmax(simulated.value)
     weight = np.exp(tempered(simulated.value - simulated.value[top], TUNING.corrected_spread))

@@ -240,6 +240,7 @@ class AdaptiveProposal:
         nothing = np.empty((0, len(target.prior.names))), np.empty((0, target.noise.size)), np.empty(0)
         self.simulated = Simulated(*nothing)
         self.modes, self.climbed = list[Mode](), 0
+        self.surrounded = 0  # modes about which enough is known
         self.taught: tuple[Surrogate, int] | None = None  # by the first so many simulations
         self.drawn: Sample | None = None  # the last draws of a surrogate
         self.walkers = np.empty((0, 0))  # (k, d + m) u and camera, where the last draws of a surrogate ended
@@ -254,16 +255,21 @@ class AdaptiveProposal:
             self.mixture = self._wide()
 
     def _know(self, modes: Sequence[Mode]) -> bool:
-        """Take up modes, and simulate about them where little is known. Whether one of them is new."""
+        """Take up modes. Whether one of them is new."""
         before = len(self.modes)
         for mode in modes:
             if not any(same(mode, earlier) for earlier in self.modes):
                 self.modes.append(mode)
-                d = len(mode.u)
-                if np.count_nonzero(mode.squares(self.simulated.u) < TUNING.near_mode**2 * d) <= 2 * d:
-                    axes = np.linalg.cholesky(mode.covariance).T
-                    self(mode.u + np.concatenate([axes, -axes]))
         return len(self.modes) > before
+
+    def _surround(self) -> None:
+        """Simulate about the modes where little is known."""
+        for mode in self.modes[self.surrounded :]:
+            d = len(mode.u)
+            if np.count_nonzero(mode.squares(self.simulated.u) < TUNING.near_mode**2 * d) <= 2 * d:
+                axes = np.linalg.cholesky(mode.covariance).T
+                self(mode.u + np.concatenate([axes, -axes]))
+        self.surrounded = len(self.modes)
 
     @property
     def start(self) -> Mixture:
@@ -310,6 +316,7 @@ class AdaptiveProposal:
         """Draws, worth `enough` independent ones, of a surrogate of all simulations so far, and of rough ones about the
         modes where these are too few; None where they still are, or nothing that is drawn is likely. settling: as of
         `markov_sample`."""
+        self._surround()
         d = len(self.target.prior.names)
         if len(self.simulated.u) <= 2 * (d + 1):
             self(self._wide().draw(TUNING.own_draws, rng))
