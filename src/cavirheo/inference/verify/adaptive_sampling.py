@@ -148,7 +148,7 @@ class AdaptiveSampling:
         target.correct(_likely_simulations(target, maxima[0], simulated, self.seed))
         simulated = target.integrated(target.corrected(simulated.u, simulated.residual))
         self.explorer = AdaptiveProposal(target, target.corrected_modes(maxima), simulated)
-        if self.network:
+        if self.network and len(simulated.u):
             u, log_q = self.network
             alike = np.all(u[:, None] == simulated.u, axis=2)
             value = np.where(np.any(alike, axis=1), simulated.value[np.argmax(alike, axis=1)], -np.inf)
