@@ -63,7 +63,8 @@ class Target(Coordinates):
         """(k, size) extended residuals at u (k, d); NaN where the simulation failed."""
         shot, camera, frames = self.experiment, self.camera, self.noise.frames
         places = self.with_camera(u)
-        return np.array(each(lambda x: shot.extended(x, camera, frames, accuracy)[0], places, self.workers))
+        rows = each(lambda x: shot.extended(x, camera, frames, accuracy)[0], places, self.workers)
+        return np.array(rows).reshape(len(u), camera.size)
 
     def with_camera(self, u: Floats, z: Floats | None = None) -> Floats:
         """x (k, all) of u (k, d) with clock, scale and factor in units of their prior, z (k, m) or nothing; what of the
@@ -247,9 +248,11 @@ def answer_at(target: Target, mode: Mode) -> OtherAnswer:
     return OtherAnswer(shot.family.name, shot.options.bubble, best, quantiles, Evidence(mode.log_evidence), rmse)
 
 
-def climb(target: Target, start: Floats, accuracy: Accuracy, maxima: Sequence[Mode] = ()) -> Mode | None:
-    """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
-    comes to one of the `maxima` or promises to end far below the best of them."""
+def climb(
+    target: Target, start: Floats, accuracy: Accuracy, maxima: Sequence[Mode] = (), least: float = TUNING.climb_gain
+) -> Mode | None:
+    """The maximum reached from u (d,) by damped Gauss-Newton, until a step gains less than `least`; None if the start
+    cannot be simulated, or if the way comes to one of the `maxima` or promises to end far below the best of them."""
     u, noise = start, target.noise
     _, (residual,), (value,) = Simulated.at(target, u[None], accuracy)
     if not np.isfinite(value):
@@ -267,7 +270,7 @@ def climb(target: Target, start: Floats, accuracy: Accuracy, maxima: Sequence[Mo
         predicted_gain = 0.5 * float(gradient @ np.linalg.solve(curvature, gradient))
         if turn > 2 and value + predicted_gain < lowest:
             return None
-        if turn == TUNING.climb_steps or min(predicted_gain, gain) < TUNING.climb_gain:
+        if turn == TUNING.climb_steps or min(predicted_gain, gain) < least:
             break
         for _ in range(5):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)

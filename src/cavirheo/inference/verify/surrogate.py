@@ -163,8 +163,8 @@ def climb_emulated(
     """The maximum reached from u (d,) as by `climb`, and what was simulated for it.
 
     A surrogate of what is simulated shows the way; one simulation where it ends teaches the next one, until this finds
-    what was expected and leads no higher: that end is the maximum, with the surrogate's curvature. Else finite
-    differences, which cost one simulation a parameter, go on from the highest of these ends.
+    what was expected and leads no higher. Finite differences, which cost one simulation a parameter, tell the curvature
+    there, and only go on where they promise more.
     """
     known = len(simulated.u)
     enough = len(simulated.finite.u) > 2 * (len(start) + 1)
@@ -175,16 +175,12 @@ def climb_emulated(
             return None, simulated.after(known)
         end = Simulated.at(target, mode.u[None])
         simulated, (value,) = simulated.joined(end), end.value
-        gain = value - height
-        if gain > 0.0:  # not over all that is known: another mode may be higher
+        off = max(abs(value - mode.log_posterior), value - height)
+        if value > height:  # not over all that is known: another mode may be higher
             start, height = mode.u, value
-        if max(abs(value - mode.log_posterior), gain) < TUNING.climb_expected:
-            row = int(np.argmax(np.all(simulated.u == start, axis=1)))
-            best = replace(mode, u=start, log_posterior=float(height), residual=simulated.residual[row])
-            return best, simulated.after(known)
-        if not np.isfinite(value):
+        if not off > TUNING.climb_expected or not np.isfinite(value):
             break
-    mode = climb(target, start, ROUGH, maxima)
+    mode = climb(target, start, ROUGH, maxima, TUNING.climb_expected)
     if mode and np.any(mode.u != start):
         simulated = simulated.joined(Simulated(mode.u[None], mode.residual[None], np.array([mode.log_posterior])))
     return mode, simulated.after(known)
