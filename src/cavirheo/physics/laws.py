@@ -157,11 +157,7 @@ class Arm(Material):
     relaxation_time: float = field(metadata=POSITIVE)
     terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
     follows: ClassVar[bool] = False  # whether the elastic part of the material acts through this arm alone
-
-    @property
-    def starts_stressed(self) -> bool:
-        """Whether the growth to R_max leaves stress in it, where the simulation does not start relaxed."""
-        return True
+    grown = True  # whether the growth to R_max leaves stress in it, where the simulation does not start relaxed
 
     def parts(self) -> Parts:
         return Parts(memory=(self,))
