@@ -71,9 +71,8 @@ class Material:
         names = [name for base in reversed(cls.__mro__) for name in get_annotations(base) if name in PARAMETERS]
         described = [f"{name} ({PARAMETERS[name].symbol}, {PARAMETERS[name].unit})" for name in dict.fromkeys(names)]
         if described:
-            cls.__doc__ = (
-                f"{cleandoc(cls.__dict__.get('__doc__') or '')}\n\nParameters: {', '.join(described)}.\n\n{_RAISES}"
-            )
+            own = cleandoc(cls.__dict__.get("__doc__") or "")
+            cls.__doc__ = f"{own}\n\nParameters: {', '.join(described)}.\n\n{_RAISES}"
 
     def __post_init__(self) -> None:
         check(self)

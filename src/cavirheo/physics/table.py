@@ -95,17 +95,13 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
         b[last] = ends
     rows = np.concatenate(rows_done)
     rows = rows[np.argsort(rows[:, 0])]
-    up = rows[rows[:, 0] >= origin]  # from the origin as far as the pieces join, each way
-    down = rows[rows[:, 0] < origin][::-1]
-    up = up[np.cumprod(up[:, 0] == np.append(origin, up[:-1, 1])) == 1]
-    down = down[np.cumprod(down[:, 1] == np.append(origin, down[:-1, 0])) == 1]
-    up[:, 2] = np.cumsum(up[:, 2]) - up[:, 2]
-    down[:, 2] = -np.cumsum(down[:, 2])
-    joined = np.concatenate([down[::-1], up])
-    table = np.zeros((len(joined) + 1, 7))
-    table[:-1] = np.delete(joined, 1, axis=1)
-    table[-1, 0] = joined[-1, 1] if len(joined) else origin
-    return table
+    chains = np.split(rows, np.flatnonzero(rows[1:, 0] != rows[:-1, 1]) + 1)  # of pieces that join
+    joined = [chain for chain in chains if len(chain) and chain[0, 0] <= origin <= chain[-1, 1]]
+    table = np.vstack([*joined, np.zeros((1, 8))])
+    table[-1, 0] = table[-2, 1] if joined else origin
+    rise, up = table[:-1, 2], table[:-1, 0] >= origin
+    table[:-1, 2] = np.append(-np.cumsum(rise[~up][::-1])[::-1], np.cumsum(rise[up]) - rise[up])
+    return np.delete(table, 1, axis=1)
 
 
 def read(table: Floats, x: ArrayLike) -> tuple[Floats, Floats, Floats]:

@@ -176,9 +176,8 @@ class Training(ABC, Generic[Network]):
         state, note = read_tensors(path)
         with of_run(path):
             changed = difference(note["identity"], json.loads(json.dumps(self.settings | self.identity)))
-        hint = "use another folder, or the recipe and data that it was begun with"
-        require(not changed, f"{self.folder} holds another run ({changed}): {hint}", "training.another_run")
-        with of_run(path):
+            hint = "use another folder, or the recipe and data that it was begun with"
+            require(not changed, f"{self.folder} holds another run ({changed}): {hint}", "training.another_run")
             losses = ("train", "validation", "seconds")
             self.history = [{**line, **{part: float(line[part]) for part in losses}} for line in note["history"]]
             self.step = int(note["step"])
