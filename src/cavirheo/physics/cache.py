@@ -64,9 +64,7 @@ class StoredCode(caching.NullCache):
     def __init__(self, function: Callable[..., Any]) -> None:
         file = Path(inspect.getfile(function)).absolute()
         caches = [getattr(value, "_cache", None) for value in function.__globals__.values()]
-        called = sorted(
-            {cached.source for cached in caches if isinstance(cached, StoredCode)}
-        )  # of functions that it may call
+        called = sorted({cached.source for cached in caches if isinstance(cached, StoredCode)})  # what it may call
         self.begin: str = f"{file.stem}.{function.__name__}"
         self.source: str = _source(file, *called)
         chosen, of_user = getattr(config, "CACHE_DIR", ""), AppDirs("numba", appauthor=False).user_cache_dir

@@ -111,8 +111,6 @@ def simulated_time(
     times = np.full(R.shape, np.inf)
     for end in (guess, late):
         missing = np.flatnonzero(np.isinf(times))
-        if missing.size == 0:
-            break
         materials = [NeoHookeanKelvinVoigt(float(G[i]), float(mu[i])) for i in missing]
         time = np.linspace(0.0, end[missing], _SAMPLES, axis=1)
         of: Any = {"max_radius": R[missing], "stretch": stretches[missing], "time": time, "medium": medium}

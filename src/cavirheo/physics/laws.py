@@ -71,9 +71,8 @@ class Material:
         names = [name for base in reversed(cls.__mro__) for name in get_annotations(base) if name in PARAMETERS]
         described = [f"{name} ({PARAMETERS[name].symbol}, {PARAMETERS[name].unit})" for name in dict.fromkeys(names)]
         if described:
-            cls.__doc__ = (
-                f"{cleandoc(cls.__dict__.get('__doc__') or '')}\n\nParameters: {', '.join(described)}.\n\n{_RAISES}"
-            )
+            own = cleandoc(cls.__dict__.get("__doc__") or "")
+            cls.__doc__ = f"{own}\n\nParameters: {', '.join(described)}.\n\n{_RAISES}"
 
     def __post_init__(self) -> None:
         check(self)
@@ -157,11 +156,7 @@ class Arm(Material):
     relaxation_time: float = field(metadata=POSITIVE)
     terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
     follows: ClassVar[bool] = False  # whether the elastic part of the material acts through this arm alone
-
-    @property
-    def starts_stressed(self) -> bool:
-        """Whether the growth to R_max leaves stress in it, where the simulation does not start relaxed."""
-        return True
+    grown = True  # whether the growth to R_max leaves stress in it, where the simulation does not start relaxed
 
     def parts(self) -> Parts:
         return Parts(memory=(self,))

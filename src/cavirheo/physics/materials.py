@@ -62,10 +62,6 @@ class TotalRelaxation(Maxwell):
     grown: bool = True
     follows: ClassVar[bool] = True
 
-    @property
-    def starts_stressed(self) -> bool:
-        return self.grown
-
 
 @dataclass(frozen=True)
 class Viscoelastic(Material):

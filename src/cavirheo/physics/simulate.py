@@ -234,7 +234,7 @@ def _solve(
         grid, relative_error = NO_SHELLS, min(relative_error, POLYTROPIC)
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace
     memory = np.zeros(len(numbers.memory))
-    stressed = np.array([arm.starts_stressed for arm in material.memory for _ in arm.terms], dtype=bool)
+    stressed = np.array([arm.grown for arm in material.memory for _ in arm.terms], dtype=bool)
     if stressed.any() and not relaxed:
         try:
             memory = np.where(stressed, remembered(numbers, relative_error), 0.0)

@@ -67,45 +67,41 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
             return np.where(np.abs(value) < LARGEST, value, np.nan)
 
     a, b = nodes[:-1], nodes[1:]
-    rows_done: list[Floats] = []  # rows a, b, rise, c0 ... c5
+    rows_done: list[Floats] = []  # rows a, b, rise, c1 ... c5
     while a.size:
         rough = f"the law is too rough: {MOST} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
         require(a.size + sum(map(len, rows_done)) <= MOST, rough, "physics.rough")
         h = b - a
-        t = h[:, None] * _WHERE
-        x = a[:, None] + t
-        x[:, -1] = b
-        exact = f(x)
-        rise, slopes = h * (exact @ _WEIGHTS), exact[:, [0, -1]]
-        pieces = _pieces(h, np.zeros_like(a), rise, slopes, exact @ _DIFFERENCE / h[:, None])
-        c1, c2, c3, c4, c5 = (k * pieces[:, k, None] for k in range(1, 6))
-        error = np.abs(c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))) - exact).max(axis=1)
-        error /= TOLERANCE * np.abs(exact).max(axis=1) + 1e-300
+        t = h * _WHERE[:, None]
+        x = a + t
+        x[-1] = b
+        by_place = f(x)  # (7, pieces)
+        exact = np.ascontiguousarray(by_place.T)
+        rise = h * (exact @ _WEIGHTS)
+        pieces = _pieces(h, rise, rise, exact[:, [0, -1]], exact @ _DIFFERENCE / h[:, None])
+        c1, c2, c3, c4, c5 = (k * pieces[:, k] for k in range(1, 6))
+        error = np.abs(c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))) - by_place).max(axis=0)
+        error /= TOLERANCE * np.abs(by_place).max(axis=0) + 1e-300
         narrow = h <= NARROWEST * np.abs(b)
         good = (error <= 1) | (narrow & np.isfinite(error))
-        rows_done.append(np.column_stack([a, b, rise, pieces])[good])
-        left = ~good & ~narrow & (np.nanmin(np.abs(slopes), axis=1, initial=LARGEST, where=np.isfinite(slopes)) < STEEP)
+        rows_done.append(np.column_stack([a, b, pieces])[good])
+        left = ~good & ~narrow & (np.fmin(*np.abs(by_place[[0, -1]])) < STEEP)
         # the error falls with the fifth power of h; where the law ends within, as many as there may be
-        with np.errstate(over="ignore"):
-            parts = np.clip(np.nan_to_num(1.2 * error[left] ** 0.2, nan=MOST_PARTS, posinf=MOST_PARTS), 2, MOST_PARTS)
-        parts = np.ceil(parts).astype(int)
-        which = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-        start, length, count, end = (np.repeat(values, parts) for values in (a[left], h[left], parts, b[left]))
-        a = start + length * (which / count)
-        b = np.where(which + 1 == count, end, start + length * ((which + 1) / count))
+        parts = np.ceil(np.fmax(np.fmin(1.2 * error[left] ** 0.2, MOST_PARTS), 2)).astype(int)
+        last = np.cumsum(parts) - 1
+        start, length, count, first = (np.repeat(each, parts) for each in (a[left], h[left], parts, last + 1 - parts))
+        a, ends = start + length * ((np.arange(len(start)) - first) / count), b[left]
+        b = np.roll(a, -1)
+        b[last] = ends
     rows = np.concatenate(rows_done)
     rows = rows[np.argsort(rows[:, 0])]
-    up = rows[rows[:, 0] >= origin]  # from the origin as far as the pieces join, each way
-    down = rows[rows[:, 0] < origin][::-1]
-    up = up[np.cumprod(up[:, 0] == np.append(origin, up[:-1, 1])) == 1]
-    down = down[np.cumprod(down[:, 1] == np.append(origin, down[:-1, 0])) == 1]
-    up[:, 3] = np.cumsum(up[:, 2]) - up[:, 2]
-    down[:, 3] = -np.cumsum(down[:, 2])
-    joined = np.concatenate([down[::-1], up])
-    table = np.zeros((len(joined) + 1, 7))
-    table[:-1, 0], table[:-1, 1:] = joined[:, 0], joined[:, 3:]
-    table[-1, 0] = joined[-1, 1] if len(joined) else origin
-    return table
+    chains = np.split(rows, np.flatnonzero(rows[1:, 0] != rows[:-1, 1]) + 1)  # of pieces that join
+    joined = [chain for chain in chains if len(chain) and chain[0, 0] <= origin <= chain[-1, 1]]
+    table = np.vstack([*joined, np.zeros((1, 8))])
+    table[-1, 0] = table[-2, 1] if joined else origin
+    rise, up = table[:-1, 2], table[:-1, 0] >= origin
+    table[:-1, 2] = np.append(-np.cumsum(rise[~up][::-1])[::-1], np.cumsum(rise[up]) - rise[up])
+    return np.delete(table, 1, axis=1)
 
 
 def read(table: Floats, x: ArrayLike) -> tuple[Floats, Floats, Floats]:

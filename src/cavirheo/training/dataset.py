@@ -25,7 +25,7 @@ from math import prod
 from pathlib import Path
 from reprlib import repr as short
 from tempfile import TemporaryFile
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -42,16 +42,11 @@ from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar
 
 Indices = NDArray[np.int64]
-Part = TypeVar("Part")
 
 SHARD, CURVES = 500, 1000  # curves in a file of a set on a grid, and of a posterior network
 CHUNK = 50  # curves of a unit of work: about half a second
 SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do not sort the split by a parameter
 WIDE = ("time", "radius")  # columns that may be on the disk
-PROBLEMS: dict[str, Callable[[Any], Any]] = {  # by the attribute of a file, from its JSON
-    "problem": TrainingProblem.from_dict,
-    "posterior": PosteriorTable.model_validate,
-}
 PACKING: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}  # with a checksum
 
 
@@ -362,7 +357,8 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
                     both = [json.loads(text) if key == attribute else {key: text} for text in (head[key], value)]
                     message = f"made with another {key} ({difference(*both) or 'other keys'})"
                     raise InputError(f"{message}; use an empty folder or its settings", f"dataset.another_{key}")
-            layout, start = layout_of(PROBLEMS[attribute](json.loads(head[attribute]))), head["start"]
+            problem_of = PosteriorTable.model_validate if attribute == "posterior" else TrainingProblem.from_dict
+            layout, start = layout_of(problem_of(json.loads(head[attribute]))), head["start"]
             failed = 0 if "status" in layout.columns else int(file.attrs["failed"])
             count = min(layout.per_file, head["total"] - start) - failed
             items = {name: hdf5.local_item(file, name) for name in layout.columns}
@@ -389,8 +385,8 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
 
 def fill(
     todo: Mapping[Path, range],
-    simulate: Callable[[range], Part],
-    write: Callable[[Path, range, list[Part]], None],
+    simulate: Callable[[range], Columns],
+    write: Callable[[Path, range, list[Columns]], None],
     executor: Executor,
     advance: Callable[[int], None],
 ) -> None:
@@ -400,7 +396,7 @@ def fill(
     a `partial` of one.
     """
     units = [(path, block[k : k + CHUNK]) for path, block in todo.items() for k in range(0, len(block), CHUNK)]
-    unfinished: dict[Path, dict[int, Part]] = {}
+    unfinished: dict[Path, dict[int, Columns]] = {}
     with closing(executor.flow(simulate, [unit for _, unit in units])) as flow:
         for index, rows in flow:
             path, unit = units[index]

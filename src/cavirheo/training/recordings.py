@@ -151,14 +151,11 @@ def film(shots: Columns, index: NDArray[np.int64], seed: int) -> Filmed:
         width_t, width_r = half_widths(camera.frame / read, noise, late)
         early, more = -origin / read / width_t, (1.0 / read - 1.0) / width_r
     good = (count > 0) & (np.abs(early) < 1.0) & (np.abs(more) < 1.0)  # what the priors allow
-    camera, read, counts = camera[good], read[good], count[good].astype(np.int64)
-    sample = np.repeat(np.arange(len(counts)), counts)
-    flat = np.concatenate([np.arange(c) for c in counts]) if len(counts) else np.empty(0, np.int64)
-    rows = np.flatnonzero(good)[sample]
+    camera, read, frames = camera[good], read[good], np.arange(_ROOM) < count[good, None]
     discrepancy = 1.0 * (camera.slow > 0)
     numbers = {"max_radius": top[good] * read / camera.scale, "frame": camera.frame / read}
     numbers |= {"exposure": camera.exposure / read, "noise": noise[good], "discrepancy": discrepancy}
-    inputs = binned(sample, time[rows, flat], radius[rows, flat], **numbers, late=late[good])
+    inputs = binned(np.nonzero(frames)[0], time[good][frames], radius[good][frames], **numbers, late=late[good])
     z = shots["z"][index][good].copy()
     z[:, COORDINATES.index("max_radius_factor")] = 3.0 * more[good]
     z[:, COORDINATES.index("time_origin")] = early[good]

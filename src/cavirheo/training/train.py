@@ -12,7 +12,6 @@ Files in the run's folder, each written whole or not at all; tensors have a JSON
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import platform
@@ -34,7 +33,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 from torch.nn import functional
 
-from cavirheo.errors import InputError, read_object, require
+from cavirheo.errors import InputError, read_object, require, sha256
 from cavirheo.inference.model import ModelCard, PosteriorCard, check_graph, predict
 from cavirheo.inference.posterior_network import COORDINATES, used
 from cavirheo.parameters import LOG10, parameter_of
@@ -177,9 +176,8 @@ class Training(ABC, Generic[Network]):
         state, note = read_tensors(path)
         with of_run(path):
             changed = difference(note["identity"], json.loads(json.dumps(self.settings | self.identity)))
-        hint = "use another folder, or the recipe and data that it was begun with"
-        require(not changed, f"{self.folder} holds another run ({changed}): {hint}", "training.another_run")
-        with of_run(path):
+            hint = "use another folder, or the recipe and data that it was begun with"
+            require(not changed, f"{self.folder} holds another run ({changed}): {hint}", "training.another_run")
             losses = ("train", "validation", "seconds")
             self.history = [{**line, **{part: float(line[part]) for part in losses}} for line in note["history"]]
             self.step = int(note["step"])
@@ -452,7 +450,7 @@ def export(
                 "schema": 1,
                 "name": target.stem,
                 **describe(recipe, result),
-                "onnx": {"sha256": hashlib.sha256(target.read_bytes()).hexdigest(), **added},
+                "onnx": {"sha256": sha256(target), **added},
                 "versions": {"python": platform.python_version(), "torch": result["torch"], **packages},
                 "license": "MIT",
                 "date": (on or datetime.now(UTC).date()).isoformat(),
