@@ -112,10 +112,6 @@ class PageSettings:
         except InputError as error:
             return cls(), {"": str(error)}
 
-    def with_density(self, density: float | None) -> PageSettings:
-        """The same for a shot whose density is this; None: as it stands here."""
-        return self if density is None else replace(self, density=density)
-
     @property
     def liquid(self) -> Medium:
         """Raises InputError."""
@@ -325,7 +321,7 @@ class Session:
         sources = [confirmed.get(path) or path for path in files]
         curves, problems = self.reader.read(sources, **settings.read_options)
         for density in set(densities.values()):
-            reread, _ = self.reader.read(sources, **settings.with_density(density).read_options)
+            reread, _ = self.reader.read(sources, **replace(settings, density=density).read_options)
             by_name = {curve.name: curve for curve in reread if densities.get(curve.name) == density}
             curves = [by_name.get(curve.name, curve) for curve in curves]
         return curves, problems
@@ -337,7 +333,7 @@ class Session:
 
     def settings_of(self, shot: str) -> PageSettings:
         """With the density of its material, if one was typed."""
-        return self.settings.with_density(self.densities.get(shot))
+        return replace(self.settings, density=self.densities[shot]) if shot in self.densities else self.settings
 
     def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Curves as shots of the materials that were typed, or else of those that their files say."""
@@ -361,7 +357,7 @@ class Session:
         """Read the files again if these settings, or the densities of shots, change what they mean. Raises InputError:
         also a density that no medium has."""
         for density in set((densities or {}).values()):
-            _ = settings.with_density(density).liquid
+            _ = replace(settings, density=density).liquid
         densities = self.densities if densities is None else dict(densities)
         if self.files and (settings.read_options != self.settings.read_options or densities != self.densities):
             self.curves, _ = self._read(self.files, settings, densities)
