@@ -207,10 +207,6 @@ class Clip:
         require(not wrong, wrong, "video.exclude")
 
 
-Band = tuple[Floats, Floats, Floats]
-"""Times, s, and the lower and the upper radius, m, of the draws' simulations."""
-
-
 @dataclass(frozen=True, eq=False)
 class Answers:
     """What one run has answered."""
@@ -221,7 +217,8 @@ class Answers:
     request: tuple[PageSettings, Mapping[str, float]]  # that they stand on, with the densities that were typed
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by name
-    bands: dict[str, Band | None] = field(default_factory=dict)  # of the draws' simulations, by name
+    # times, s, and the lower and the upper radius, m, of the draws' simulations, by name
+    bands: dict[str, tuple[Floats, Floats, Floats] | None] = field(default_factory=dict)
 
 
 class Session:

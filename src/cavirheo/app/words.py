@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.app.session import YOURS, Answers, Band, Clip, PageSettings, Session
+from cavirheo.app.session import YOURS, Answers, Clip, PageSettings, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.inference.what_if import compared_window, predict_radius
-from cavirheo.posterior import Posterior
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
@@ -202,18 +201,14 @@ def checked(session: Session, name: str) -> str:
     """The answer over the measurement, with the band of its draws, the conventional fit and the sliders' simulation."""
     answers, curve, posterior, _ = session.find(name)
     if name not in answers.bands:
-        answers.bands[name] = _band(curve, posterior)
+        time = posterior.checks.reconstruction_time
+        answers.bands[name] = None  # of an answer without draws, or that cannot be simulated
+        with suppress(InputError, SolverError):
+            if time is not None:
+                answers.bands[name] = time, *predict_radius(curve, posterior, time, draws=40)[1:]
     fit, simulated = answers.fits.get(name), f"simulation: {digits.simulated(posterior.method)}"
     simulations: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name), "draws": answers.bands[name]}
     return part("pictures", [curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
-
-
-def _band(curve: RadiusCurve, posterior: Posterior) -> Band | None:
-    """Of the draws' simulations; None of an answer without draws, or that cannot be simulated."""
-    time = posterior.checks.reconstruction_time
-    with suppress(InputError, SolverError):
-        return None if time is None else (time, *predict_radius(curve, posterior, time, draws=40)[1:])
-    return None
 
 
 def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:

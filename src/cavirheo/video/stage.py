@@ -46,9 +46,8 @@ class Stage:
     empty: int
     gains: Floats
 
-    def covered(self, i: int, part: tuple[slice, slice] | None = None, step: int = 1) -> Image:
+    def covered(self, i: int, part: tuple[slice, slice] = np.s_[:, :], step: int = 1) -> Image:
         """How much of each pixel the bubble covers, 0 to 1, of a part of frame i; NaN where blind. step: of binning."""
-        part = part or (slice(None), slice(None))
         light, behind = (_binned(image[part], step) for image in (self.frames[i], self.reference))
         behind *= np.float32(self.gains[i])
         share = (behind - light) / (np.float32(self.depth) * behind if self.depth > 0 else np.float32(self.depth))
