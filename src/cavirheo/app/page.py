@@ -35,6 +35,7 @@ _button = partial(gr.Button, variant="primary")
 _html = partial(gr.HTML, apply_default_css=False)
 _small = partial(gr.Button, size="sm", min_width=120)
 _stop = partial(gr.Button, "Stop", variant="stop")  # is seen while there is anything to stop: app.css
+_Shown = dict[Any, Any]  # what each component shows; those that are not named stay as they are
 _Handler = Callable[..., Any]
 
 
@@ -185,7 +186,7 @@ class Page:
         """The event, or each of a list, calls the handler with the locked session of who asks and values of components;
         one that `works` for a while gets `progress` instead of the lock. What it fails of is said on the page."""
 
-        def handle(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> list[Any]:  # noqa: B008
+        def handle(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> _Shown:  # noqa: B008
             session = self.visitors.of(request.session_hash)
             lock: Any = nullcontext() if works else session.lock
             bar = {"progress": progress} if works else {}
@@ -195,7 +196,7 @@ class Page:
                 except (InputError, SolverError) as error:
                     session.refusal = words.for_page(error)
                     raise gr.Error(session.refusal, visible=False, print_exception=False) from None
-            return [*(result if isinstance(result, list) else [] if result is None else [result]), ""]
+            return {**(result or {}), self.wrong: ""}
 
         def why(request: gr.Request) -> str:  # on the page, where it covers nothing and goes with the next success
             return words.part("wrong", self.visitors.of(request.session_hash).refusal)
@@ -230,9 +231,9 @@ class Page:
         many(sent.then, self._load, settings, outputs, show_progress_on=[self.found])
         for name, example in self.examples.items():
             self._on(example.click, partial(self._example, name), settings, outputs)
-        question = self._on(self.clear.click, partial(self._ask, len(outputs)), [], [*outputs, self.lost])
+        question = self._on(self.clear.click, self._ask, [], [*outputs, self.lost])
         question.success(None, js=_FOCUS.format("keep"), api_visibility="private")
-        self._on(self.keep.click, lambda _: gr.Column(visible=False), [], [self.sure])
+        self._on(self.keep.click, lambda _: {self.sure: gr.Column(visible=False)}, [], [self.sure])
         self._on(self.delete.click, self._clear, [], outputs)
         self._on(self.shown.change, self._view, [self.shown], [self.prepared], works=True, **_LATEST)
         # a reload sets one by one, which is no input; a text that is pasted is none either
@@ -246,7 +247,7 @@ class Page:
         out, js = [self.steps, self.checked, *check], "() => [document.body.dataset.picked]"
         self._on(self.answers.click, self._picked, [self.checked], out, js=js, **_LATEST)
         # what compares with simulations comes later: the table need not wait for the solver
-        self._on(self.found.change, words.warned, [], [self.warned], works=True, **_LATEST)
+        self._on(self.found.change, self._warn, [], [self.warned], works=True, **_LATEST)
         js = "(_, shown) => [document.body.dataset.materials, shown]"
         self._on(self.found.submit, self._name, [self.link, self.shown], prepared, js=js, **_LATEST)
         self._on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
@@ -305,177 +306,181 @@ class Page:
             return gr.skip()  # of all
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
-            values = {name: value for name, value in vars(session.settings).items() if value is not None}
-            values = {"window": 0, "material": "auto"} | values
+            values = {"window": 0, "material": "auto"}
+            values |= {name: value for name, value in vars(session.settings).items() if value is not None}
             texts = {name: f"{value:.10g}" for name, value in values.items() if isinstance(value, float)}
-            settings = [(values | texts).get(name, gr.skip()) for name in self.fields]
-            checked = gr.Dropdown(choices=names, value=next(iter(names), None))
-            check = self._show(session, names[0]) if names and not session.stale else [gr.skip()] * 6
-            return [*self._loaded(session), *settings, checked, *check]
+            shown = self._loaded(session) | {self.fields[name]: value for name, value in (values | texts).items()}
+            shown[self.checked] = gr.Dropdown(choices=names, value=next(iter(names), None))
+            return shown | self._show(session, names[0]) if names and not session.stale else shown
 
-    def _sent(self, session: Session, files: list[str] | None, **_: Any) -> list[Any]:
+    def _sent(self, session: Session, files: list[str] | None, **_: Any) -> _Shown:
         session.sent.extend(files or [])
-        return [None]
+        return {self.upload: None}
 
-    def _load(self, session: Session, *settings: Any) -> list[Any]:
+    def _load(self, session: Session, *settings: Any) -> _Shown:
         files, session.sent = session.sent, []
         with uploaded(files) as paths:
             if paths:  # or they were taken with those that were sent before
                 session.add(paths, _settings(settings))
         return self._loaded(session)
 
-    def _example(self, name: str, session: Session, *settings: Any) -> list[Any]:
+    def _example(self, name: str, session: Session, *settings: Any) -> _Shown:
         session.add([steps.examples()[name]], _settings(settings), copy=True)
         if name in session.films:
             session.film, session.films[name].camera = name, Camera(500_000.0, 4.0, 0.4)
         return self._loaded(session)
 
-    def _ask(self, parts: int, session: Session) -> list[Any]:
+    def _ask(self, session: Session) -> _Shown:
         """Whether to delete what is there; where nothing is, nothing is asked."""
         if not session.files and not session.films:
-            return [*self._clear(session), ""]
-        return [gr.skip(), gr.Column(visible=True), *[gr.skip()] * (parts - 2), words.lost(session)]
+            return self._clear(session)
+        return {self.sure: gr.Column(visible=True), self.lost: words.lost(session)}
 
-    def _clear(self, session: Session) -> list[Any]:
+    def _clear(self, session: Session) -> _Shown:
         session.clear()
         return self._loaded(session)
 
-    def _loaded(self, session: Session) -> list[Any]:
+    def _loaded(self, session: Session) -> _Shown:
         names = [curve.name for curve in session.curves]
         anything = bool(names or session.films)
-        return [
-            words.part("refused", session.problems),
-            gr.Column(visible=False),
-            words.files_table(session),
-            gr.HTML(visible=not anything),
-            gr.HTML(words.overview(session), visible=bool(names)),
-            gr.CheckboxGroup(choices=names, value=names),
-            gr.Dropdown(choices=names, value=next(iter(names), None)),
-            f"?session={session.link}" if anything else "",
-            *self._state(session, draw=True),
-            *self._filmed(session),
-        ]
+        shown = {
+            self.refused: words.part("refused", session.problems),
+            self.sure: gr.Column(visible=False),
+            self.found: words.files_table(session),
+            self.welcome: gr.HTML(visible=not anything),
+            self.overview: gr.HTML(words.overview(session), visible=bool(names)),
+            self.chosen: gr.CheckboxGroup(choices=names, value=names),
+            self.shown: gr.Dropdown(choices=names, value=next(iter(names), None)),
+            self.link: f"?session={session.link}" if anything else "",
+        }
+        return shown | self._state(session, draw=True) | self._filmed(session)
 
-    def _state(self, session: Session, *, draw: bool = False) -> list[Any]:
+    def _state(self, session: Session, *, draw: bool = False) -> _Shown:
         """Which steps can work, and the answers, if there are any, with what was changed since. draw: groups, too."""
         loaded, current = bool(session.curves), session.answers is not None and not session.stale
         groups: dict[str, Any] = {"value": words.groups(session)} if draw else {}
-        return [
-            *(gr.Tab(interactive=able) for able in (loaded, loaded, current, current)),
-            gr.Button(interactive=loaded),
-            gr.Button(interactive=loaded),
-            words.answers(session),
-            gr.Button(interactive=current),
-            gr.Button(visible=steps.law_in_doubt(session)),
-            gr.HTML(visible=current, **groups),
-            gr.UploadButton(visible=current),
-        ]
+        able = zip(self.tabs[1:], (loaded, loaded, current, current), strict=True)
+        return {tab: gr.Tab(interactive=works) for tab, works in able} | {
+            self.to_prepare: gr.Button(interactive=loaded),
+            self.infer_now: gr.Button(interactive=loaded),
+            self.answers: words.answers(session),
+            self.to_check: gr.Button(interactive=current),
+            self.which: gr.Button(visible=steps.law_in_doubt(session)),
+            self.groups: gr.HTML(visible=current, **groups),
+            self.published: gr.UploadButton(visible=current),
+        }
 
-    def _filmed(self, session: Session) -> list[Any]:
+    def _filmed(self, session: Session) -> _Shown:
         clip = session.current
         names = [(f"{name}: {'not ' * (name in session.waiting)}confirmed", name) for name in session.recordings]
         camera = ["" if value is None else f"{value:.10g}" for value in clip.camera]
         first, last = (clip.measurement.first, clip.measurement.last) if clip.measurement else (1, 2)
-        return [
-            gr.Column(visible=bool(names)),
-            gr.Dropdown(names, value=session.film or None, visible=len(names) > 1),
-            *(camera if any(camera) else [gr.skip()] * 3),
-            gr.Column(visible=clip.measurement is not None),
-            gr.Slider(first, last, clip.frame),
-            clip.exclude,
-            *self._look(session),
-        ]
+        shown = {
+            self.film_step: gr.Column(visible=bool(names)),
+            self.film: gr.Dropdown(names, value=session.film or None, visible=len(names) > 1),
+            self.film_seen: gr.Column(visible=clip.measurement is not None),
+            self.film_number: gr.Slider(first, last, clip.frame),
+            self.film_excluded: clip.exclude,
+        }
+        typed = dict(zip(self.film_typed, camera, strict=True)) if any(camera) else {}
+        return shown | typed | self._look(session)
 
-    def _look(self, session: Session, number: int | str = "") -> list[Any]:
+    def _look(self, session: Session, number: int | str = "") -> _Shown:
         clip = session.current
         clip.frame = number if isinstance(number, int) else clip.frame
-        if clip.measurement is None:
-            return [words.film(clip), gr.skip(), gr.skip(), gr.skip()]
-        label = "Bring this frame back" if clip.excluded[clip.index] else "Exclude this frame"
-        return [words.film(clip), words.frame(clip), words.radii(clip), label]
+        shown: _Shown = {self.film_told: words.film(clip)}
+        if clip.measurement:
+            label = "Bring this frame back" if clip.excluded[clip.index] else "Exclude this frame"
+            shown |= {self.film_frame: words.frame(clip), self.film_plot: words.radii(clip), self.film_toggle: label}
+        return shown
 
-    def _pick(self, session: Session, name: str) -> list[Any]:
+    def _pick(self, session: Session, name: str) -> _Shown:
         session.film = name
         return self._filmed(session)
 
-    def _measure(self, session: Session, *texts: str, progress: gr.Progress) -> list[Any]:
+    def _measure(self, session: Session, *texts: str, progress: gr.Progress) -> _Shown:
         steps.measure(session, session.current.camera_of(texts)[0], progress)
         return self._filmed(session)
 
-    def _toggle(self, session: Session) -> list[Any]:
+    def _toggle(self, session: Session) -> _Shown:
         session.current.toggle()
-        return [session.current.exclude, *self._look(session)]
+        return {self.film_excluded: session.current.exclude, **self._look(session)}
 
-    def _confirm(self, session: Session, *_: str) -> list[Any]:
+    def _confirm(self, session: Session, *_: str) -> _Shown:
         steps.confirm(session)
         session.film = next(iter(session.waiting), session.film)
         return self._loaded(session)
 
-    def _view(self, session: Session, name: str | None, **_: Any) -> list[Any]:
+    def _view(self, session: Session, name: str | None, **_: Any) -> _Shown:
         selected = (curve for curve in session.curves if curve.name == name)
-        return [next((words.prepared(curve, session.settings_of(curve.name)) for curve in selected), "")]
+        texts = (words.prepared(curve, session.settings_of(curve.name)) for curve in selected)
+        return {self.prepared: next(texts, "")}
 
-    def _changed(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
+    def _warn(self, session: Session, **_: Any) -> _Shown:
+        return {self.warned: words.part("warned", words.warnings(session.curves))}
+
+    def _changed(self, session: Session, name: str | None, *settings: Any) -> _Shown:
         session.prepare(_settings(settings))
-        return [*self._view(session, name), words.files_table(session), *self._state(session)]
+        return {**self._view(session, name), self.found: words.files_table(session), **self._state(session)}
 
-    def _begin(self, session: Session, chosen: list[str], *settings: Any) -> list[Any]:
+    def _begin(self, session: Session, chosen: list[str], *settings: Any) -> _Shown:
         session.prepare(_settings(settings))
         if session.runs.ready():
             session.previews = dict.fromkeys(chosen)
-        return [gr.Tabs(selected=3), *self._tick(session)]
+        return {self.steps: gr.Tabs(selected=3), **self._tick(session)}
 
-    def _tick(self, session: Session) -> list[Any]:
-        return [gr.Timer(active=bool(session.previews)), words.answers(session)]
+    def _tick(self, session: Session) -> _Shown:
+        return {self.timer: gr.Timer(active=bool(session.previews)), self.answers: words.answers(session)}
 
-    def _preview(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
+    def _preview(self, session: Session, chosen: list[str], **_: Any) -> _Shown:
         with suppress(InputError):  # the run says why
             steps.preview(session, chosen)
-        return [words.answers(session)]
+        return {self.answers: words.answers(session)}
 
-    def _answer(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
+    def _answer(self, session: Session, chosen: list[str], **_: Any) -> _Shown:
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
-            return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, draw=True)]
+            return {self.checked: gr.Dropdown(choices=names, value=names[0]), **self._state(session, draw=True)}
 
-    def _name(self, session: Session, materials: str, name: str | None) -> list[Any]:
+    def _name(self, session: Session, materials: str, name: str | None) -> _Shown:
         earlier, edits = words.table(session), json.loads(materials)
         steps.name_materials(session, edits["names"], edits["densities"])
         same = words.table(session) == earlier  # then the focus stays where it is
-        table = gr.skip() if same else words.files_table(session)
-        return [*self._view(session, name), table, *self._state(session, draw=True)]
+        table = {} if same else {self.found: words.files_table(session)}
+        return self._view(session, name) | table | self._state(session, draw=True)
 
-    def _publish(self, session: Session, files: list[str]) -> list[Any]:
+    def _publish(self, session: Session, files: list[str]) -> _Shown:
         with uploaded(files) as paths:
             session.publish(paths)
         return self._state(session, draw=True)
 
-    def _picked(self, session: Session, name: str) -> list[Any]:
-        return [gr.Tabs(selected=4), name, *self._show(session, name)]
+    def _picked(self, session: Session, name: str) -> _Shown:
+        return {self.steps: gr.Tabs(selected=4), self.checked: name, **self._show(session, name)}
 
-    def _show(self, session: Session, name: str) -> list[Any]:
-        ranges = steps.sliders(session, name).values()
-        sliders = [gr.Slider(visible=limits is not None, **(limits or {})) for limits in ranges]  # type: ignore[arg-type]
+    def _show(self, session: Session, name: str) -> _Shown:
+        ranges = zip(self.sliders, steps.sliders(session, name).values(), strict=True)
         answers, *_, record = session.find(name)
         answers.trials.pop(name, None)
-        return [*self._checked(session, name), words.part("start", record.simulated), *sliders]
+        shown = self._checked(session, name) | {self.trial: words.part("start", record.simulated)}
+        return shown | {slider: gr.Slider(visible=bool(limits), **(limits or {})) for slider, limits in ranges}  # type: ignore[arg-type]
 
-    def _fit(self, session: Session, name: str, **_: Any) -> list[Any]:
+    def _fit(self, session: Session, name: str, **_: Any) -> _Shown:
         session.runs.ready()
         steps.fit(session, name)
         with session.lock:
             return self._checked(session, name)
 
-    def _checked(self, session: Session, name: str) -> list[Any]:
-        return [words.checked(session, name), words.facts(session, name)]
+    def _checked(self, session: Session, name: str) -> _Shown:
+        return {self.check_plot: words.checked(session, name), self.facts: words.facts(session, name)}
 
-    def _try(self, session: Session, name: str, *values: float | None) -> list[Any]:
+    def _try(self, session: Session, name: str, *values: float | None) -> _Shown:
         checks = steps.what_if(session, name, values)
-        return [words.checked(session, name), words.part("trial", checks)]
+        return {self.check_plot: words.checked(session, name), self.trial: words.part("trial", checks)}
 
-    def _zip(self, session: Session, *, progress: gr.Progress) -> list[Any]:
+    def _zip(self, session: Session, *, progress: gr.Progress) -> _Shown:
         archive, files = steps.export(session, progress)
-        return [gr.File([str(path) for path in files], visible=True), gr.DownloadButton(value=str(archive))]
+        shown = gr.File([str(path) for path in files], visible=True)
+        return {self.files: shown, self.download: gr.DownloadButton(value=str(archive))}
 
 
 def _settings(values: Sequence[Any]) -> PageSettings:

@@ -112,10 +112,6 @@ class PageSettings:
         except InputError as error:
             return cls(), {"": str(error)}
 
-    def with_density(self, density: float | None) -> PageSettings:
-        """The same for a shot whose density is this; None: as it stands here."""
-        return self if density is None else replace(self, density=density)
-
     @property
     def liquid(self) -> Medium:
         """Raises InputError."""
@@ -211,10 +207,6 @@ class Clip:
         require(not wrong, wrong, "video.exclude")
 
 
-Band = tuple[Floats, Floats, Floats]
-"""Times, s, and the lower and the upper radius, m, of the draws' simulations."""
-
-
 @dataclass(frozen=True, eq=False)
 class Answers:
     """What one run has answered."""
@@ -225,7 +217,8 @@ class Answers:
     request: tuple[PageSettings, Mapping[str, float]]  # that they stand on, with the densities that were typed
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
     trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by name
-    bands: dict[str, Band | None] = field(default_factory=dict)  # of the draws' simulations, by name
+    # times, s, and the lower and the upper radius, m, of the draws' simulations, by name
+    bands: dict[str, tuple[Floats, Floats, Floats] | None] = field(default_factory=dict)
 
 
 class Session:
@@ -325,7 +318,7 @@ class Session:
         sources = [confirmed.get(path) or path for path in files]
         curves, problems = self.reader.read(sources, **settings.read_options)
         for density in set(densities.values()):
-            reread, _ = self.reader.read(sources, **settings.with_density(density).read_options)
+            reread, _ = self.reader.read(sources, **replace(settings, density=density).read_options)
             by_name = {curve.name: curve for curve in reread if densities.get(curve.name) == density}
             curves = [by_name.get(curve.name, curve) for curve in curves]
         return curves, problems
@@ -337,7 +330,7 @@ class Session:
 
     def settings_of(self, shot: str) -> PageSettings:
         """With the density of its material, if one was typed."""
-        return self.settings.with_density(self.densities.get(shot))
+        return replace(self.settings, density=self.densities[shot]) if shot in self.densities else self.settings
 
     def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Curves as shots of the materials that were typed, or else of those that their files say."""
@@ -361,7 +354,7 @@ class Session:
         """Read the files again if these settings, or the densities of shots, change what they mean. Raises InputError:
         also a density that no medium has."""
         for density in set((densities or {}).values()):
-            _ = settings.with_density(density).liquid
+            _ = replace(settings, density=density).liquid
         densities = self.densities if densities is None else dict(densities)
         if self.files and (settings.read_options != self.settings.read_options or densities != self.densities):
             self.curves, _ = self._read(self.files, settings, densities)

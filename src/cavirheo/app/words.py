@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.app.session import YOURS, Answers, Band, Clip, PageSettings, Session
+from cavirheo.app.session import YOURS, Answers, Clip, PageSettings, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.inference.what_if import compared_window, predict_radius
-from cavirheo.posterior import Posterior
 from cavirheo.reporting import group_pictures, html
 from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods
@@ -147,11 +146,6 @@ def files_table(session: Session) -> str:
     return part("found", rows, notes(curves), session.waiting, pooled, f"{session.settings.liquid.density:g}")
 
 
-def pictures(svgs: Sequence[str]) -> str:
-    """Beside each other, where there is room; nothing without any."""
-    return part("pictures", svgs) if svgs else ""
-
-
 def film(clip: Clip) -> str:
     """What to do with a recording; its warnings and what was found."""
     if clip.measurement is None:
@@ -176,7 +170,7 @@ def radii(clip: Clip) -> str:
         layers.append(Layer("dots", f"flag-{flag}", time[flags == flag], radius[flags == flag], flag))
     layers.append(Layer("line", "frame", np.full(2, time[clip.index]), np.array([0.0, top])))
     x = Axis("time (µs)", float(time[0]), float(time[-1]))
-    return pictures([curve_svg([Panel(x, Axis(f"R ({unit})", 0.0, top), tuple(layers))])])
+    return part("pictures", [curve_svg([Panel(x, Axis(f"R ({unit})", 0.0, top), tuple(layers))])])
 
 
 def frame(clip: Clip) -> str:
@@ -194,44 +188,37 @@ def frame(clip: Clip) -> str:
 def overview(session: Session) -> str:
     """All curves over each other."""
     media = [session.settings_of(curve.name).liquid for curve in session.curves]
-    return pictures([overlay_svg(panel) for panel in overview_panels(session.curves, media)])
+    return part("pictures", [overlay_svg(panel) for panel in overview_panels(session.curves, media)])
 
 
 def groups(session: Session) -> str:
     """The pictures of the report of all groups of several shots."""
-    return pictures(group_pictures(session.answers.pairs, session.answers.document, [])) if session.answers else ""
+    answers = session.answers
+    return part("pictures", group_pictures(answers.pairs, answers.document, []) if answers else [])
 
 
 def checked(session: Session, name: str) -> str:
     """The answer over the measurement, with the band of its draws, the conventional fit and the sliders' simulation."""
     answers, curve, posterior, _ = session.find(name)
     if name not in answers.bands:
-        answers.bands[name] = _band(curve, posterior)
+        time = posterior.checks.reconstruction_time
+        answers.bands[name] = None  # of an answer without draws, or that cannot be simulated
+        with suppress(InputError, SolverError):
+            if time is not None:
+                answers.bands[name] = time, *predict_radius(curve, posterior, time, draws=40)[1:]
     fit, simulated = answers.fits.get(name), f"simulation: {digits.simulated(posterior.method)}"
     simulations: Any = {"fit": fit and fit.checks, "what_if": answers.trials.get(name), "draws": answers.bands[name]}
-    return pictures([curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
+    return part("pictures", [curve_svg(curve_panels(curve, posterior.checks, simulated, **simulations), 840, 460)])
 
 
-def _band(curve: RadiusCurve, posterior: Posterior) -> Band | None:
-    """Of the draws' simulations; None of an answer without draws, or that cannot be simulated."""
-    time = posterior.checks.reconstruction_time
-    with suppress(InputError, SolverError):
-        return None if time is None else (time, *predict_radius(curve, posterior, time, draws=40)[1:])
-    return None
-
-
-def warned(session: Session, **_: Any) -> str:
-    """The warnings on all shots, in full."""
-    return part("warned", _warnings_for_page(session.curves))
-
-
-def _warnings_for_page(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    """The warnings on these shots, with their names."""
     return by_message((name, for_page(text)) for name, text in curve_warnings(curves))
 
 
 def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     """A curve with the frames that are compared, or why it cannot be shown; its warnings, and what was done to it."""
-    picture, remarks = "", _warnings_for_page([curve])
+    picture, remarks = "", warnings([curve])
     try:
         picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
     except InputError as error:
@@ -256,10 +243,9 @@ def answers(session: Session) -> str:
     rows, models = _rows_for_page(document.curves), {row.in_words for row in document.curves if row.has_answer}
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.part("curves_table", rows, factor, unit, title, False)
-    remarks = causes(rows)
     explanation = html.part("reading", document.curves), *methods(document)
     progress = (verified, len(previews)), len(document.curves), current.not_run, pooled(document)
-    return part("answers", session.stale and not previews, *progress, *groups, shots, remarks, *explanation)
+    return part("answers", session.stale and not previews, *progress, *groups, shots, causes(rows), *explanation)
 
 
 def facts(session: Session, name: str) -> str:

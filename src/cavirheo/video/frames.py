@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
@@ -171,7 +172,9 @@ def _stack(path: Path) -> Footage:
         pages, first = len(file.pages), file.pages[0]
         _fits(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
         imagej = file.imagej_metadata or {}
-        scale = _tiff_scale(first, imagej)
+        # ImageJ states a length per pixel; the resolution of others is that of printing
+        per, tag = _LENGTHS.get(str(imagej.get("unit", ""))), first.tags.get("XResolution")  # type: ignore[union-attr]
+        scale = per * tag.value[1] / tag.value[0] if per and tag and tag.value[0] else None
         notes = [f"{scale:.4g} um per pixel, as ImageJ stored it"] if scale else []
         notes += [_IN_COLOUR] if getattr(first, "samplesperpixel", 1) > 2 else []
         try:
@@ -191,12 +194,6 @@ def _by_pillow(path: Path, most: int | None = None) -> Iterator[Pixels]:
     with Image.open(path) as image:
         for page in islice(ImageSequence.Iterator(image), most):
             yield _grey(np.asarray(page.convert("RGB") if page.mode in ("P", "CMYK", "YCbCr") else page))
-
-
-def _tiff_scale(page: Any, imagej: dict[str, Any]) -> float | None:
-    """um per pixel where ImageJ states a length per pixel; the resolution of others is that of printing."""
-    per, tag = _LENGTHS.get(str(imagej.get("unit", ""))), page.tags.get("XResolution")
-    return per * tag.value[1] / tag.value[0] if per and tag and tag.value[0] else None
 
 
 def _unsigned(images: Pixels) -> Pixels:
@@ -225,9 +222,8 @@ def _images(folder: Path) -> list[Path]:
         paths = [path for path in folder.iterdir() if path.name[0] != "." and path.suffix.lower() in IMAGES + STACKS]
     except OSError:
         return []
-    endings = [path.suffix.lower() for path in paths]
-    most = max(set(endings), key=endings.count, default="")
-    chosen = [path for path in paths if path.suffix.lower() == most and path.is_file()]
+    most = Counter(path.suffix.lower() for path in paths).most_common(1)
+    chosen = [path for path in paths if path.suffix.lower() in dict(most) and path.is_file()]
 
     def natural(path: Path) -> list[tuple[str, int]]:
         return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", path.name)]
@@ -284,8 +280,8 @@ def _cine(path: Path) -> Footage:
             warnings.append(Message("check_input.time_stamps"))
     if len(blocks.get(1003, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
-    movie = replace(movie, notes=tuple(notes), warnings=tuple(warnings))
-    return replace(movie, time=time, frame_rate=rate or None, exposure=exposure)
+    told: dict[str, Any] = {"notes": tuple(notes), "warnings": tuple(warnings)}
+    return replace(movie, time=time, frame_rate=rate or None, exposure=exposure, **told)
 
 
 def _cut_short(frames: int, stated: float, precision: str = "") -> Message:

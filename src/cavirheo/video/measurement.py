@@ -28,8 +28,7 @@ _DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean dif
 _TWINS = 0.2  # of the measured frames
 _CUT = 0.9  # of the outline at R_max: seen less far, it is said
 _BURNT = 0.3  # of the background, at the brightest value
-_NO_RATE = "how fast it was recorded is not known, for a video file states how fast it is played; give it (--fps; in "
-_NO_RATE += "Python frame_rate=)"
+_NO_RATE = "how fast it was recorded is not known, for a video file states how fast it is played"
 COLUMNS = {
     "time_us": "from the first frame of the recording on",
     "radius_um": "mean over the exposure; empty where the frame is not used",
@@ -181,7 +180,7 @@ def measure(
         numbers.append(by_file if stated is None else StatedNumber(value=stated, origin="the user"))
     rate, shutter, scale = numbers
     if rate.value is None:
-        raise InputError(_NO_RATE, "video.frame_rate")
+        raise InputError(f"{_NO_RATE}; give it (--fps; in Python frame_rate=)", "video.frame_rate")
     FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
     count, height, width = whole.frames.shape
     time = np.arange(count) / rate.value if whole.time is None or frame_rate else whole.time
@@ -280,24 +279,13 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
         head["collapse_times_s"] = curve.collapse_times().tolist()
     except InputError as error:
         head["unusable"] = str(error)
-    footage, track = measurement.recording, measurement.track
-    return Measured(
-        **head,
-        name=curve.name,
-        source=curve.source,
-        source_sha256=curve.source_sha256,
-        width=footage.frames.shape[2],
-        height=footage.frames.shape[1],
-        bits=8 * footage.frames.dtype.itemsize,
-        frame_rate_hz=measurement.frame_rate,
-        um_per_px=measurement.um_per_px,
-        exposure_s=measurement.exposure,
-        measured_with=measurement.options,
-        optics_sigma_px=track.optics,
-        flags=measurement.counts,
-        max_radius_px=float(np.nanmax(track.radius)),
-        warnings=warnings,
-    )
+    head |= {name: getattr(curve, name) for name in ("name", "source", "source_sha256")}
+    images, track = measurement.recording.frames, measurement.track
+    head |= {"width": images.shape[2], "height": images.shape[1], "bits": 8 * images.dtype.itemsize}
+    head |= {"frame_rate_hz": measurement.frame_rate, "um_per_px": measurement.um_per_px}
+    head |= {"exposure_s": measurement.exposure, "measured_with": measurement.options, "flags": measurement.counts}
+    head |= {"optics_sigma_px": track.optics, "max_radius_px": float(np.nanmax(track.radius))}
+    return Measured(**head, warnings=warnings)
 
 
 def write_csv(path: Path, measurement: Measurement) -> None:

@@ -31,7 +31,7 @@ class Patch:
     x: float
     y: float
     radius: float
-    inside: float = 1.0
+    inside: float
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ def patches(stage: Stage, i: int) -> list[Patch]:
     spans = [marks == k + 1 for k in order]
     through = [bool(span[0].any() and span[-1].any()) or bool(span[:, 0].any() and span[:, -1].any()) for span in spans]
     if through[0] and any(through[1:]):  # a bubble larger than the frame shows its sides alone
-        spans[0] = np.any([span for span, whole in zip(spans, through, strict=True) if whole], axis=0)
-        spans = [spans[0], *(span for span, whole in zip(spans[1:], through[1:], strict=True) if not whole)]
+        sides = np.any([span for span, whole in zip(spans, through, strict=True) if whole], axis=0)
+        spans = [sides, *(span for span, whole in zip(spans, through, strict=True) if not whole)]
     return [_patch(span, covered, step) for span in spans]
 
 
@@ -92,11 +92,9 @@ def _patch(mask: Bools, covered: Image, step: int) -> Patch:
     y = np.concatenate([rows, rows, top - 0.5, bottom + 0.5])
     inner = (x > 0) & (x < width - 1) & (y > 0) & (y < height - 1)
     area = float(mask.sum())
-    radius = np.sqrt(area / np.pi)
-    circle = (float(columns.mean()), float(rows.mean()), float(radius))
+    x0, y0, radius = float(columns.mean()), float(rows.mean()), float(np.sqrt(area / np.pi))
     if area > 30 and inner.sum() > 8:
-        circle = _rough_circle(x[inner], y[inner]) or circle
-    x0, y0, radius = circle
+        x0, y0, radius = _rough_circle(x[inner], y[inner]) or (x0, y0, radius)
     v, u = np.nonzero(mask)
     away = np.hypot(u - x0, v - y0)
     ring = (away > 0.55 * radius) & (away < 0.85 * radius)
@@ -222,14 +220,10 @@ def _light(covered: Image, x: float, y: float, distance: float, outside_level: f
     return float(np.sqrt(max(missing, 0.0) / np.pi))
 
 
-def fitted(
-    points: Floats, centre: tuple[float, float], edge: Edge, prior: tuple[float, float, float] | None = None
-) -> Outline | None:
-    """The circle through points, by distance from the wall; with its shape where it is seen nearly whole.
-
-    prior: (x, y, sigma) of the centre, for an outline of which parts alone are seen.
-    """
-    x, y = centre if prior is None else prior[:2]
+def fitted(points: Floats, centre: tuple[float, float], edge: Edge, sigma: float | None = None) -> Outline | None:
+    """The circle through points, by distance from the wall; with its shape where it is seen nearly whole. sigma: of the
+    centre, that is known so well of an outline of which parts alone are seen; None: it is a first guess."""
+    x, y = centre
     whole = edge.arc > WHOLE
     weight = np.ones(len(points))
     for turn in range(8):
@@ -239,13 +233,14 @@ def fitted(
         most = (8 if np.median(away) >= 15 else 4 if np.median(away) >= 6 else 2) if last else 1
         orders = np.arange(1, most + 1)
         rows = np.hstack([np.ones((len(away), 1)), np.cos(angle[:, None] * orders), np.sin(angle[:, None] * orders)])
-        target, root = away, np.sqrt(weight)
-        scaled, aims = rows * root[:, None], target * root
-        if prior is not None:
-            spread = max(1.4826 * float(np.median(np.abs(away - np.median(away)))), 0.1) / prior[2]
+        root = np.sqrt(weight)
+        scaled, aims = rows * root[:, None], away * root
+        if sigma is not None:
+            spread = max(1.4826 * float(np.median(np.abs(away - np.median(away)))), 0.1) / sigma
             pull = np.zeros((2, rows.shape[1]))
             pull[0, 1] = pull[1, 1 + most] = spread
-            scaled, aims = np.vstack([scaled, pull]), np.append(aims, spread * np.array([prior[0] - x, prior[1] - y]))
+            back = np.array([centre[0] - x, centre[1] - y])
+            scaled, aims = np.vstack([scaled, pull]), np.append(aims, spread * back)
         solution = np.linalg.lstsq(scaled, aims, rcond=None)[0]
         off = away - rows @ solution
         scale = max(1.4826 * float(np.median(np.abs(off))), 0.02)
@@ -265,5 +260,5 @@ def fitted(
     if not 0.3 < radius < 1e4:
         return None
     mode = float(np.hypot(solution[2], solution[2 + most])) if most > 1 else np.nan
-    sigma = float(np.sqrt(np.mean(inliers**2) / effective))
-    return Outline(points, radius, x, y, sigma, mode, float(len(inliers) / len(off)), edge)
+    scatter = float(np.sqrt(np.mean(inliers**2) / effective))
+    return Outline(points, radius, x, y, scatter, mode, float(len(inliers) / len(off)), edge)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,13 +42,12 @@ class Stage:
     reference: Image
     depth: float
     blind: Bools
-    noise: float = 0.0
-    empty: int = 0
-    gains: Floats = field(default_factory=lambda: np.ones(1))
+    noise: float
+    empty: int
+    gains: Floats
 
-    def covered(self, i: int, part: tuple[slice, slice] | None = None, step: int = 1) -> Image:
+    def covered(self, i: int, part: tuple[slice, slice] = np.s_[:, :], step: int = 1) -> Image:
         """How much of each pixel the bubble covers, 0 to 1, of a part of frame i; NaN where blind. step: of binning."""
-        part = part or (slice(None), slice(None))
         light, behind = (_binned(image[part], step) for image in (self.frames[i], self.reference))
         behind *= np.float32(self.gains[i])
         share = (behind - light) / (np.float32(self.depth) * behind if self.depth > 0 else np.float32(self.depth))

@@ -79,13 +79,13 @@ class Film:
         require(path.suffix in kinds, f"a film is saved as .mp4, .mkv or .tif, got {path.name}", "render.kind")
         fine = path.suffix != ".mp4" or self.frames.dtype == np.uint8
         require(fine, "16 bits are saved as .mkv or .tif", "render.bits")
-        if path.suffix != ".tif":
-            write_movie(path, self.frames, crf if path.suffix == ".mp4" else None)
-            return
-        need("tifffile")
-        from tifffile import imwrite
+        if path.suffix == ".tif":
+            need("tifffile")
+            from tifffile import imwrite
 
-        imwrite(path, self.frames, photometric="minisblack")
+            imwrite(path, self.frames, photometric="minisblack")
+        else:
+            write_movie(path, self.frames, crf if path.suffix == ".mp4" else None)
 
 
 def write_movie(path: Path, frames: Iterable[Pixels], crf: int | None) -> None:
@@ -177,8 +177,7 @@ class _Camera:
         image = image + scene.row_noise * rng.normal(size=(len(image), 1))
         full = 2**scene.bits - 1
         pixels = np.rint(np.clip(image, 0.0, 1.0) * full).astype(np.uint8 if scene.bits == 8 else np.uint16)
-        lowest = int(radii.argmin())
-        turned = bool(radii.min() > 0 and min(radii[0], radii[-1]) - radii[lowest] > 0 and np.ptp(radii) > _TURN)
+        turned = bool(min(radii[0], radii[-1]) > radii.min() > 0 and np.ptp(radii) > _TURN)
         return pixels, (true if true > 0 else np.nan), turned, centre
 
     def _transmission(self, radii: Floats, centre: Floats, middle: float) -> Floats:
@@ -188,7 +187,7 @@ class _Camera:
         extent = 1.3 * radii.max() + 6.0 * scene.blur + 4.0
         extent = max([extent, *(np.hypot(x, y) + size + 8.0 for x, y, size in satellites)])
         (left, top), (right, bottom) = (np.floor(centre - extent).astype(int), np.ceil(centre + extent).astype(int) + 1)
-        wall = scene.wall if scene.wall is not None and scene.mirror else None
+        wall = scene.wall if scene.mirror else None
         if wall is not None:
             bottom = scene.height
         left, top, right, bottom = max(left, 0), max(top, 0), min(right, scene.width), min(bottom, scene.height)

@@ -152,7 +152,7 @@ def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
         centres = np.array([(each.x, each.y) for each in neighbours])
         x, y = map(float, np.quantile(centres, 0.5, axis=0, method="inverted_cdf", weights=weight))
         spread = 1.4826 * float(np.median([hypot(*away) for away in centres - (x, y)])) + 0.3
-        return outline.fitted(fit.points, (fit.x, fit.y), fit.edge, (x, y, spread)) or fit
+        return outline.fitted(fit.points, (x, y), fit.edge, spread) or fit
 
     return {i: centred(i, fit) for i, fit in outlines.items()}
 
