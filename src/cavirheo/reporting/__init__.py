@@ -15,7 +15,7 @@ from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
 from cavirheo.reporting.panels import answer_panels, group_panels
 from cavirheo.reporting.pictures import file_names
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
-from cavirheo.writing.document import CLAIM, Claim, Outputs, claimed, try_to_draw, write_json
+from cavirheo.writing.document import CLAIM, Claim, Outputs, claimed, try_to_draw, write_json, write_rows
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -82,7 +82,7 @@ def write_report(
         of_curves = _curve_pictures(pairs, document) if draw else []
         of_groups = group_pictures(pairs, document, document.notes) if draw else []
         folder.write("result.json", write_json, document)
-        folder.write("result.csv", table.write_csv, document)
+        folder.write("result.csv", write_rows, *table.rows_of(document))
         if figures and (failed := pictures.write_figures(folder, pairs, document, figures, advance)):
             document.notes += failed
             folder.write("result.json", write_json, document)

@@ -330,13 +330,8 @@ def _print_windows(console: Console, result: Result) -> None:
     console.print(table)
 
 
-def write_csv(path: str | Path, result: Result) -> None:
-    """One line per curve; SI units in the names of the columns; empty where there is no number."""
-    write_rows(path, *rows_of(result))
-
-
 def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
-    """(names of the columns, a row for each curve)."""
+    """(names of the columns of result.csv, SI units in them; a row for each curve, None where there is no number)."""
     first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
     columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *further)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
@@ -379,7 +374,7 @@ class ComparedParameter(NamedTuple):
     @property
     def misfits(self) -> list[float | None]:
         """Median, smallest and largest RMSE over R_max of the answered shots."""
-        misfits = [shot.rmse_over_rmax for shot in self.shots if shot.has_answer and shot.rmse_over_rmax is not None]
+        misfits = [shot.rmse_over_rmax for shot in self.shots if shot.rmse_over_rmax is not None]
         return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
 
 
@@ -387,13 +382,11 @@ def compared_parameters(result: Result) -> list[ComparedParameter]:
     """One for each parameter of each group that is published or inferred; a liquid has no G."""
     rows = []
     for group, shots in result.shots():
-        answers = [shot for shot in shots if shot.has_answer]
-        of_shots = [name for name in KEYS if any(shot.value(name).median for shot in answers)]
-        inferred = [name for name in KEYS if name in of_shots or group.value(name).mean is not None]
+        inferred = [name for name in KEYS if any(shot.value(name).median for shot in shots)]
         published = [name for values in group.published.values() for name in values]
         for name in sorted({*inferred, *published}, key=[*KEYS, *published].index) or [""]:
             values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
-            values |= {OURS_TRUSTED: group.value(name), OURS_ALL: spread_over(answers, name)}
+            values |= {OURS_TRUSTED: group.value(name), OURS_ALL: spread_over(shots, name)}
             rows.append(ComparedParameter(group, shots, name, values))
     return rows
 

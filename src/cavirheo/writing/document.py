@@ -24,15 +24,7 @@ from tempfile import TemporaryFile
 from typing import IO, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    model_serializer,
-)
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_serializer
 from pydantic_core import to_json
 
 from cavirheo.errors import InputError, as_cell, as_remark, printable, read_bytes, require, sha256
@@ -70,7 +62,7 @@ class Record(BaseModel):
     _if_any: ClassVar[tuple[str, ...]] = ()
 
     @model_serializer(mode="wrap")
-    def _without_empty(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_empty(self, whole: Callable[[Record], dict[str, Any]]) -> dict[str, Any]:
         return {key: value for key, value in whole(self).items() if value or key not in self._if_any}
 
 
