@@ -15,7 +15,7 @@ from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
 from cavirheo.reporting.panels import answer_panels, group_panels
 from cavirheo.reporting.pictures import file_names
 from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
-from cavirheo.writing.document import CLAIM, Claim, Outputs, claimed, try_to_draw, write_json, write_rows
+from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -75,7 +75,7 @@ def write_report(
     figures, draw = figures if complete else (), draw and complete
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
     claim = Claim(command, {"command": command, "curves": sources}, replace)
-    with nullcontext() if CLAIM.get() else claimed(claim):  # a command has its claim
+    with nullcontext() if CLAIM.get() else claim.running():  # a command has its claim
         folder = outputs(directory, pairs.curves, figures)
         document = result(pairs, command, date=date, notes=notes)
         document.add_published(published or {}, references)

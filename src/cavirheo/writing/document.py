@@ -234,32 +234,28 @@ class Claim:
         file.write(f"process {os.getpid()}: {self.command}"[:200])
         file.flush()
 
-    def release(self) -> None:
-        """The folders are free, and those that were made and are empty are gone."""
-        for place, file in self._held.items():
-            with suppress(OSError):
-                place.unlink()
-            with suppress(OSError):  # a full disk
-                file.close()
-        self._held.clear()
-        for folder in self._new:
-            with suppress(OSError):  # something is in it
-                folder.rmdir()
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """While a command runs, or a call from Python writes; then the folders are free, and those that were made and
+        are empty are gone."""
+        before = CLAIM.set(self)
+        try:
+            yield
+        finally:
+            CLAIM.reset(before)
+            for place, file in self._held.items():
+                with suppress(OSError):
+                    place.unlink()
+                with suppress(OSError):  # a full disk
+                    file.close()
+            self._held.clear()
+            for folder in self._new:
+                with suppress(OSError):  # something is in it
+                    folder.rmdir()
 
 
 CLAIM: ContextVar[Claim | None] = ContextVar("claim", default=None)
 """That of the command that runs; None in Python."""
-
-
-@contextmanager
-def claimed(claim: Claim) -> Iterator[None]:
-    """While a command runs, or a call from Python writes."""
-    before = CLAIM.set(claim)
-    try:
-        yield
-    finally:
-        CLAIM.reset(before)
-        claim.release()
 
 
 class Outputs:
