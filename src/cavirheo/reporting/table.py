@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from cavirheo.io.shots import stem_of
 from cavirheo.messages import title
 from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord, OtherModel, Unit, evidence, in_unit, parameter_key, parameters_of
 from cavirheo.reporting.group import OURS, TOGETHER, GroupRecord, error_of, spread_over
 from cavirheo.reporting.material import KEYS
@@ -39,7 +38,6 @@ WIDE_SCATTER = 0.4  # scatter of G from shot to shot, of its mean: a gel made on
 _WINDOWS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
 _WIDE = 110  # columns; below this an interval stands under its median, and only those of G and mu are shown
 _WIDE_COMPARISON = 100  # columns; below this cells have two lines
-_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 
 def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
@@ -399,7 +397,8 @@ def _references(result: Result) -> list[str]:
 def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """The material, and shots with another verdict than ok."""
     lines = [group.material.line] if group.material else []
-    if counts := [f"{digits.LOOKS[v].words} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
+    counted = [(look.words, group.verdicts.get(verdict)) for verdict, look in digits.LOOKS.items() if verdict != "ok"]
+    if counts := [f"{words} {n}" for words, n in counted if n]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
     reasons = terminal.by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
     return lines + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
@@ -474,7 +473,7 @@ def write_comparison(path: Path, result: Result) -> None:
         for to in _references(result):
             line |= {f"{name}_error_to_{to}": row.error(to, method) for method, name in names.items() if method != to}
         line |= {"n_shots": len(row.shots), "n_answered": row.group.n}
-        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
+        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in digits.LOOKS}
         ends = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
         line |= zip(ends, row.misfits, strict=True)
         line |= {"models": ", ".join(row.group.models), "message": "; ".join(group_remarks(row.group, row.shots))}
