@@ -14,7 +14,7 @@ from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
 from cavirheo.reporting.panels import answer_panels, group_panels
 from cavirheo.reporting.pictures import file_names
-from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
+from cavirheo.reporting.record import CurveAnswers, Pairs, Result, group_names, read_json, result
 from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
@@ -27,8 +27,7 @@ DOCUMENTS = ("result.json", "result.csv", "report.html")
 def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Sequence[str] = ()) -> Outputs:
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
     pictures.check_figures(figures)
-    groups = [group for group, _ in dict.fromkeys((curve.group, curve.group_source) for curve in curves)]
-    stems = pictures.stems_of([curve.name for curve in curves], groups)
+    stems = pictures.stems_of([curve.name for curve in curves], group_names(curves))
     drawings = [f"{stem}.{kind}" for kind in figures for stem in stems]
     return Outputs(directory, *DOCUMENTS, *drawings, inputs=[curve.source for curve in curves if curve.source])
 
