@@ -27,7 +27,7 @@ from cavirheo.reporting import DOCUMENTS, html, result, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result
 from cavirheo.workflow.store import Store, analyse, of_file
-from cavirheo.writing.document import Outputs, write_json
+from cavirheo.writing.document import Outputs, write_json, write_rows
 from cavirheo.writing.packing import key_of
 
 LOOK = 0.4  # s between two looks at the folder; a file that did not change from one to the next may be complete
@@ -160,7 +160,7 @@ class Watch:
         document = result(pairs, self.command, date=self.date, notes=notes)
         if pairs or not self.outputs.holds("result.json"):  # earlier answers stay until there are others
             self.outputs.write("result.json", write_json, document)
-            self.outputs.write("result.csv", table.write_csv, document)
+            self.outputs.write("result.csv", write_rows, *table.rows_of(document))
         keys = [key for key in self._recordings() if self.store.get(key)]
         latest = keys.index(self._latest) if self._latest in keys else len(pairs) - 1
         curve, answer = pairs[latest] if pairs else (None, None)

@@ -26,7 +26,7 @@ from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reporting import pictures, read_json, write_report
 from cavirheo.workflow.store import Store, Unfinished
-from cavirheo.writing.document import LIST, LOCK, Claim, Outputs, claimed
+from cavirheo.writing.document import LIST, LOCK, Claim, Outputs
 
 VERBS = {  # what each writes first, and a call that is complete but for -o
     "result.csv": "infer shot.csv --verify none",
@@ -71,10 +71,10 @@ def test_what_is_not_this_runs_is_not_replaced(run, inputs, name):
     (out / name).symlink_to(inputs / "nowhere")
     leaves_all(inputs, run, name, "out", f"out/{name}")
     (out / name).unlink()
-    with claimed(Claim("cavirheo elsewhere", {})):
+    with Claim("cavirheo elsewhere", {}).running():
         Outputs(out, "r")
         leaves_all(inputs, run, name, "out", "cavirheo elsewhere")
-    with claimed(Claim("cavirheo of yesterday", {})):
+    with Claim("cavirheo of yesterday", {}).running():
         Outputs(out, name).write(name, Path.write_text, "answers")
     leaves_all(inputs, run, name, "out", "cavirheo of yesterday", "-o", "--replace")
 

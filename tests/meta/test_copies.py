@@ -15,8 +15,8 @@ from cavirheo import InputError, Medium, SolverError
 from cavirheo.physics.materials import LAWS, Material, parse
 from cavirheo.physics.media import Pulse, Trace
 from cavirheo.posterior import Bubble, Evidence, WindowAnswer
-from cavirheo.reporting import result
-from cavirheo.reporting.table import write_csv
+from cavirheo.reporting import result, table
+from cavirheo.writing.document import write_rows
 
 WAYS = {"pickle": lambda one: pickle.loads(pickle.dumps(one, protocol=2)), "copy": copy.copy, "deepcopy": copy.deepcopy}
 
@@ -75,7 +75,7 @@ def test_draws_and_documents_are_tables_and_drawn(held, tmp_path):
     quantiles = drawn["viscosity_Pa_s"].quantile([0.05, 0.5, 0.95])
     assert quantiles.tolist() == pytest.approx(population.interval("viscosity"))
     assert drawn["viscosity_spread_decades"].median() == pytest.approx(population.scatter("viscosity")[1])
-    write_csv(tmp_path / "result.csv", held["document"])
+    write_rows(tmp_path / "result.csv", *table.rows_of(held["document"]))
     frame, read = held["document"].to_dataframe(), pandas.read_csv(tmp_path / "result.csv")
     assert list(frame.columns) == list(read.columns)
     assert frame["viscosity_Pa_s"].tolist() == pytest.approx(read["viscosity_Pa_s"].tolist(), rel=1e-5)

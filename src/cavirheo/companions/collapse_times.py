@@ -304,5 +304,5 @@ def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
     if not heavy.all():
         axes.plot(radius[~heavy], measured[~heavy], "o", ms=4.5, mfc="none", mec=BLUE, label="weighted down")
     axes.plot(radius, model, "s", ms=4.2, mfc="none", mec=VERMILLION, label=f"{group.model} model")
-    named_curves(axes, 3)
+    named_curves(axes)
     return drawing

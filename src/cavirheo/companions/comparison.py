@@ -23,7 +23,7 @@ from cavirheo.reporting import DOCUMENTS, html, outputs, read_json, result, tabl
 from cavirheo.reporting.group import REFERENCES
 from cavirheo.reporting.record import Result
 from cavirheo.workflow.store import Unfinished
-from cavirheo.writing.document import Outputs, write_json
+from cavirheo.writing.document import Outputs, write_json, write_rows
 
 _TABLE = "comparison.csv"
 _OF_LIQUIDS = {"bdt-viscoelastic": "bdt-viscous"}  # by the network of gels
@@ -124,7 +124,7 @@ def compare(
         document.add_published(by_group((group.name for group in document.groups), published), against)
         report = Outputs(out, *DOCUMENTS, inputs=inputs)  # the same documents, without pictures of shots
         report.write("result.json", write_json, document)
-        report.write("result.csv", table.write_csv, document)
+        report.write("result.csv", write_rows, *table.rows_of(document))
         report.write("report.html", html.write, document)
         report.finish()
         _write_table(table_outputs(), document)

@@ -538,8 +538,8 @@ def figure(document: Rheometry, kind: str) -> Figure:
     if ends and (first := max(low for low, _ in ends)) < (last := min(high for _, high in ends)):
         title = "linear range" if kind == "strain" else "plateau"
         axes.axvspan(scale * first, scale * last, color="#00694d", alpha=0.09, lw=0, zorder=0, label=title)
-    named_curves(axes, 3)
+    named_curves(axes)
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
-        plain_ticks(axis, (1, 2, 5) if 0 < high < 100 * low else (1,), 9)
+        plain_ticks(axis, (1, 2, 5) if 0 < high < 100 * low else (1,))
     return drawing

@@ -14,8 +14,8 @@ from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import REFERENCES, GroupRecord, Published
 from cavirheo.reporting.panels import answer_panels, group_panels
 from cavirheo.reporting.pictures import file_names
-from cavirheo.reporting.record import CurveAnswers, Pairs, Result, read_json, result
-from cavirheo.writing.document import CLAIM, Claim, Outputs, claimed, try_to_draw, write_json
+from cavirheo.reporting.record import CurveAnswers, Pairs, Result, group_names, read_json, result
+from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_json, write_rows
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -27,8 +27,7 @@ DOCUMENTS = ("result.json", "result.csv", "report.html")
 def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Sequence[str] = ()) -> Outputs:
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
     pictures.check_figures(figures)
-    groups = [group for group, _ in dict.fromkeys((curve.group, curve.group_source) for curve in curves)]
-    stems = pictures.stems_of([curve.name for curve in curves], groups)
+    stems = pictures.stems_of([curve.name for curve in curves], group_names(curves))
     drawings = [f"{stem}.{kind}" for kind in figures for stem in stems]
     return Outputs(directory, *DOCUMENTS, *drawings, inputs=[curve.source for curve in curves if curve.source])
 
@@ -75,14 +74,14 @@ def write_report(
     figures, draw = figures if complete else (), draw and complete
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
     claim = Claim(command, {"command": command, "curves": sources}, replace)
-    with nullcontext() if CLAIM.get() else claimed(claim):  # a command has its claim
+    with nullcontext() if CLAIM.get() else claim.running():  # a command has its claim
         folder = outputs(directory, pairs.curves, figures)
         document = result(pairs, command, date=date, notes=notes)
         document.add_published(published or {}, references)
         of_curves = _curve_pictures(pairs, document) if draw else []
         of_groups = group_pictures(pairs, document, document.notes) if draw else []
         folder.write("result.json", write_json, document)
-        folder.write("result.csv", table.write_csv, document)
+        folder.write("result.csv", write_rows, *table.rows_of(document))
         if figures and (failed := pictures.write_figures(folder, pairs, document, figures, advance)):
             document.notes += failed
             folder.write("result.json", write_json, document)

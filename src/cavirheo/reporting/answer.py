@@ -19,17 +19,7 @@ from cavirheo.parameters import AT_RATE, BUBBLE, LOG10, RATE, of_the_law, search
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import viscosity_at
 from cavirheo.physics.media import Medium
-from cavirheo.posterior import (
-    TRUSTED,
-    Checks,
-    Diagnostics,
-    Evidence,
-    OtherAnswer,
-    Posterior,
-    Verdict,
-    WindowAnswer,
-    intervals,
-)
+from cavirheo.posterior import TRUSTED, Checks, Diagnostics, Evidence, Posterior, Verdict, WindowAnswer, intervals
 from cavirheo.reporting.material import KEYS, ParameterValues
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
@@ -276,7 +266,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         column=dict(curve.column),
         stretch_prior={"mean": prior[0], "std": prior[1]} if prior else {},
         seconds=finite(posterior.seconds) or 0.0,
-        other_models=[_model_record(answer) for answer in posterior.others],
+        other_models=_other_models(posterior),
         windows={key: _json_fields(window) for key, window in posterior.windows.items()},
         diagnostics=_json_fields(posterior.diagnostics),
         provenance=_plain(posterior.provenance),
@@ -310,21 +300,21 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     return {AT_RATE: Quantity.of(low, float(median), high)}
 
 
-def _model_record(answer: OtherAnswer) -> OtherModel:
-    names = (*answer.intervals, *(name for name in BUBBLE if answer.best.get(name)))
-    values = {name: Quantity(median=finite(answer.best.get(name))) for name in names}
-    for name, (low, median, high) in answer.intervals.items():
-        if np.all(np.isfinite((low, median, high))):
-            values[name] = Quantity.of(low, median, high, searched_bound(name, low, high))
-    if (viscosity := viscosity_at(answer.material, RATE, answer.best)) is not None:
-        values[AT_RATE] = Quantity(median=viscosity)
-    evidence = answer.evidence or Evidence(np.nan)
-    return OtherModel(
-        **{name: getattr(answer, name) for name in ("material", "bubble", "rmse_over_rmax", "weight")},
-        **OtherModel.fields_of(values),
-        log_evidence=evidence.log,
-        evidence_error=evidence.error,
-    )
+def _other_models(posterior: Posterior) -> list[OtherModel]:
+    records = []
+    for answer in posterior.others:
+        names = (*answer.intervals, *(name for name in BUBBLE if answer.best.get(name)))
+        values = {name: Quantity(median=finite(answer.best.get(name))) for name in names}
+        for name, (low, median, high) in answer.intervals.items():
+            if np.all(np.isfinite((low, median, high))):
+                values[name] = Quantity.of(low, median, high, searched_bound(name, low, high))
+        if (viscosity := viscosity_at(answer.material, RATE, answer.best)) is not None:
+            values[AT_RATE] = Quantity(median=viscosity)
+        evidence = answer.evidence or Evidence(np.nan)
+        record = {name: getattr(answer, name) for name in ("material", "bubble", "rmse_over_rmax", "weight")}
+        record |= {"log_evidence": evidence.log, "evidence_error": evidence.error} | OtherModel.fields_of(values)
+        records.append(OtherModel(**record))
+    return records
 
 
 def meaning_of(name: str) -> str:

@@ -36,7 +36,7 @@ HALF_WIDTH = 0.1  # of the 90 % interval of the material, over its value
 _LIVE_SIZE = (335.0, 178.0)  # px of the picture, whose type is to be large
 
 if TYPE_CHECKING:
-    from jinja2 import Environment, Template
+    from jinja2 import Template
 
 
 def write(
@@ -51,21 +51,20 @@ def write(
     more than DETAILED curves each has its row, message and picture."""
     curves = result.curves
     answers = [curve for curve in curves if curve.has_answer]
-    facts = [
-        {
-            "material": digits.MATERIALS.get(curve.material, curve.material),
-            "bubble": curve.bubble.sentence,
-            "method": digits.METHODS.get(curve.method, curve.method),
-            "stretch": curve.diagnostics.stretch_source,
-            "file": curve.source,
-        }
-        for curve in answers
-    ]
-    shared = {name: text for name, text in _common(facts).items() if text} if len(facts) > 1 else {}
+    common = _common([facts(curve) for curve in answers]) if len(answers) > 1 else {}
+    shared = {name: text for name, text in common.items() if text}
     content = {"result": result, "unit": result.modulus_unit, "shared": shared, "brief": len(curves) > DETAILED}
     content |= {"pictures": pictures, "group_pictures": group_pictures, "sheets": sheets}
     content["origin"] = _text(_common([curve.provenance for curve in (answers if shared else curves)]))
     Path(path).write_text(template("report.html").render(**content), encoding="utf-8")
+
+
+def facts(record: CurveRecord) -> dict[str, str]:
+    """What is said of a curve, or once of all where it is the same."""
+    material = digits.MATERIALS.get(record.material, record.material)
+    method = digits.METHODS.get(record.method, record.method)
+    words = {"material": material, "bubble": record.bubble.sentence, "method": method}
+    return words | {"stretch": record.diagnostics.stretch_source, "file": record.source}
 
 
 def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -84,9 +83,19 @@ def article(record: CurveRecord, factor: float, unit: str) -> str:
     return part("article", record, factor, unit, origin=_text({"source": record.source, **record.provenance}))
 
 
+@cache
 def template(name: str, package: str = "cavirheo.reporting") -> Template:
     """One of the templates in the folder of a package."""
-    return _templates(package).get_template(name)
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader(package, "")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True, finalize=_printable
+    )
+    functions = (facts, in_unit, meaning_of, parameter_key, model_rows, windows)
+    environment.globals.update({function.__name__: function for function in functions})
+    environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
+    return environment.get_template(name)
 
 
 def part(name: str, *values: Any, **more: Any) -> str:
@@ -119,20 +128,3 @@ def live_page(
 def _printable(value: Any) -> Any:
     """Without control characters, and as safe as it was."""
     return type(value)(digits.printable(value)) if isinstance(value, str) else value
-
-
-@cache
-def _templates(package: str) -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader(package, ""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        finalize=_printable,
-    )
-    functions = (in_unit, meaning_of, parameter_key, model_rows, windows)
-    environment.globals.update({function.__name__: function for function in functions})
-    environment.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
-    return environment

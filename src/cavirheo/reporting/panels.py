@@ -26,7 +26,6 @@ from cavirheo.writing.document import Quantity, Spread
 FAR = 3.0  # largest over smallest, above which axes begin at zero
 RMAX = "Rₘₐₓ"
 _SIZE = "R_max"  # in place of a parameter's name
-Mark = tuple[str, str, Floats | None, Floats]  # look, name, and (3,) lower end, value and upper end along both axes
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,6 @@ class Axis:
     low: float
     high: float
     remark: str = ""
-
-    @property
-    def title(self) -> str:
-        """The name with the remark."""
-        return ", ".join(filter(None, (self.label, self.remark)))
 
     def ticks(self, most: int) -> list[float]:
         """At most so many round numbers within the ends, evenly spaced; the ends where no round number is known."""
@@ -299,7 +293,8 @@ def _answers(
         Layer("dots", "estimate", x[finite, 1], y[finite, 1], tones=tones[finite]),
         Layer("dots", "ring", x[finite & ~trusted, 1], y[finite & ~trusted, 1], "does not count"),
     ]
-    marks: list[Mark] = []
+    # look, name, and (3,) lower end, value and upper end along both axes; None: along the whole of `x`
+    marks: list[tuple[str, str, Floats | None, Floats]] = []
     if over_size and (slope := group.slopes.get(upper)):
         power, some = slope.median or 0.0, (y[:, 1] > 0) & (trusted | (slope.n_trusted < slope.n))
         level = np.median(np.log(y[some, 1]) - power * np.log(x[some, 1]))

@@ -99,7 +99,8 @@ class Frame:
             places = self.place(columns, panel.y.low)[0]
             path += "".join(f"M{across} {bottom}v{_TICK}" for across in places)
             ticks += [("middle", x, bottom + 15 * PX, f"{n:g}") for x, n in zip(places, columns, strict=True)]
-            names.append(("name end", right, bottom + 31 * PX, panel.x.title))
+            title = ", ".join(filter(None, (panel.x.label, panel.x.remark)))
+            names.append(("name end", right, bottom + 31 * PX, title))
         if second := panel.top:
             columns = second.ticks(max(width // (45 * PX), 2))
             for across, n in zip(self.place(columns, panel.y.low, second)[0], columns, strict=True):

@@ -149,10 +149,8 @@ def result_of(
     notes: Sequence[str] = (),
 ) -> Result:
     """The record of these rows and of their groups. materials: of the groups; without them these have none."""
-    members, title = _members(rows), _title(rows)
+    members, names, title = _members(rows), group_names(rows), _title(rows)
     materials = materials or [None] * len(members)
-    stems = [group for group, _ in members]
-    names = [group if stems.count(group) == 1 or not source else source for group, source in members]
     groups = [
         group_of(name, [rows[i] for i in indices], population_record(material, title))
         for name, indices, material in zip(names, members.values(), materials, strict=True)
@@ -161,6 +159,13 @@ def result_of(
     return Result(
         command=command, date=date, notes=list(notes), curves=list(rows), groups=groups, differences=differing
     )
+
+
+def group_names(curves: Iterable[CurveRecord | RadiusCurve]) -> list[str]:
+    """How the groups of curves are called, in their order: by what was read where several have one name."""
+    members = list(_members(curves))
+    stems = [group for group, _ in members]
+    return [group if stems.count(group) == 1 or not source else source for group, source in members]
 
 
 def _title(curves: Iterable[CurveRecord | RadiusCurve]) -> str:

@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from cavirheo.io.shots import stem_of
 from cavirheo.messages import title
 from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord, OtherModel, Unit, evidence, in_unit, parameter_key, parameters_of
 from cavirheo.reporting.group import OURS, TOGETHER, GroupRecord, error_of, spread_over
 from cavirheo.reporting.material import KEYS
@@ -39,7 +38,6 @@ WIDE_SCATTER = 0.4  # scatter of G from shot to shot, of its mean: a gel made on
 _WINDOWS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
 _WIDE = 110  # columns; below this an interval stands under its median, and only those of G and mu are shown
 _WIDE_COMPARISON = 100  # columns; below this cells have two lines
-_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 
 def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
@@ -330,13 +328,8 @@ def _print_windows(console: Console, result: Result) -> None:
     console.print(table)
 
 
-def write_csv(path: str | Path, result: Result) -> None:
-    """One line per curve; SI units in the names of the columns; empty where there is no number."""
-    write_rows(path, *rows_of(result))
-
-
 def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
-    """(names of the columns, a row for each curve)."""
+    """(names of the columns of result.csv, SI units in them; a row for each curve, None where there is no number)."""
     first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
     columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *further)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
@@ -379,7 +372,7 @@ class ComparedParameter(NamedTuple):
     @property
     def misfits(self) -> list[float | None]:
         """Median, smallest and largest RMSE over R_max of the answered shots."""
-        misfits = [shot.rmse_over_rmax for shot in self.shots if shot.has_answer and shot.rmse_over_rmax is not None]
+        misfits = [shot.rmse_over_rmax for shot in self.shots if shot.rmse_over_rmax is not None]
         return [float(np.median(misfits)), min(misfits), max(misfits)] if misfits else [None] * 3
 
 
@@ -387,13 +380,11 @@ def compared_parameters(result: Result) -> list[ComparedParameter]:
     """One for each parameter of each group that is published or inferred; a liquid has no G."""
     rows = []
     for group, shots in result.shots():
-        answers = [shot for shot in shots if shot.has_answer]
-        of_shots = [name for name in KEYS if any(shot.value(name).median for shot in answers)]
-        inferred = [name for name in KEYS if name in of_shots or group.value(name).mean is not None]
+        inferred = [name for name in KEYS if any(shot.value(name).median for shot in shots)]
         published = [name for values in group.published.values() for name in values]
         for name in sorted({*inferred, *published}, key=[*KEYS, *published].index) or [""]:
             values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
-            values |= {OURS_TRUSTED: group.value(name), OURS_ALL: spread_over(answers, name)}
+            values |= {OURS_TRUSTED: group.value(name), OURS_ALL: spread_over(shots, name)}
             rows.append(ComparedParameter(group, shots, name, values))
     return rows
 
@@ -406,7 +397,8 @@ def _references(result: Result) -> list[str]:
 def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
     """The material, and shots with another verdict than ok."""
     lines = [group.material.line] if group.material else []
-    if counts := [f"{digits.LOOKS[v].words} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
+    counted = [(look.words, group.verdicts.get(verdict)) for verdict, look in digits.LOOKS.items() if verdict != "ok"]
+    if counts := [f"{words} {n}" for words, n in counted if n]:
         lines.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
     reasons = terminal.by_message((shot.name, shot.message) for shot in shots if not shot.has_answer)
     return lines + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
@@ -481,7 +473,7 @@ def write_comparison(path: Path, result: Result) -> None:
         for to in _references(result):
             line |= {f"{name}_error_to_{to}": row.error(to, method) for method, name in names.items() if method != to}
         line |= {"n_shots": len(row.shots), "n_answered": row.group.n}
-        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
+        line |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in digits.LOOKS}
         ends = (f"rmse_over_rmax_{end}" for end in ("median", "smallest", "largest"))
         line |= zip(ends, row.misfits, strict=True)
         line |= {"models": ", ".join(row.group.models), "message": "; ".join(group_remarks(row.group, row.shots))}

@@ -145,11 +145,11 @@ class Command(TyperCommand):
         try:
             verb = super().invoke(ctx)
             if isinstance(verb, Verb):  # two calls that ask for the same answers make the same claim, from anywhere
-                from cavirheo.writing.document import Claim, claimed
+                from cavirheo.writing.document import Claim
 
                 options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
                 request = json.loads(json.dumps({"verb": type(verb).__name__} | options, default=os.path.realpath))
-                with claimed(Claim(command_line(), request, verb.replace)):
+                with Claim(command_line(), request, verb.replace).running():
                     verb(Run(json=getattr(verb, "json", False), quiet=verb.quiet))
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)

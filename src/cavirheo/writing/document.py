@@ -24,15 +24,7 @@ from tempfile import TemporaryFile
 from typing import IO, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    model_serializer,
-)
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_serializer
 from pydantic_core import to_json
 
 from cavirheo.errors import InputError, as_cell, as_remark, printable, read_bytes, require, sha256
@@ -70,7 +62,7 @@ class Record(BaseModel):
     _if_any: ClassVar[tuple[str, ...]] = ()
 
     @model_serializer(mode="wrap")
-    def _without_empty(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_empty(self, whole: Callable[[Record], dict[str, Any]]) -> dict[str, Any]:
         return {key: value for key, value in whole(self).items() if value or key not in self._if_any}
 
 
@@ -242,32 +234,28 @@ class Claim:
         file.write(f"process {os.getpid()}: {self.command}"[:200])
         file.flush()
 
-    def release(self) -> None:
-        """The folders are free, and those that were made and are empty are gone."""
-        for place, file in self._held.items():
-            with suppress(OSError):
-                place.unlink()
-            with suppress(OSError):  # a full disk
-                file.close()
-        self._held.clear()
-        for folder in self._new:
-            with suppress(OSError):  # something is in it
-                folder.rmdir()
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """While a command runs, or a call from Python writes; then the folders are free, and those that were made and
+        are empty are gone."""
+        before = CLAIM.set(self)
+        try:
+            yield
+        finally:
+            CLAIM.reset(before)
+            for place, file in self._held.items():
+                with suppress(OSError):
+                    place.unlink()
+                with suppress(OSError):  # a full disk
+                    file.close()
+            self._held.clear()
+            for folder in self._new:
+                with suppress(OSError):  # something is in it
+                    folder.rmdir()
 
 
 CLAIM: ContextVar[Claim | None] = ContextVar("claim", default=None)
 """That of the command that runs; None in Python."""
-
-
-@contextmanager
-def claimed(claim: Claim) -> Iterator[None]:
-    """While a command runs, or a call from Python writes."""
-    before = CLAIM.set(claim)
-    try:
-        yield
-    finally:
-        CLAIM.reset(before)
-        claim.release()
 
 
 class Outputs:

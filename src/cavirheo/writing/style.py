@@ -74,17 +74,16 @@ def panel(name: str, right: str, x_label: str, y_label: str) -> tuple[Figure, Ax
     return figure, new_axes(figure, (0.1, 0.13, 0.875, 0.72), x_label, y_label)
 
 
-def named_curves(axes: Axes, count: int, **how: Any) -> None:
-    """The names of so many curves in one line at the upper right of a panel, above the curves."""
-    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.985), "ncols": count}
-    axes.legend(**place, fontsize=8.5, frameon=False, handlelength=1.6, **how)
+def named_curves(axes: Axes) -> None:
+    """The names of the curves, three in a line, at the upper right of a panel, above the curves."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=3, fontsize=8.5, frameon=False, handlelength=1.6)
 
 
-def plain_ticks(axis: Any, steps: tuple[int, ...], most: int | None = None) -> None:
-    """0.01, 1, 100 instead of powers, and such multiples of these."""
+def plain_ticks(axis: Any, steps: tuple[int, ...]) -> None:
+    """0.01, 1, 100 instead of powers, and such multiples of these; about nine at most."""
     from matplotlib.ticker import LogLocator
 
-    axis.set_major_locator(LogLocator(subs=steps, numticks=most))
+    axis.set_major_locator(LogLocator(subs=steps, numticks=9))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter("")
 

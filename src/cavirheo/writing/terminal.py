@@ -126,26 +126,20 @@ def _merged(form: str, columns: Sequence[Sequence[str]]) -> str:
 
 
 def print_remarks(
-    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 10**9
+    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 10**9, mark: Any = "• "
 ) -> None:
-    """A line for each message, after the names that it is about, at most so many; then notes on the whole."""
+    """A line for each message, after a mark (text, or text and style) and the names that it is about, at most so many;
+    then notes on the whole."""
     from rich.text import Text
 
     for message, names in remarks.items():
-        to.print(Text("• ").append(_listed(names, most), "bold").append(f": {printable(message)}"))
+        listed = printable(", ".join(names[:most])) + f" and {len(names) - most} more" * (len(names) > most)
+        to.print(Text.assemble(mark, (listed, "bold"), f": {printable(message)}"))
     for note in notes:
         to.print(Text(f"• {printable(note)}"))
 
 
-def _listed(names: Sequence[str], most: int) -> str:
-    return printable(", ".join(names[:most])) + f" and {len(names) - most} more" * (len(names) > most)
-
-
 def print_warnings(to: Console, warnings: Iterable[tuple[str, str]]) -> None:
     """What is to be checked of recordings and settings, of (name, sentence): each once, before all other remarks."""
-    from rich.text import Text
-
-    look = LOOKS["check_input"]
-    for message, of in by_message(warnings).items():
-        line = Text().append(f"{look.words}: ", look.terminal).append(_listed([*dict.fromkeys(of)], 2), "bold")
-        to.print(line.append(f": {printable(message)}"))
+    look, names = LOOKS["check_input"], {text: [*dict.fromkeys(of)] for text, of in by_message(warnings).items()}
+    print_remarks(to, names, most=2, mark=(f"{look.words}: ", look.terminal))
