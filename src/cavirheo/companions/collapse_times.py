@@ -238,10 +238,9 @@ def write_csv(path: Path, document: CollapseTimes) -> None:
 
 def _interval(value: CollapseValue, factor: float = 1.0, *, joint: str = " ") -> str:
     """'6.5 [4.5, 8.6]', to the digits that the interval leaves; without it where there is none."""
-    low, high = (None, None) if value.low == value.high else (value.low, value.high)
-    if value.value == 0 and high is not None:  # which leaves no digits to go by
-        return f"0{joint}[0, {digits.significant(high * factor, 2)}]"
-    return digits.quantity(Quantity(median=value.value, q05=low, q95=high), factor, joint=joint)
+    if value.value == 0 and value.high:  # which leaves no digits to go by
+        return f"0{joint}[0, {digits.significant(value.high * factor, 2)}]"
+    return digits.quantity(Quantity.of(value.low, value.value, value.high), factor, joint=joint)
 
 
 def print_table(document: CollapseTimes) -> None:
