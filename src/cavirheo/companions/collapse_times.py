@@ -205,7 +205,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
             fine = len(shape) == 2 and 3 in shape and 0 not in shape
             require(fine, f"{expected}; got {got}", "collapse_time.variable")
             radius, stretches, time = array.T if shape[1] == 3 else array
-            names, notes = list[str](), [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
+            name, notes = None, [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
         else:
             try:
                 (table,) = read_columns(path, VOCABULARY)
@@ -215,17 +215,16 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
                 return None  # the reader of curves knows more kinds of files, and says what is wrong
             radius, stretches, time = (column and column.si for column in map(table.only, ("R_max", "lambda", "t_1")))
             name, notes = table.only("name"), table.notes
-            names = name.text if name else []
         missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
         require(stretches is not None or stretch is not None, missing, "collapse_time.no_stretch")
-        origin = "given" if stretches is None else "table"
+        origin = "table"
         if stretches is None:
-            stretches = np.full(len(time), stretch)
+            origin, stretches = "given", np.full(len(time), stretch)
         elif stretch is not None:
             notes = [*notes, "lambda of the table used, not the one given"]
         rows = np.column_stack([radius, stretches, time]).tolist()
-        names = names or [str(k) for k in range(1, len(rows) + 1)]
-        shots = selected([_shot(name, origin, *row) for name, row in zip(names, rows, strict=True)], chosen)
+        names = name.text if name else map(str, range(1, len(rows) + 1))
+        shots = selected([_shot(text, origin, *row) for text, row in zip(names, rows, strict=True)], chosen)
         head: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=shots, **head)
 
