@@ -205,7 +205,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
             fine = len(shape) == 2 and 3 in shape and 0 not in shape
             require(fine, f"{expected}; got {got}", "collapse_time.variable")
             radius, stretches, time = array.T if shape[1] == 3 else array
-            names, notes = list[str](), [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
+            name, notes = None, [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
         else:
             try:
                 (table,) = read_columns(path, VOCABULARY)
@@ -215,17 +215,16 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
                 return None  # the reader of curves knows more kinds of files, and says what is wrong
             radius, stretches, time = (column and column.si for column in map(table.only, ("R_max", "lambda", "t_1")))
             name, notes = table.only("name"), table.notes
-            names = name.text if name else []
         missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
         require(stretches is not None or stretch is not None, missing, "collapse_time.no_stretch")
-        origin = "given" if stretches is None else "table"
+        origin = "table"
         if stretches is None:
-            stretches = np.full(len(time), stretch)
+            origin, stretches = "given", np.full(len(time), stretch)
         elif stretch is not None:
             notes = [*notes, "lambda of the table used, not the one given"]
         rows = np.column_stack([radius, stretches, time]).tolist()
-        names = names or [str(k) for k in range(1, len(rows) + 1)]
-        shots = selected([_shot(name, origin, *row) for name, row in zip(names, rows, strict=True)], chosen)
+        names = name.text if name else map(str, range(1, len(rows) + 1))
+        shots = selected([_shot(text, origin, *row) for text, row in zip(names, rows, strict=True)], chosen)
         head: Any = {"source": file_label(path), "source_sha256": sha256(path), "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=shots, **head)
 
@@ -238,10 +237,9 @@ def write_csv(path: Path, document: CollapseTimes) -> None:
 
 def _interval(value: CollapseValue, factor: float = 1.0, *, joint: str = " ") -> str:
     """'6.5 [4.5, 8.6]', to the digits that the interval leaves; without it where there is none."""
-    low, high = (None, None) if value.low == value.high else (value.low, value.high)
-    if value.value == 0 and high is not None:  # which leaves no digits to go by
-        return f"0{joint}[0, {digits.significant(high * factor, 2)}]"
-    return digits.quantity(Quantity(median=value.value, q05=low, q95=high), factor, joint=joint)
+    if value.value == 0 and value.high:  # which leaves no digits to go by
+        return f"0{joint}[0, {digits.significant(value.high * factor, 2)}]"
+    return digits.quantity(Quantity.of(value.low, value.value, value.high), factor, joint=joint)
 
 
 def print_table(document: CollapseTimes) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -175,12 +176,11 @@ def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> CurveSe
     settings = reference.settings
     name = settings.get("files", reference.name)
     matches, files = list[Path](), list[Path]()
-    try:
+    # an absolute pattern, a name that no file can have
+    with suppress(InputError, ValueError, NotImplementedError, OSError):
         matches = [folder / name] if (folder / name).exists() else sorted(folder.glob(name))
         matches = [path for path in matches if path.name[:1] not in ("", ".")]
         files = [file for file in expand(matches) if file.resolve() != references.resolve()]
-    except (InputError, ValueError, NotImplementedError, OSError):  # an absolute pattern, a name that no file can have
-        pass
     neighbours = [file for path in matches if path.is_dir() for file in sorted(path.iterdir()) if file.name[0] != "."]
     ignored = ", ".join(file.name for file in neighbours if file.is_file() and file not in files)
     notes = [f"left out, for they do not look like measurements: {ignored}"] if ignored else []

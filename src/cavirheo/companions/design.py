@@ -308,7 +308,7 @@ def design(
 
 def _settings(rig: Rig, sizes: int) -> list[Setting]:
     """Each frame rate with so many R_max."""
-    rates, noises = rig.frame_rate, np.broadcast_to(np.asarray(rig.noise, dtype=float), len(rig.frame_rate)).tolist()
+    rates, noises = rig.frame_rate, np.broadcast_to(rig.noise, len(rig.frame_rate)).tolist()
     smallest, largest = rig.max_radius
     radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1).tolist()
     return [

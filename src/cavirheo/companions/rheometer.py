@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
@@ -25,7 +25,7 @@ from scipy.interpolate import PchipInterpolator
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, printable, require, sha256
 from cavirheo.io.files import file_label, guarded
-from cavirheo.io.tables import Table, Term, Vocabulary, read_columns
+from cavirheo.io.tables import Row, Table, Term, Vocabulary, read_columns
 from cavirheo.reporting.group import Published, PublishedValue
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
@@ -186,7 +186,7 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
     else:
         band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
-    return _with_crossover(sweep, solid=True, above=gamma[first])
+    return _with_crossover(sweep, above=gamma[first])
 
 
 def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int, int, float] | None:
@@ -253,13 +253,13 @@ def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
     return (first, last) if x[last] - x[first] >= _DECADE else None
 
 
-def _with_crossover(sweep: Sweep, *, solid: bool = False, above: float = 0.0) -> Sweep:
-    """The sweep with its first G' = G'' above an x, in the logarithms; of a `solid` the first where G'' wins beyond."""
+def _with_crossover(sweep: Sweep, above: float = 0.0) -> Sweep:
+    """The sweep with its first G' = G'' above an x, in the logarithms; over strain the first where G'' wins beyond."""
     gap = np.log(sweep.storage / sweep.loss)
     for k in np.flatnonzero((gap[1:] > 0) != (gap[:-1] > 0)):
         part = gap[k] / (gap[k] - gap[k + 1])
         x, modulus = (values[k] * (values[k + 1] / values[k]) ** part for values in (sweep.x, sweep.storage))
-        if x > above and (gap[k] > 0 or not solid):
+        if x > above and (gap[k] > 0 or sweep.kind == "frequency"):
             sweep.crossover, sweep.crossover_modulus_Pa = x, modulus
             break
     return sweep
@@ -292,14 +292,15 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     return sweeps
 
 
-def _intervals(table: Table) -> Iterator[tuple[str, Table]]:
+def _intervals(table: Table) -> list[tuple[str, Table]]:
     """(label, rows) of each interval that a column tells apart; ("", all rows) where none does."""
-    columns = table.all("interval")
-    labels = columns[0].text if columns else []
-    if len(set(labels)) == len(labels):  # none, or a number for each row
-        labels = [""] * len(table.rows)
-    for label in dict.fromkeys(labels) or [""]:
-        yield label, table.part([row for row, its_label in zip(table.rows, labels, strict=True) if its_label == label])
+    rows: dict[str, list[Row]] = {}
+    for column in table.all("interval")[:1]:
+        for label, row in zip(column.text, table.rows, strict=True):
+            rows.setdefault(label, []).append(row)
+    if len(rows) in (0, len(table.rows)):  # no column, or a number for each row
+        return [("", table)]
+    return [(label, table.part(mine)) for label, mine in rows.items()]
 
 
 def _sweep(table: Table, label: str) -> Sweep:
@@ -398,10 +399,8 @@ class Rheometry(Document):
         omegas = [end for s in frequency for end in (s.x_from, s.x_to)] or [s.held for s in strain]
         strains = _present(s.held for s in frequency) or _present(s.plateau_to for s in strain)
         deformation = f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain"
-        values = {
-            "shear_modulus": self.shear_modulus_Pa,
-            f"viscosity_at_{self.at_rad_per_s:g}_rad_per_s": self.viscosity_Pa_s,
-        }
+        viscosity = f"viscosity_at_{self.at_rad_per_s:g}_rad_per_s"
+        values = {"shear_modulus": self.shear_modulus_Pa, viscosity: self.viscosity_Pa_s}
         published = {name: PublishedValue(**dict(value)) for name, value in values.items() if value.mean is not None}
         return {f"rheometer, {_span(omegas, 2)} rad/s, {deformation}": published}
 

@@ -218,7 +218,7 @@ def estimate(
             answer = _answer(problem, solved)
         why = "the shots are too alike (R_max, lambda) to tell G from µ: one relation, not both"
     if answer is None:
-        pairs = _pairs(replace(problem, exact=exact))
+        pairs = _pairs(problem, exact)
         ends = " to ".join(f"({G:.3g} Pa, {mu:.2g} Pa s)" for G, mu in (pairs[0], pairs[-1])) if pairs else ""
         answer = CollapseEstimate(pairs=pairs, message=f"{why}; equally good: {ends or 'none in range'}")
         answer.model, answer.weight = [None] * len(shots), [1.0] * len(shots)
@@ -378,14 +378,14 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
         identified=not wide and not upper,
         at_bound=at_bound,
         downweighted=[name for name, w in zip(shots.names, weight, strict=True) if w < 0.5],
-        pairs=_pairs(replace(problem, exact=False)) if wide and p == 2 else [],
+        pairs=_pairs(problem) if wide and p == 2 else [],
         message="; ".join(filter(None, messages)),
         model=list(model),
         weight=list(weight),
     )
 
 
-def _pairs(problem: _CollapseProblem) -> list[tuple[float, float]]:
+def _pairs(problem: _CollapseProblem, exact: bool = False) -> list[tuple[float, float]]:
     """The best G for each of some viscosities, if it is as good as the best of all (95 %)."""
     from scipy.stats import f as fisher
 
@@ -395,7 +395,7 @@ def _pairs(problem: _CollapseProblem) -> list[tuple[float, float]]:
     for mu in _PAIRS[_PAIRS * per_radius * _LEAST_RE <= 1]:
         subproblem = replace(problem, fixed=np.array([np.nan, mu]), exact=False)
         solved = subproblem.solve(subproblem.coarse())
-        if problem.exact and np.mean(solved.residual**2) < _HOPELESS**2:
+        if exact and np.mean(solved.residual**2) < _HOPELESS**2:
             solved = replace(subproblem, exact=True).solve(solved.values)
         pairs.append((float(solved.values[0]), float(mu)))
         costs.append(float(np.sum(solved.residual**2)))
