@@ -47,7 +47,8 @@ def _pieces(h: Floats, start: Floats, rise: Floats, slope: Floats, curvature: Fl
     c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
     c4 = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
     c5 = 6 * rise - 3 * (v0 + v1) - 0.5 * (a0 - a1)
-    return np.stack([start, slope[:, 0], curvature[:, 0] / 2, c3 / h**3, c4 / h**4, c5 / h**5], axis=1)
+    cube = h * h * h
+    return np.stack([start, slope[:, 0], curvature[:, 0] / 2, c3 / cube, c4 / (cube * h), c5 / (cube * h * h)], axis=1)
 
 
 def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) -> Floats:
