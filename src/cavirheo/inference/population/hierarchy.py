@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -80,31 +79,6 @@ class Likelihood(Gaussians):
 
     log_size: float
     effective: float
-
-
-@dataclass(frozen=True, eq=False)
-class Likelihoods(Gaussians):
-    """Those of n shots one after the other: shot (m,) to which each belongs, first (n,) of each shot; log_size: sum of
-    the shots'."""
-
-    shot: np.ndarray
-    first: np.ndarray
-    log_size: float
-
-    @classmethod
-    def of(cls, shots: Sequence[Likelihood]) -> Likelihoods:
-        counts = np.array([len(shot.share) for shot in shots])
-        names = [field.name for field in fields(Gaussians)]
-        parts: Any = {name: np.concatenate([getattr(shot, name) for shot in shots]) for name in names}
-        of, first = np.repeat(np.arange(len(shots)), counts), np.cumsum(counts) - counts
-        return cls(**parts, shot=of, first=first, log_size=float(sum(shot.log_size for shot in shots)))
-
-    @property
-    def means(self) -> Floats:
-        """(n, d) of the shots."""
-        share = self.share[:, None]
-        total = np.add.reduceat(share, self.first, axis=0)
-        return np.asarray(np.add.reduceat(share * self.mean, self.first, axis=0) / total)
 
 
 def likelihood(
@@ -278,12 +252,17 @@ def _dot(first: Sequence[Floats], second: Sequence[Floats]) -> Floats | float:
 
 class Scatter:
     """The log posterior over u, the normal coordinates of the prior (cavirheo.prior). With `spread=False` all shots
-    have one material. low, high: (d,) range of the centre, log10. column: (n,) with mean 0 and deviation 1, or None."""
+    have one material. shots: n of them, whose Gaussians stand one after the other. low, high: (d,) range of the centre,
+    log10. column: (n,) with mean 0 and deviation 1, or None."""
 
     def __init__(
-        self, shots: Likelihoods, low: Floats, high: Floats, *, spread: bool = True, column: Floats | None = None
+        self, shots: Sequence[Likelihood], low: Floats, high: Floats, *, spread: bool, column: Floats | None
     ) -> None:
-        self.shots, self.d, self.spread, self.column = shots, len(low), spread, column
+        names = [field.name for field in fields(Gaussians)]
+        self.gaussians = Gaussians(*(np.concatenate([getattr(shot, name) for shot in shots]) for name in names))
+        counts = [len(shot.share) for shot in shots]
+        self.shot, self.first = np.repeat(np.arange(len(shots)), counts), np.cumsum(counts) - counts
+        self.d, self.spread, self.column = len(low), spread, column
         d, pairs = self.d, self.d * (self.d - 1) // 2
         ranges = [(low[i], high[i], 0.0, np.inf) for i in range(d)]
         ranges += [(0.0, _LARGEST, 0.0, SPREAD)] * d * spread + [(-1.0, 1.0, 0.0, np.inf)] * pairs * spread
@@ -309,15 +288,15 @@ class Scatter:
 
     def densities(self, u: Floats) -> tuple[Floats, Floats]:
         """(k, n) log density of each shot if it is an inlier and if it is an outlier, shares included."""
-        d, shots = self.d, self.shots
+        d, gaussians = self.d, self.gaussians
         centre, spread, correlation, slope = self.parts(u)
         scatter = spread[:, :, None] * correlation * spread[:, None, :]
-        x = np.zeros(len(shots.shot)) if self.column is None else self.column[shots.shot]
+        x = np.zeros(len(self.shot)) if self.column is None else self.column[self.shot]
         along = slope[:, None] * x[:, None]
         densities = []
         for share, wide in ((1.0 - OUTLIERS, 0.0), (OUTLIERS, WIDE**2)):
-            log_p = shots.log_densities(centre, along, scatter + wide * np.eye(d)) + np.log(shots.share)
-            densities.append(np.log(share) + _log_sum(log_p, shots.first))
+            log_p = gaussians.log_densities(centre, along, scatter + wide * np.eye(d)) + np.log(gaussians.share)
+            densities.append(np.log(share) + _log_sum(log_p, self.first))
         return densities[0], densities[1]
 
     def __call__(self, u: Floats) -> Floats:
@@ -326,7 +305,7 @@ class Scatter:
         return np.concatenate(parts) + log_normal(u)
 
     def _chunks(self, u: Floats) -> list[Floats]:
-        rows = max(_CHUNK // len(self.shots.shot), 1)
+        rows = max(_CHUNK // len(self.shot), 1)
         return [u[i : i + rows] for i in range(0, len(u), rows)]
 
     def sample(self, seed: int) -> Sample:
@@ -343,14 +322,16 @@ class Scatter:
 
     def outliers(self, u: Floats) -> Floats:
         """(n,) probability that each shot is an outlier, over equally likely u (k, .)."""
-        total = np.zeros(len(self.shots.first))
+        total = np.zeros(len(self.first))
         for inside, outside in map(self.densities, self._chunks(u)):
             total += np.sum(1.0 / (1.0 + np.exp(np.clip(inside - outside, -700.0, 700.0))), axis=0)
         return np.asarray(total / len(u))
 
     def _start(self) -> Mixture:
         """About the modes, climbed to from the middle and, where there are few shots, from each of them."""
-        means = self.shots.means
+        share = self.gaussians.share[:, None]
+        total = np.add.reduceat(share, self.first, axis=0)
+        means = np.add.reduceat(share * self.gaussians.mean, self.first, axis=0) / total
         middle = np.median(means, axis=0)
         spread = np.clip(np.std(means, axis=0), 0.01, 0.5)
         steady = np.clip(1.5 * np.median(np.abs(means - middle), axis=0), 0.01, 0.5)
