@@ -128,6 +128,7 @@ class Family:
 
     name: str
     parameters: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    elastic: bool = field(init=False, repr=False, compare=False)  # whether its materials have an elastic part
     _terms: list[tuple[str, list[str]]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -143,18 +144,14 @@ class Family:
             terms.append((law, searched))
         object.__setattr__(self, "_terms", terms)
         object.__setattr__(self, "parameters", tuple(names))
-        self.material(np.mean(self.bounds(started=True), axis=1))  # whether the laws go together
+        usual = self.material(np.mean(self.bounds(started=True), axis=1))  # refused where the laws exclude each other
+        object.__setattr__(self, "elastic", usual.elastic is not None)
 
     def material(self, log10: Floats) -> Material:
         """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""
         values = iter(10.0**log10)
         terms = [(law, {name: float(next(values)) for name in names}) for law, names in self._terms]
         return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
-
-    @property
-    def elastic(self) -> bool:
-        """Whether its materials have an elastic part."""
-        return self.material(np.mean(self.bounds(started=True), axis=1)).elastic is not None
 
     def bounds(self, *, started: bool = False) -> Floats:
         """(parameters, 2): the ranges searched, or the parts of them that searches start from."""

@@ -51,11 +51,7 @@ def read_draws(
     simulated, and InputError is raised where the network cannot read the curve."""
     checked, draws = verify == "none", DRAWS if verify in ("none", "map") else STARTED
     source = "given" if shot.stretch else "inferred with the other parameters"
-    fields: dict[str, Any] = {
-        "checks": checks,
-        "medium": shot.medium,
-        "diagnostics": Diagnostics(stretch_source=source),
-    }
+    fields: dict[str, Any] = {"checks": checks, "diagnostics": Diagnostics(stretch_source=source)}
 
     def network_draws(shot: Experiment) -> tuple[Any, Floats]:
         proposal = model.proposal(shot, shot.prior(), discrepancy)

@@ -82,22 +82,18 @@ class Likelihood(Gaussians):
 
 
 def likelihood(
-    theta: Floats,
-    log_weight: Floats,
-    log_prior: Floats,
-    bounds: Sequence[Bound | None] = (),
-    ends: Floats | None = None,
+    theta: Floats, log_weight: Floats, log_prior: Floats, bounds: Sequence[Bound | None], ends: Floats
 ) -> Likelihood | None:
     """Of draws theta (k, d) of a posterior with log weights and log density of their prior (k,); None where they are
-    worth too little for a covariance. bounds: what is known of each parameter that has no value, in the range `ends`
-    (2, d) of its prior."""
+    worth too little for a covariance. bounds: what is known of each parameter, in the range `ends` (2, d) of its prior;
+    of one with a value whose tail reaches an end, a bound is tried, too."""
     log_weight = log_weight - logsumexp(log_weight) - log_prior
     size = float(logsumexp(log_weight))
     weight = np.exp(log_weight - size)
     effective, d = 1.0 / float(np.sum(weight**2)), theta.shape[1]
     if not effective > d + 3:
         return None
-    says = np.array([_SAYS[bound] for bound in bounds] or [VALUE] * d)
+    says = np.array([_SAYS[bound] for bound in bounds])
     fits = [_Fit(theta, weight, says, ends)]
     if not np.all(np.diag(fits[0].whole) > 0):
         return None
@@ -105,7 +101,10 @@ def likelihood(
         wider = effective / (effective - 1.0) * (effective + 1.0) / (effective - d - 2.0)
         few, _ = fits[0].mixture(1)
         return fits[0].likelihood(size, replace(few, covariance=few.covariance * wider), effective)
-    reaching = _reaching(theta, effective * weight, says, ends)
+    worth, width = effective * weight, _END * (ends[1] - ends[0])
+    mass = np.array([worth @ (theta < ends[0] + width), worth @ (theta > ends[1] - width)])
+    tail = np.where(mass[0] >= mass[1], UPPER, LOWER)
+    reaching = np.where((says == VALUE) & (np.max(mass, axis=0) >= _END_DRAWS), tail, says)
     if np.any(reaching != says):
         fits.append(_Fit(theta, weight, reaching, ends))
     candidates: list[tuple[float, _Fit, Gaussians]] = []
@@ -120,25 +119,13 @@ def likelihood(
     return fit.likelihood(size, gaussians, effective)
 
 
-def _reaching(theta: Floats, effective: Floats, says: np.ndarray, ends: Floats | None) -> np.ndarray:
-    """`says` (d,), with a bound for each value whose tail of draws theta (k, d), worth `effective` (k,), reaches an end
-    of the prior."""
-    if ends is None:
-        return says
-    width = _END * (ends[1] - ends[0])
-    mass = np.array([effective @ (theta < ends[0] + width), effective @ (theta > ends[1] - width)])
-    tail = np.where(mass[0] >= mass[1], UPPER, LOWER)
-    return np.where((says == VALUE) & (np.max(mass, axis=0) >= _END_DRAWS), tail, says)
-
-
 class _Fit:
     """Gaussians of draws theta (n, d) with weights that sum to 1; the first is as `says` (d,), the others are of
     values; ends: (2, d) of the prior. whole: (d, d) covariance of the draws."""
 
-    def __init__(self, theta: Floats, weight: Floats, says: np.ndarray, ends: Floats | None) -> None:
-        self.theta, self.weight, self.says, self.mean = theta, weight, says, weight @ theta
+    def __init__(self, theta: Floats, weight: Floats, says: np.ndarray, ends: Floats) -> None:
+        self.theta, self.weight, self.says, self.ends, self.mean = theta, weight, says, ends, weight @ theta
         self.whole: Floats = (theta - self.mean).T * weight @ (theta - self.mean)
-        self.ends = np.array([np.min(theta, axis=0), np.max(theta, axis=0)]) if ends is None else ends
         self.bounded: list[int] = np.flatnonzero(np.abs(says) == UPPER).tolist()
 
     def likelihood(self, size: float, gaussians: Gaussians, effective: float) -> Likelihood:
