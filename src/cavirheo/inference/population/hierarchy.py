@@ -343,40 +343,32 @@ class Scatter:
             x[self.d : 2 * self.d] = spread
         return self.prior.to_u(x, inside=1e-6)
 
-    def _climbed(self, u: Floats) -> tuple[Floats, float]:
-        steps = 1e-4 * np.concatenate([np.eye(len(u)), -np.eye(len(u))])
+    def _around(self, u: Floats, step: float) -> tuple[float, Floats, Floats]:
+        """The height at u (m,), and those (m,) a step along each coordinate, upwards and downwards."""
+        steps = step * np.eye(len(u))
+        value = self(np.concatenate([u[None], u + steps, u - steps]))
+        up, down = np.split(value[1:], 2)
+        return float(value[0]), up, down
 
+    def _climbed(self, u: Floats) -> tuple[Floats, float]:
         def falling(at: Floats) -> tuple[float, Floats]:
-            value = self(np.concatenate([at[None], at + steps]))
-            up, down = np.split(value[1:], 2)
-            return -float(value[0]), -(up - down) / 2e-4
+            height, up, down = self._around(at, 1e-4)
+            return -height, -(up - down) / 2e-4
 
         mode = minimize(falling, u, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-2})
         return np.clip(mode.x, -7.0, 7.0), -float(mode.fun)
 
     def _width(self, u: Floats) -> Floats:
         """(m, m) covariance of the Gaussian about a mode."""
-        m = len(u)
-        steps = self._steps(u)
-        i, j = np.tril_indices(m)
-        ends = [
-            a * np.eye(m)[i] * steps[i, None] + b * np.eye(m)[j] * steps[j, None]
-            for a in (1.0, -1.0)
-            for b in (1.0, -1.0)
-        ]
-        value = [self(u + end) for end in ends]
-        curved = np.zeros((m, m))
+        height, up, down = self._around(u, _STEP)
+        steps = np.sqrt(0.1 / np.maximum(-(up + down - 2.0 * height) / _STEP**2, 1.0))  # each lowers it by a twentieth
+        along, (i, j) = np.diag(steps), np.tril_indices(len(u))
+        value = [self(u + (a * along[i] + b * along[j])) for a in (1.0, -1.0) for b in (1.0, -1.0)]
+        curved = np.zeros((len(u), len(u)))
         curved[i, j] = (value[0] - value[1] - value[2] + value[3]) / (4.0 * steps[i] * steps[j])
         curved = curved + np.tril(curved, -1).T
         values, vectors = np.linalg.eigh(-curved)
         return np.asarray((vectors / np.clip(values, 0.5, None)) @ vectors.T)  # no wider than the prior, nearly
-
-    def _steps(self, u: Floats) -> Floats:
-        """(m,) of second differences: each lowers the height by about a twentieth."""
-        ends = _STEP * np.concatenate([np.eye(len(u)), -np.eye(len(u))])
-        up, down = np.split(self(u + ends), 2)
-        curvature = np.maximum(-(up + down - 2.0 * self(u[None])) / _STEP**2, 1.0)
-        return np.asarray(np.sqrt(0.1 / curvature))
 
 
 def _log_sum(log_p: Floats, first: np.ndarray) -> Floats:
