@@ -285,10 +285,12 @@ class Analysis:
         details: dict[str, Any] = {"model": network.name, "model_sha256": network.sha256} if network else {}
         if isinstance(network, Network):
             method, names, details["problem_id"] = "bdt", network.outputs, network.problem.id
-        elif network:
-            method, names = "amortised", (*_names_of(law), "stretch")
         else:
-            method, names, details["options"] = "least_squares", _names_of(law), asdict(self._options(bubble))
+            names = tuple(LOG10 + name for name in Family(law).parameters)
+            if network:
+                method, names = "amortised", (*names, "stretch")
+            else:
+                method, details["options"] = "least_squares", asdict(self._options(bubble))
         provenance = {"cavirheo": version("cavirheo"), **details, "source_sha256": curve.source_sha256}
         how: dict[str, Any] = {"bubble": bubble, "medium": medium_of(self.medium)}
         draws = np.empty((0, len(names)))
@@ -298,8 +300,3 @@ class Analysis:
 def _answer(analysis: Analysis, workers: int, job: Job) -> Posterior:
     """A unit of work of an executor."""
     return analysis.answer(*job, workers=workers)
-
-
-def _names_of(law: str) -> tuple[str, ...]:
-    """The law's parameters in the prior's scale."""
-    return tuple(LOG10 + name for name in Family(law).parameters)

@@ -275,11 +275,11 @@ class Population:
 
     def correlations(self) -> dict[str, tuple[float, float, float]]:
         """(5 %, 50 %, 95 %) of the scatter's correlations, by "name, name"."""
-        ends = {}
-        for i, name in enumerate(self.names):
-            for j in range(i if len(self.centre) else 0):
-                ends[f"{self.names[j]}, {name}"] = _quantiles(self.correlation[:, i, j], 0.9)
-        return ends
+        return {
+            f"{self.names[j]}, {name}": _quantiles(self.correlation[:, i, j], 0.9)
+            for i, name in enumerate(self.names if len(self.centre) else ())
+            for j in range(i)
+        }
 
 
 def _quantiles(values: Floats, level: float) -> tuple[float, float, float]:
