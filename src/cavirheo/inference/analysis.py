@@ -16,16 +16,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, expect_whole, require
-from cavirheo.inference.assumptions import (
-    FREE,
-    FREED,
-    SCALE_BOUND,
-    Family,
-    Options,
-    check_stretch,
-    check_wall,
-    softened,
-)
+from cavirheo.inference.assumptions import FREE, FREED, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.checks import ERRORS, curve_warnings, failed, wall_warnings, warned
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.model import DEFAULT, Network, card, path_of
@@ -111,8 +102,8 @@ class Analysis:
         settings["material"] = self.material or (kind["material"] if point else usual)
         for name, value in settings.items():
             object.__setattr__(self, name, value)
+        self.check(())
         for bubble in self.bubbles:
-            check_wall(bubble)
             object.__setattr__(self, "free", self._options(bubble).free)
         if point:
             answerable = self.bubbles == (FIELD,) or self.verify != "none"
@@ -141,8 +132,14 @@ class Analysis:
 
     @property
     def laws(self) -> Sequence[str]:
-        """All that are looked at."""
-        return softened(AUTO if self.material == "auto" else (str(self.material),), self.bubbles[0].damage)
+        """All that are looked at: with damage those with an elastic part. Raises InputError: none has one."""
+        laws = AUTO if self.material == "auto" else (str(self.material),)
+        if self.bubbles[0].damage == "none":
+            return laws
+        elastic = [law for law in laws if Family(law).elastic]
+        message = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a "
+        require(bool(elastic), f"{message}spring", "physics.damage_without_elasticity")
+        return elastic
 
     @property
     def doing(self) -> str:
@@ -173,9 +170,12 @@ class Analysis:
         return key_of([version("cavirheo"), made_with, self, content])
 
     def check(self, curves: Sequence[RadiusCurve]) -> None:
-        """Raises InputError: none of these curves can be answered so."""
+        """Raises InputError: none of these curves can be answered so: the wall has no distance, or is too near for
+        every curve; where it is for some, those fail."""
+        largest = [float(np.max(curve.radius, initial=0.0, where=curve.radius > 0)) for curve in curves]
         for bubble in self.bubbles:
-            check_wall(bubble, curves)
+            if bubble.wall_distance is not None:
+                bubble.inertia(min(largest, default=0.0))
 
     def run(
         self,

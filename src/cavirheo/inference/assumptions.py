@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
 from cavirheo.errors import expect, require
 from cavirheo.parameters import PARAMETERS, inferred_as
-from cavirheo.physics.bubble import FIELD, FROM_NOTHING, Bubble, Damage
+from cavirheo.physics.bubble import FIELD, FROM_NOTHING, Bubble
 from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
@@ -69,13 +68,6 @@ class Options:
         require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
 
 
-def check_wall(bubble: Bubble, curves: Sequence[RadiusCurve] = ()) -> None:
-    """Raises InputError: no distance, or the wall is too near for every curve; where it is for some, those fail."""
-    if bubble.wall_distance is not None:
-        largest = (float(np.max(curve.radius, initial=0.0, where=curve.radius > 0)) for curve in curves)
-        bubble.inertia(min(largest, default=0.0))
-
-
 def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
     """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
     values = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
@@ -101,17 +93,6 @@ def _unfittable(law: str) -> list[str]:
 
 
 ABLE = [law for law in LAWS if not _unfittable(law)]
-
-
-def softened(laws: Sequence[str], damage: str | Damage) -> list[str]:
-    """Those of the laws that can have such damage: all without one, else those with an elastic part. Raises InputError:
-    none can."""
-    if damage == "none":
-        return list(laws)
-    with_damage = [law for law in laws if Family(law).elastic]
-    message = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a spring"
-    require(bool(with_damage), message, "physics.damage_without_elasticity")
-    return with_damage
 
 
 @dataclass(frozen=True)

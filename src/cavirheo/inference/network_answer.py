@@ -94,7 +94,7 @@ def check_outputs(network: Network) -> None:
     require(needed == {*network.outputs}, message, "model.outputs")
 
 
-def network_window(network: Network, curve: RadiusCurve, medium: Medium, collapses: int | None = None) -> Window:
+def network_window(network: Network, curve: RadiusCurve, medium: Medium, collapses: int | None) -> Window:
     """What a network of one value reads of a curve, and at most so many collapses. Raises InputError."""
     problem = network.problem
     end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)

@@ -248,7 +248,8 @@ class Scatter:
         names = [field.name for field in fields(Gaussians)]
         self.gaussians = Gaussians(*(np.concatenate([getattr(shot, name) for shot in shots]) for name in names))
         counts = [len(shot.share) for shot in shots]
-        self.shot, self.first = np.repeat(np.arange(len(shots)), counts), np.cumsum(counts) - counts
+        self.shot = np.repeat(np.arange(len(shots)), counts)  # (m,) to which each Gaussian belongs
+        self.first: np.ndarray = np.cumsum(counts) - counts  # (n,) of each shot
         self.d, self.spread, self.column = len(low), spread, column
         d, pairs = self.d, self.d * (self.d - 1) // 2
         ranges = [(low[i], high[i], 0.0, np.inf) for i in range(d)]
