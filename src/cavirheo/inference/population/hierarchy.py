@@ -19,7 +19,7 @@ of one shot have in common, given its values, is left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.optimize import minimize
@@ -97,26 +97,26 @@ def likelihood(
     fits = [_Fit(theta, weight, says, ends)]
     if not np.all(np.diag(fits[0].whole) > 0):
         return None
-    if effective < FEW:  # the covariance is itself uncertain: that of Student's t, which predicts the next draw
-        wider = effective / (effective - 1.0) * (effective + 1.0) / (effective - d - 2.0)
-        few, _ = fits[0].mixture(1)
-        return fits[0].likelihood(size, replace(few, covariance=few.covariance * wider), effective)
     worth, width = effective * weight, _END * (ends[1] - ends[0])
     mass = np.array([worth @ (theta < ends[0] + width), worth @ (theta > ends[1] - width)])
     tail = np.where(mass[0] >= mass[1], UPPER, LOWER)
     reaching = np.where((says == VALUE) & (np.max(mass, axis=0) >= _END_DRAWS), tail, says)
-    if np.any(reaching != says):
+    if effective >= FEW and np.any(reaching != says):
         fits.append(_Fit(theta, weight, reaching, ends))
     candidates: list[tuple[float, _Fit, Gaussians]] = []
     for fit in fits:
-        for k in range(1, min(_MOST, int(effective / _EACH)) + 1):
+        for k in range(1, max(min(_MOST, int(effective / _EACH)), 1) + 1):
             gaussians, fitted = fit.mixture(k)
             information = effective * fitted - 0.5 * np.log(effective) * (k * (d + 1) * (d + 2) / 2 - 1)
             if k > 1 and information <= candidates[-1][0]:
                 break
             candidates.append((information, fit, gaussians))
     _, fit, gaussians = max(candidates, key=lambda candidate: candidate[0])
-    return fit.likelihood(size, gaussians, effective)
+    share, covariance = gaussians.share.copy(), gaussians.covariance
+    if effective < FEW:  # it is itself uncertain: that of Student's t, which predicts the next draw
+        covariance = covariance * (effective / (effective - 1.0) * (effective + 1.0) / (effective - d - 2.0))
+    share[0] /= fit.volume(gaussians.mean[0], covariance[0])
+    return Likelihood(share, gaussians.mean, covariance, gaussians.says, size, effective)
 
 
 class _Fit:
@@ -127,11 +127,6 @@ class _Fit:
         self.theta, self.weight, self.says, self.ends, self.mean = theta, weight, says, ends, weight @ theta
         self.whole: Floats = (theta - self.mean).T * weight @ (theta - self.mean)
         self.bounded: list[int] = np.flatnonzero(np.abs(says) == UPPER).tolist()
-
-    def likelihood(self, size: float, gaussians: Gaussians, effective: float) -> Likelihood:
-        share = gaussians.share.copy()
-        share[0] /= self._volume(gaussians.mean[0], gaussians.covariance[0])
-        return Likelihood(share, gaussians.mean, gaussians.covariance, gaussians.says, size, effective)
 
     def mixture(self, k: int) -> tuple[Gaussians, float]:
         """k Gaussians by expectation maximisation, begun with slices across the longest axis; mean log density."""
@@ -163,7 +158,7 @@ class _Fit:
             gaussians = Gaussians(share / np.sum(share), mean, covariance, says)
             densities = gaussians.log_densities(theta, np.zeros((1, k, d)), np.zeros((1, d, d)))
             log_p = np.ascontiguousarray(densities.T)
-            log_p[0] -= np.log(self._volume(mean[0], covariance[0]))  # an integral of 1 over the prior's range
+            log_p[0] -= np.log(self.volume(mean[0], covariance[0]))  # an integral of 1 over the prior's range
             log_p += np.log(gaussians.share)[:, None]
             total = np.logaddexp.reduce(log_p, axis=0)
             resp = np.exp(log_p - total)
@@ -176,7 +171,7 @@ class _Fit:
             gaussians = Gaussians(np.ones(1), self.mean[None], self.whole[None], says)
         return gaussians, fitted
 
-    def _volume(self, mean: Floats, covariance: Floats) -> float:
+    def volume(self, mean: Floats, covariance: Floats) -> float:
         """The integral of the first Gaussian, as it is integrated, over the prior's range."""
         flat = np.flatnonzero(self.says == NOTHING)
         volume = float(np.prod(self.ends[1, flat] - self.ends[0, flat]))
