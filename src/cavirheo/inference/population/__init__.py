@@ -353,10 +353,7 @@ def population(
         middle, unit = float(np.mean(column)), float(np.std(column))
         require(unit > 0, "along must not be one value for all shots", "population.along")
         x = (column - middle) / unit
-    several, common = (
-        Scatter(list(likelihoods.values()), low, high, spread=spread, column=x) for spread in (True, False)
-    )
-    log_size = float(sum(shot.log_size for shot in likelihoods.values()))
+    several, common = (Scatter([*likelihoods.values()], low, high, spread=spread, column=x) for spread in (True, False))
     sample, sample_of_one = several.sample(seed), common.sample(seed)
     if sample.ess < _LEAST_EFFECTIVE or not sample.reliable:
         notes.append(f"the intervals of the material are rough: its draws are worth {sample.ess:.0f} independent ones")
@@ -368,9 +365,9 @@ def population(
         **fields,
         warnings=tuple(notes),
         common=common.parts(_resampled(sample_of_one, seed))[0],
-        outlier_probability=several.outliers(u[:: max(_DRAWS // 1000, 1)]),
-        gain=_evidence(sample, log_size),
-        gain_of_one=_evidence(sample_of_one, log_size),
+        outlier_probability=several.outliers(u[:: _DRAWS // 1000]),
+        gain=several.evidence(sample),
+        gain_of_one=common.evidence(sample_of_one),
         shot_evidence=tuple(answer.evidence for answer in counted),
         prior={name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)},
         shots_bound=_shots_bound(counted, names),
@@ -457,8 +454,3 @@ def _resampled(sample: Sample, seed: int) -> Floats:
     places = (np.arange(_DRAWS) + rng.uniform()) / _DRAWS
     chosen = np.searchsorted(np.cumsum(weight) / np.sum(weight), places)
     return sample.u[rng.permutation(np.minimum(chosen, len(weight) - 1))]
-
-
-def _evidence(sample: Sample, log_size: float) -> Evidence:
-    log, error = sample.log_evidence
-    return Evidence(log + log_size, error)

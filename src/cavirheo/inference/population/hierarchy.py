@@ -28,6 +28,7 @@ from scipy.special import log_ndtr, logsumexp
 from cavirheo.arrays import Floats
 from cavirheo.inference.verify.sampler import Mixture, Sample, importance_sample
 from cavirheo.parameters import Bound
+from cavirheo.posterior import Evidence
 from cavirheo.prior import Prior, log_normal
 
 FEW = 30.0  # effective draws of a shot, below which its interval is rough
@@ -245,6 +246,7 @@ class Scatter:
         counts = [len(shot.share) for shot in shots]
         self.shot = np.repeat(np.arange(len(shots)), counts)  # (m,) to which each Gaussian belongs
         self.first: np.ndarray = np.cumsum(counts) - counts  # (n,) of each shot
+        self.log_size = float(sum(shot.log_size for shot in shots))
         self.d, self.spread, self.column = len(low), spread, column
         d, pairs = self.d, self.d * (self.d - 1) // 2
         ranges = [(low[i], high[i], 0.0, np.inf) for i in range(d)]
@@ -292,7 +294,7 @@ class Scatter:
         return [u[i : i + rows] for i in range(0, len(u), rows)]
 
     def sample(self, seed: int) -> Sample:
-        """Weighted draws; the mean weight is the evidence, but for the sizes of the likelihoods."""
+        """Weighted draws."""
         mixture = self._start()
 
         def adapt(draws: Sample, _: np.random.Generator) -> Mixture:
@@ -302,6 +304,11 @@ class Scatter:
 
         rng = np.random.Generator(np.random.Philox(seed))
         return importance_sample(self, mixture.widened(), adapt, rng, enough=_ENOUGH, each=_ROUND, fewest=_ADAPTED)
+
+    def evidence(self, sample: Sample) -> Evidence:
+        """The mean weight of its draws times the sizes of the likelihoods."""
+        log, error = sample.log_evidence
+        return Evidence(log + self.log_size, error)
 
     def outliers(self, u: Floats) -> Floats:
         """(n,) probability that each shot is an outlier, over equally likely u (k, .)."""
