@@ -20,7 +20,7 @@ from cavirheo.inference.assumptions import FREE, FREED, SCALE_BOUND, Family, Opt
 from cavirheo.inference.checks import ERRORS, curve_warnings, failed, wall_warnings, warned
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.model import DEFAULT, Network, card, path_of
-from cavirheo.inference.network_answer import Answer, check_outputs, read_draws, read_values
+from cavirheo.inference.network_answer import check_outputs, read_draws, read_values
 from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
 from cavirheo.inference.verify import verify
 from cavirheo.parallel import Executor, Threads, cores, each, of_this_machine, one_blas_thread
@@ -257,26 +257,21 @@ class Analysis:
             check_outputs(network)
         empty = self._empty_answer(curve, law, bubble, network)
         try:
-            values, warnings = self._read(curve, law, bubble, network)
+            if isinstance(network, Network):
+                stretch: Any = None if self.stretch == "free" else self.stretch
+                values, warnings = read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
+            else:
+                shot = Experiment(curve, Family(law), medium, self._options(bubble))
+                checks = Checks("unverified" if network else "ok", t_star_end=shot.view.end / shot.time_scale)
+                values, warnings = {"checks": checks}, []
+                if network:
+                    values, warnings = read_draws(shot, network, checks, self.discrepancy, self.seed, self.verify)
+                warnings += wall_warnings(shot)
             values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
         except ERRORS as error:  # of this curve alone
             values = {"checks": failed(error, curve, medium)}
         provenance = {**empty.provenance, **values.pop("provenance", {})}
         return replace(empty, **values, provenance=provenance, seconds=perf_counter() - began)
-
-    def _read(self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None) -> Answer:
-        """The fields of what a verification begins with, and further input warnings."""
-        medium = medium_of(self.medium)
-        if isinstance(network, Network):
-            stretch: Any = None if self.stretch == "free" else self.stretch
-            return read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
-        shot = Experiment(curve, Family(law), medium, self._options(bubble))
-        checks = Checks("unverified" if network else "ok", t_star_end=shot.view.end / shot.time_scale)
-        if network is None:
-            return {"checks": checks}, wall_warnings(shot)
-        how: dict[str, Any] = {"discrepancy": self.discrepancy, "seed": self.seed, "verify": self.verify}
-        values, warnings = read_draws(shot, network, checks, **how)
-        return values, [*warnings, *wall_warnings(shot)]
 
     def _empty_answer(
         self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None = None

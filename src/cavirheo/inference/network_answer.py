@@ -44,7 +44,7 @@ Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks`
 
 
 def read_draws(
-    shot: Experiment, model: PosteriorModel, checks: Checks, *, discrepancy: bool, seed: int, verify: str
+    shot: Experiment, model: PosteriorModel, checks: Checks, discrepancy: bool, seed: int, verify: str
 ) -> Answer:
     """What a posterior network answers, with these checks. discrepancy: whether more than white noise may lie between
     frames and law. verify: level of the verification that starts from the answer; "none": the likeliest draws are
