@@ -18,6 +18,8 @@ from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reporting import result
 from cavirheo.writing.document import write_json
 
+OPEN = [None, None], np.array([[-9.0, -9.0], [9.0, 9.0]])  # two values, and a wide range of each
+
 
 def on_a_grid(means, width):
     """(5 %, 50 %, 95 %) of centre and spread of one parameter, and log evidence with spread and without."""
@@ -95,13 +97,12 @@ def test_few_draws_are_said_and_widened():
     few = [seen(CENTRE, 0.05, 20, seed=k) if k == 1 else one for k, one in enumerate(shots(4))]
     assert population(few).warnings
     assert not population(shots(4)).warnings
-    assert likelihood(few[1].theta, np.zeros(20), np.zeros(20)).covariance[0, 0, 0] > 1.1 * 0.05**2
-    assert likelihood(few[1].theta[:4], np.zeros(4), np.zeros(4)) is None
+    assert likelihood(few[1].theta, np.zeros(20), np.zeros(20), *OPEN).covariance[0, 0, 0] > 1.1 * 0.05**2
+    assert likelihood(few[1].theta[:4], np.zeros(4), np.zeros(4), *OPEN) is None
 
 
 def test_what_does_not_count_is_counted():
-    good = shots(4)
-    point = seen(CENTRE, 0.05, 600)
+    good, point = shots(4), seen(CENTRE, 0.05, 600)
     others = [
         replace(point, theta=point.theta[:1]),
         replace(point, theta=point.theta[:0], checks=Checks("failed")),
@@ -198,9 +199,8 @@ def test_a_shot_that_says_nothing_of_a_parameter_changes_nothing():
 
 
 def test_a_bound_from_below_mirrors_one_from_above():
-    rng, log_p = np.random.default_rng(5), np.zeros(1000)
+    rng, log_p, ends = np.random.default_rng(5), np.zeros(1000), np.array([[-5.0, -4.0], [5.0, 1.0]])
     theta = np.column_stack([0.05 * rng.standard_normal(1000), rng.uniform(-4.0, -2.5, 1000)])
-    ends = np.array([[-5.0, -4.0], [5.0, 1.0]])
     above = likelihood(theta, log_p, log_p, (None, "upper"), ends)
     below = likelihood(-theta, log_p, log_p, (None, "lower"), -ends[::-1])
     assert np.allclose(above.mean, -below.mean, atol=1e-3)
@@ -333,7 +333,7 @@ def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_ar
     rng = np.random.default_rng(1)
     theta = np.concatenate([rng.normal(0.0, 0.1, (400, 2)), rng.normal([1.0, 0.5], 0.05, (200, 2))])
     weight = rng.exponential(size=600)
-    found = likelihood(theta, np.log(weight), np.zeros(600))
+    found = likelihood(theta, np.log(weight), np.zeros(600), *OPEN)
     assert len(found.share) == 2
     assert np.allclose(np.sort(found.mean[:, 0]), [0.0, 1.0], atol=0.03)
     mean, covariance = np.average(theta, axis=0, weights=weight), np.cov(theta.T, aweights=weight, bias=True)
@@ -341,4 +341,4 @@ def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_ar
     whole = np.einsum("k,kij->ij", found.share, found.covariance) + (off.T * found.share) @ off
     assert np.allclose(found.share @ found.mean, mean, atol=1e-3)
     assert np.allclose(whole, covariance, rtol=0.01)
-    assert len(likelihood(theta[:400], np.zeros(400), np.zeros(400)).share) == 1
+    assert len(likelihood(theta[:400], np.zeros(400), np.zeros(400), *OPEN).share) == 1

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, Protocol
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.inference.analysis import AUTO, DEFAULT, LEVELS, Analysis
+from cavirheo.inference.analysis import AUTO, DEFAULT, Analysis
 from cavirheo.inference.assumptions import FREED, SCALE_BOUND
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior
 
-__all__ = ["AUTO", "DEFAULT", "LEVELS", "Analysis", "fit", "fit_many", "infer", "infer_many"]
+__all__ = ["AUTO", "DEFAULT", "Analysis", "fit", "fit_many", "infer", "infer_many"]
 
 
 def infer(

@@ -16,20 +16,11 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, expect_whole, require
-from cavirheo.inference.assumptions import (
-    FREE,
-    FREED,
-    SCALE_BOUND,
-    Family,
-    Options,
-    check_stretch,
-    check_wall,
-    softened,
-)
+from cavirheo.inference.assumptions import FREE, FREED, SCALE_BOUND, Family, Options, check_stretch
 from cavirheo.inference.checks import ERRORS, curve_warnings, failed, wall_warnings, warned
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.model import DEFAULT, Network, card, path_of
-from cavirheo.inference.network_answer import Answer, check_outputs, read_draws, read_values
+from cavirheo.inference.network_answer import check_outputs, read_draws, read_values
 from cavirheo.inference.posterior_network import KNOWN_BUBBLES, PosteriorModel, kind_of, network_of
 from cavirheo.inference.verify import verify
 from cavirheo.parallel import Executor, Threads, cores, each, of_this_machine, one_blas_thread
@@ -111,8 +102,8 @@ class Analysis:
         settings["material"] = self.material or (kind["material"] if point else usual)
         for name, value in settings.items():
             object.__setattr__(self, name, value)
+        self.check(())
         for bubble in self.bubbles:
-            check_wall(bubble)
             object.__setattr__(self, "free", self._options(bubble).free)
         if point:
             answerable = self.bubbles == (FIELD,) or self.verify != "none"
@@ -141,8 +132,14 @@ class Analysis:
 
     @property
     def laws(self) -> Sequence[str]:
-        """All that are looked at."""
-        return softened(AUTO if self.material == "auto" else (str(self.material),), self.bubbles[0].damage)
+        """All that are looked at: with damage those with an elastic part. Raises InputError: none has one."""
+        laws = AUTO if self.material == "auto" else (str(self.material),)
+        if self.bubbles[0].damage == "none":
+            return laws
+        elastic = [law for law in laws if Family(law).elastic]
+        message = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a "
+        require(bool(elastic), f"{message}spring", "physics.damage_without_elasticity")
+        return elastic
 
     @property
     def doing(self) -> str:
@@ -173,9 +170,12 @@ class Analysis:
         return key_of([version("cavirheo"), made_with, self, content])
 
     def check(self, curves: Sequence[RadiusCurve]) -> None:
-        """Raises InputError: none of these curves can be answered so."""
+        """Raises InputError: none of these curves can be answered so: the wall has no distance, or is too near for
+        every curve; where it is for some, those fail."""
+        largest = [float(np.max(curve.radius, initial=0.0, where=curve.radius > 0)) for curve in curves]
         for bubble in self.bubbles:
-            check_wall(bubble, curves)
+            if bubble.wall_distance is not None:
+                bubble.inertia(min(largest, default=0.0))
 
     def run(
         self,
@@ -257,26 +257,21 @@ class Analysis:
             check_outputs(network)
         empty = self._empty_answer(curve, law, bubble, network)
         try:
-            values, warnings = self._read(curve, law, bubble, network)
+            if isinstance(network, Network):
+                stretch: Any = None if self.stretch == "free" else self.stretch
+                values, warnings = read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
+            else:
+                shot = Experiment(curve, Family(law), medium, self._options(bubble))
+                checks = Checks("unverified" if network else "ok", t_star_end=shot.view.end / shot.time_scale)
+                values, warnings = {"checks": checks}, []
+                if network:
+                    values, warnings = read_draws(shot, network, checks, self.discrepancy, self.seed, self.verify)
+                warnings += wall_warnings(shot)
             values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
         except ERRORS as error:  # of this curve alone
             values = {"checks": failed(error, curve, medium)}
         provenance = {**empty.provenance, **values.pop("provenance", {})}
         return replace(empty, **values, provenance=provenance, seconds=perf_counter() - began)
-
-    def _read(self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None) -> Answer:
-        """The fields of what a verification begins with, and further input warnings."""
-        medium = medium_of(self.medium)
-        if isinstance(network, Network):
-            stretch: Any = None if self.stretch == "free" else self.stretch
-            return read_values(curve, network, medium, stretch, self.window)  # type: ignore[arg-type]
-        shot = Experiment(curve, Family(law), medium, self._options(bubble))
-        checks = Checks("unverified" if network else "ok", t_star_end=shot.view.end / shot.time_scale)
-        if network is None:
-            return {"checks": checks}, wall_warnings(shot)
-        how: dict[str, Any] = {"discrepancy": self.discrepancy, "seed": self.seed, "verify": self.verify}
-        values, warnings = read_draws(shot, network, checks, **how)
-        return values, [*warnings, *wall_warnings(shot)]
 
     def _empty_answer(
         self, curve: RadiusCurve, law: str, bubble: Bubble, network: Network | PosteriorModel | None = None
@@ -285,10 +280,12 @@ class Analysis:
         details: dict[str, Any] = {"model": network.name, "model_sha256": network.sha256} if network else {}
         if isinstance(network, Network):
             method, names, details["problem_id"] = "bdt", network.outputs, network.problem.id
-        elif network:
-            method, names = "amortised", (*_names_of(law), "stretch")
         else:
-            method, names, details["options"] = "least_squares", _names_of(law), asdict(self._options(bubble))
+            names = tuple(LOG10 + name for name in Family(law).parameters)
+            if network:
+                method, names = "amortised", (*names, "stretch")
+            else:
+                method, details["options"] = "least_squares", asdict(self._options(bubble))
         provenance = {"cavirheo": version("cavirheo"), **details, "source_sha256": curve.source_sha256}
         how: dict[str, Any] = {"bubble": bubble, "medium": medium_of(self.medium)}
         draws = np.empty((0, len(names)))
@@ -298,8 +295,3 @@ class Analysis:
 def _answer(analysis: Analysis, workers: int, job: Job) -> Posterior:
     """A unit of work of an executor."""
     return analysis.answer(*job, workers=workers)
-
-
-def _names_of(law: str) -> tuple[str, ...]:
-    """The law's parameters in the prior's scale."""
-    return tuple(LOG10 + name for name in Family(law).parameters)

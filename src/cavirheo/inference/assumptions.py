@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
 from cavirheo.errors import expect, require
 from cavirheo.parameters import PARAMETERS, inferred_as
-from cavirheo.physics.bubble import FIELD, FROM_NOTHING, Bubble, Damage
+from cavirheo.physics.bubble import FIELD, FROM_NOTHING, Bubble
 from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
@@ -69,13 +68,6 @@ class Options:
         require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
 
 
-def check_wall(bubble: Bubble, curves: Sequence[RadiusCurve] = ()) -> None:
-    """Raises InputError: no distance, or the wall is too near for every curve; where it is for some, those fail."""
-    if bubble.wall_distance is not None:
-        largest = (float(np.max(curve.radius, initial=0.0, where=curve.radius > 0)) for curve in curves)
-        bubble.inertia(min(largest, default=0.0))
-
-
 def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
     """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
     values = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
@@ -103,17 +95,6 @@ def _unfittable(law: str) -> list[str]:
 ABLE = [law for law in LAWS if not _unfittable(law)]
 
 
-def softened(laws: Sequence[str], damage: str | Damage) -> list[str]:
-    """Those of the laws that can have such damage: all without one, else those with an elastic part. Raises InputError:
-    none can."""
-    if damage == "none":
-        return list(laws)
-    with_damage = [law for law in laws if Family(law).elastic]
-    message = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a spring"
-    require(bool(with_damage), message, "physics.damage_without_elasticity")
-    return with_damage
-
-
 @dataclass(frozen=True)
 class Family:
     """All materials of a law, or of a sum of laws ("gent + newtonian"): log10 of the parameters -> Material.
@@ -128,6 +109,7 @@ class Family:
 
     name: str
     parameters: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    elastic: bool = field(init=False, repr=False, compare=False)  # whether its materials have an elastic part
     _terms: list[tuple[str, list[str]]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -143,18 +125,14 @@ class Family:
             terms.append((law, searched))
         object.__setattr__(self, "_terms", terms)
         object.__setattr__(self, "parameters", tuple(names))
-        self.material(np.mean(self.bounds(started=True), axis=1))  # whether the laws go together
+        usual = self.material(np.mean(self.bounds(started=True), axis=1))  # refused where the laws exclude each other
+        object.__setattr__(self, "elastic", usual.elastic is not None)
 
     def material(self, log10: Floats) -> Material:
         """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""
         values = iter(10.0**log10)
         terms = [(law, {name: float(next(values)) for name in names}) for law, names in self._terms]
         return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
-
-    @property
-    def elastic(self) -> bool:
-        """Whether its materials have an elastic part."""
-        return self.material(np.mean(self.bounds(started=True), axis=1)).elastic is not None
 
     def bounds(self, *, started: bool = False) -> Floats:
         """(parameters, 2): the ranges searched, or the parts of them that searches start from."""

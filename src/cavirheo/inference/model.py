@@ -13,6 +13,7 @@ import hashlib
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from os.path import isfile
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -354,12 +355,8 @@ def predict(path: str | Path, features: ArrayLike) -> Floats:
 def card(path: Path) -> dict[str, Any]:
     """The card beside an .onnx file. Raises InputError: one of the two is missing, or it is not a card of ours."""
     file = path.with_suffix(".json")
-    try:
-        complete = path.is_file() and file.is_file()
-    except OSError:  # a name that is too long
-        complete = False
     message = f"a model is an .onnx file with its card beside it; expected {path} and {file}"
-    require(complete, message, "model.missing")
+    require(isfile(path) and isfile(file), message, "model.missing")  # which a name that is too long is not, either
     content = read_object(file, LARGEST_CARD)
     kind = PosteriorCard if content.get("kind") == "posterior" else ModelCard
     try:

@@ -44,18 +44,14 @@ Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks`
 
 
 def read_draws(
-    shot: Experiment, model: PosteriorModel, checks: Checks, *, discrepancy: bool, seed: int, verify: str
+    shot: Experiment, model: PosteriorModel, checks: Checks, discrepancy: bool, seed: int, verify: str
 ) -> Answer:
     """What a posterior network answers, with these checks. discrepancy: whether more than white noise may lie between
     frames and law. verify: level of the verification that starts from the answer; "none": the likeliest draws are
     simulated, and InputError is raised where the network cannot read the curve."""
     checked, draws = verify == "none", DRAWS if verify in ("none", "map") else STARTED
     source = "given" if shot.stretch else "inferred with the other parameters"
-    fields: dict[str, Any] = {
-        "checks": checks,
-        "medium": shot.medium,
-        "diagnostics": Diagnostics(stretch_source=source),
-    }
+    fields: dict[str, Any] = {"checks": checks, "diagnostics": Diagnostics(stretch_source=source)}
 
     def network_draws(shot: Experiment) -> tuple[Any, Floats]:
         proposal = model.proposal(shot, shot.prior(), discrepancy)
@@ -98,7 +94,7 @@ def check_outputs(network: Network) -> None:
     require(needed == {*network.outputs}, message, "model.outputs")
 
 
-def network_window(network: Network, curve: RadiusCurve, medium: Medium, collapses: int | None = None) -> Window:
+def network_window(network: Network, curve: RadiusCurve, medium: Medium, collapses: int | None) -> Window:
     """What a network of one value reads of a curve, and at most so many collapses. Raises InputError."""
     problem = network.problem
     end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)

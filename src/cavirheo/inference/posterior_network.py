@@ -55,8 +55,6 @@ _INSIDE = 1e-9  # of the probability, that z keeps away from the bounds
 _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is found, and the smallest share
 KNOWN_BUBBLES = "the real and the field's bubble, without damage, confinement inertia or excess of vapour"
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
-_PRESSURE = ("shear_modulus",)  # what scales with p, and what with p t_c
-_PRESSURE_TIME = ("viscosity", "reference_viscosity")
 _MARGIN = 0.1  # of a constant that all its curves share: the weights allow for no more
 _VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
 
@@ -198,8 +196,8 @@ class NetworkProposal:
             damping = shot.bubble.get("confinement_damping", 0.0)
             self.fixed[z_index("confinement_damping")] = damping_to_latent(damping)
         pressure = shot.medium.pressure / WATER.pressure
-        times = shot.time_scale / WATER.time_scale(shot.max_radius)
-        factors = dict.fromkeys(_PRESSURE, pressure) | dict.fromkeys(_PRESSURE_TIME, pressure * times)
+        viscous = pressure * (shot.time_scale / WATER.time_scale(shot.max_radius))
+        factors = {"shear_modulus": pressure, "viscosity": viscous, "reference_viscosity": viscous}
         self.shift: Floats = np.log10([factors.get(name, 1.0) for name in self.names])
         self.log_share: float = 0.0
         inside = self._within_bounds(_POOL, np.random.Generator(np.random.Philox(0)))
@@ -283,26 +281,23 @@ class PosteriorModel:
         self, inputs: Any, kind: int, count: int, rng: np.random.Generator, fixed: Mapping[int, float]
     ) -> Floats:
         """Draws z (count, 9), 0 where the kind has no such coordinate, and as given where it is `fixed`."""
-        choice = rng.gumbel(size=(count, len(COORDINATES), self.parts))
-        normal = rng.standard_normal((count, len(COORDINATES)))
-        imposed, take = np.zeros((count, len(COORDINATES))), np.zeros(len(COORDINATES))
+        shape, counted, take = (count, len(COORDINATES)), np.zeros(len(COORDINATES)), np.zeros(len(COORDINATES))
+        choice, normal, imposed = rng.gumbel(size=(*shape, self.parts)), rng.standard_normal(shape), np.zeros(shape)
         for k, value in fixed.items():
             imposed[:, k], take[k] = value, 1.0
-        return self._run(inputs, kind, np.zeros(len(COORDINATES)), choice, normal, imposed, take)[0]
+        return self._run(inputs, kind, counted=counted, choice=choice, normal=normal, given=imposed, take=take)[0]
 
     def log_density(self, inputs: Any, kind: int, z: Floats, without: Collection[int]) -> Floats:
         """(draws,) of z (draws, 9), each coordinate given those before it, without some."""
         counted = np.zeros(len(COORDINATES))
         counted[[k for k in used(*self.kinds[kind]) if k not in without]] = 1.0
-        nothing = np.zeros((len(z), len(COORDINATES), self.parts))
-        return self._run(inputs, kind, counted, nothing, z, z, np.ones(len(COORDINATES)))[1]
+        choice, take = np.zeros((*z.shape, self.parts)), np.ones(len(COORDINATES))
+        return self._run(inputs, kind, counted=counted, choice=choice, normal=z, given=z, take=take)[1]
 
-    def _run(
-        self, inputs: Any, kind: int, counted: Floats, choice: Floats, normal: Floats, imposed: Floats, take: Floats
-    ) -> tuple[Floats, Floats]:
+    def _run(self, inputs: Any, kind: int, **numbers: Floats) -> tuple[Floats, Floats]:
+        """Draws z (count, 9) and their log densities (count,), from the other inputs by their names."""
         one_hot, has = np.zeros((1, len(self.kinds)), np.float32), np.zeros(len(COORDINATES), np.float32)
         one_hot[0, kind], has[used(*self.kinds[kind])] = 1.0, 1.0
-        numbers = {"counted": counted, "choice": choice, "normal": normal, "given": imposed, "take": take}
         feed = {"cells": inputs, "kind": one_hot, "has": has}
         feed |= {name: values.astype(np.float32) for name, values in numbers.items()}
         z, log_density, _ = self.session.run(None, feed)

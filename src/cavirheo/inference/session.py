@@ -71,9 +71,8 @@ def try_out(content: bytes, frames: int, outputs: int, seconds: float = SECONDS)
     error = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     full = child.returncode < 0 or "alloc" in error or "MemoryError" in error  # killed, or it says so
     require(not full, f"it takes more than {MEMORY / 1e9:.1f} GB of memory", "model.memory")
-    require(
-        child.returncode == 0, error if len(error) < 200 else f"...{error[-200:]}", "model.fails"
-    )  # the end says why
+    end = error if len(error) < 200 else f"...{error[-200:]}"  # which says why
+    require(child.returncode == 0, end, "model.fails")
 
 
 if __name__ == "__main__":  # session.py MEMORY FRAMES OUTPUTS < model.onnx

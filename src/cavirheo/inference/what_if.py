@@ -89,9 +89,8 @@ def predict_radius(
 def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
     """What is compared with the answer of this analysis. Raises InputError."""
     medium, collapses = medium_of(analysis.medium), cast("int | None", analysis.window)
-    network = analysis.network if analysis.method == "bdt" else None
-    if isinstance(network, Network):
-        return network_window(network, curve, medium, collapses)
+    if analysis.method == "bdt":
+        return network_window(cast(Network, analysis.network), curve, medium, collapses)
     return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
 
 

@@ -16,7 +16,7 @@ from scipy.special import expit
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.alternatives import model_of, of_one_law
-from cavirheo.inference.population.hierarchy import FEW, Likelihood, Likelihoods, Scatter, likelihood
+from cavirheo.inference.population.hierarchy import FEW, Likelihood, Scatter, likelihood
 from cavirheo.inference.verify.sampler import Sample
 from cavirheo.parameters import Bound, bound_of, natural_name, of_the_law, parameter_of
 from cavirheo.physics.bubble import Bubble
@@ -275,11 +275,11 @@ class Population:
 
     def correlations(self) -> dict[str, tuple[float, float, float]]:
         """(5 %, 50 %, 95 %) of the scatter's correlations, by "name, name"."""
-        ends = {}
-        for i, name in enumerate(self.names):
-            for j in range(i if len(self.centre) else 0):
-                ends[f"{self.names[j]}, {name}"] = _quantiles(self.correlation[:, i, j], 0.9)
-        return ends
+        return {
+            f"{self.names[j]}, {name}": _quantiles(self.correlation[:, i, j], 0.9)
+            for i, name in enumerate(self.names if len(self.centre) else ())
+            for j in range(i)
+        }
 
 
 def _quantiles(values: Floats, level: float) -> tuple[float, float, float]:
@@ -347,14 +347,13 @@ def population(
     counted = [answers[i] for i in likelihoods]
     ends = np.array([_ends(answer, law) for answer in counted])
     low, high = np.min(ends[:, 0], axis=0), np.max(ends[:, 1], axis=0)
-    like, x = Likelihoods.of(list(likelihoods.values())), None
+    x = None
     if along is not None:
         column = column[list(likelihoods)]
         middle, unit = float(np.mean(column)), float(np.std(column))
         require(unit > 0, "along must not be one value for all shots", "population.along")
         x = (column - middle) / unit
-    several = Scatter(like, low, high, column=x)
-    common = Scatter(like, low, high, column=x, spread=False)
+    several, common = (Scatter([*likelihoods.values()], low, high, spread=spread, column=x) for spread in (True, False))
     sample, sample_of_one = several.sample(seed), common.sample(seed)
     if sample.ess < _LEAST_EFFECTIVE or not sample.reliable:
         notes.append(f"the intervals of the material are rough: its draws are worth {sample.ess:.0f} independent ones")
@@ -366,9 +365,9 @@ def population(
         **fields,
         warnings=tuple(notes),
         common=common.parts(_resampled(sample_of_one, seed))[0],
-        outlier_probability=several.outliers(u[:: max(_DRAWS // 1000, 1)]),
-        gain=_evidence(sample, like.log_size),
-        gain_of_one=_evidence(sample_of_one, like.log_size),
+        outlier_probability=several.outliers(u[:: _DRAWS // 1000]),
+        gain=several.evidence(sample),
+        gain_of_one=common.evidence(sample_of_one),
         shot_evidence=tuple(answer.evidence for answer in counted),
         prior={name: (float(a), float(b)) for name, a, b in zip(names, low, high, strict=True)},
         shots_bound=_shots_bound(counted, names),
@@ -423,11 +422,8 @@ def _likelihood(answer: Posterior) -> Likelihood | None:
     law = [k for k, name in enumerate(answer.names) if of_the_law(name)]
     names, theta = tuple(answer.names[k] for k in law), answer.theta[:, law]
     ends, log_weight = _ends(answer, names), np.zeros(len(theta)) if answer.log_weight is None else answer.log_weight
-    rows = [(*answer.prior[name], 0.0, np.inf)[:4] for name in names if name in answer.prior]
-    if len(rows) < len(names):
-        log_prior = np.full(len(theta), -float(np.sum(np.log(np.diff(ends, axis=0)))))
-    else:
-        log_prior = Prior(names, *np.array(rows, dtype=float).T).log_density(theta)
+    rows = [(*answer.prior.get(name, ends[:, k]), 0.0, np.inf)[:4] for k, name in enumerate(names)]
+    log_prior = Prior(names, *np.array(rows, dtype=float).T).log_density(theta)
     return likelihood(theta, log_weight, log_prior, [answer.bound(natural_name(name)) for name in names], ends)
 
 
@@ -458,8 +454,3 @@ def _resampled(sample: Sample, seed: int) -> Floats:
     places = (np.arange(_DRAWS) + rng.uniform()) / _DRAWS
     chosen = np.searchsorted(np.cumsum(weight) / np.sum(weight), places)
     return sample.u[rng.permutation(np.minimum(chosen, len(weight) - 1))]
-
-
-def _evidence(sample: Sample, log_size: float) -> Evidence:
-    log, error = sample.log_evidence
-    return Evidence(log + log_size, error)

@@ -19,8 +19,7 @@ of one shot have in common, given its values, is left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.optimize import minimize
@@ -29,6 +28,7 @@ from scipy.special import log_ndtr, logsumexp
 from cavirheo.arrays import Floats
 from cavirheo.inference.verify.sampler import Mixture, Sample, importance_sample
 from cavirheo.parameters import Bound
+from cavirheo.posterior import Evidence
 from cavirheo.prior import Prior, log_normal
 
 FEW = 30.0  # effective draws of a shot, below which its interval is rough
@@ -82,95 +82,52 @@ class Likelihood(Gaussians):
     effective: float
 
 
-@dataclass(frozen=True, eq=False)
-class Likelihoods(Gaussians):
-    """Those of n shots one after the other: shot (m,) to which each belongs, first (n,) of each shot; log_size: sum of
-    the shots'."""
-
-    shot: np.ndarray
-    first: np.ndarray
-    log_size: float
-
-    @classmethod
-    def of(cls, shots: Sequence[Likelihood]) -> Likelihoods:
-        counts = np.array([len(shot.share) for shot in shots])
-        names = [field.name for field in fields(Gaussians)]
-        parts: Any = {name: np.concatenate([getattr(shot, name) for shot in shots]) for name in names}
-        of, first = np.repeat(np.arange(len(shots)), counts), np.cumsum(counts) - counts
-        return cls(**parts, shot=of, first=first, log_size=float(sum(shot.log_size for shot in shots)))
-
-    @property
-    def means(self) -> Floats:
-        """(n, d) of the shots."""
-        share = self.share[:, None]
-        total = np.add.reduceat(share, self.first, axis=0)
-        return np.asarray(np.add.reduceat(share * self.mean, self.first, axis=0) / total)
-
-
 def likelihood(
-    theta: Floats,
-    log_weight: Floats,
-    log_prior: Floats,
-    bounds: Sequence[Bound | None] = (),
-    ends: Floats | None = None,
+    theta: Floats, log_weight: Floats, log_prior: Floats, bounds: Sequence[Bound | None], ends: Floats
 ) -> Likelihood | None:
     """Of draws theta (k, d) of a posterior with log weights and log density of their prior (k,); None where they are
-    worth too little for a covariance. bounds: what is known of each parameter that has no value, in the range `ends`
-    (2, d) of its prior."""
+    worth too little for a covariance. bounds: what is known of each parameter, in the range `ends` (2, d) of its prior;
+    of one with a value whose tail reaches an end, a bound is tried, too."""
     log_weight = log_weight - logsumexp(log_weight) - log_prior
     size = float(logsumexp(log_weight))
     weight = np.exp(log_weight - size)
     effective, d = 1.0 / float(np.sum(weight**2)), theta.shape[1]
     if not effective > d + 3:
         return None
-    says = np.array([_SAYS[bound] for bound in bounds] or [VALUE] * d)
+    says = np.array([_SAYS[bound] for bound in bounds])
     fits = [_Fit(theta, weight, says, ends)]
     if not np.all(np.diag(fits[0].whole) > 0):
         return None
-    if effective < FEW:  # the covariance is itself uncertain: that of Student's t, which predicts the next draw
-        wider = effective / (effective - 1.0) * (effective + 1.0) / (effective - d - 2.0)
-        few, _ = fits[0].mixture(1)
-        return fits[0].likelihood(size, replace(few, covariance=few.covariance * wider), effective)
-    reaching = _reaching(theta, effective * weight, says, ends)
-    if np.any(reaching != says):
+    worth, width = effective * weight, _END * (ends[1] - ends[0])
+    mass = np.array([worth @ (theta < ends[0] + width), worth @ (theta > ends[1] - width)])
+    tail = np.where(mass[0] >= mass[1], UPPER, LOWER)
+    reaching = np.where((says == VALUE) & (np.max(mass, axis=0) >= _END_DRAWS), tail, says)
+    if effective >= FEW and np.any(reaching != says):
         fits.append(_Fit(theta, weight, reaching, ends))
     candidates: list[tuple[float, _Fit, Gaussians]] = []
     for fit in fits:
-        for k in range(1, min(_MOST, int(effective / _EACH)) + 1):
+        for k in range(1, max(min(_MOST, int(effective / _EACH)), 1) + 1):
             gaussians, fitted = fit.mixture(k)
             information = effective * fitted - 0.5 * np.log(effective) * (k * (d + 1) * (d + 2) / 2 - 1)
             if k > 1 and information <= candidates[-1][0]:
                 break
             candidates.append((information, fit, gaussians))
     _, fit, gaussians = max(candidates, key=lambda candidate: candidate[0])
-    return fit.likelihood(size, gaussians, effective)
-
-
-def _reaching(theta: Floats, effective: Floats, says: np.ndarray, ends: Floats | None) -> np.ndarray:
-    """`says` (d,), with a bound for each value whose tail of draws theta (k, d), worth `effective` (k,), reaches an end
-    of the prior."""
-    if ends is None:
-        return says
-    width = _END * (ends[1] - ends[0])
-    mass = np.array([effective @ (theta < ends[0] + width), effective @ (theta > ends[1] - width)])
-    tail = np.where(mass[0] >= mass[1], UPPER, LOWER)
-    return np.where((says == VALUE) & (np.max(mass, axis=0) >= _END_DRAWS), tail, says)
+    share, covariance = gaussians.share.copy(), gaussians.covariance
+    if effective < FEW:  # it is itself uncertain: that of Student's t, which predicts the next draw
+        covariance = covariance * (effective / (effective - 1.0) * (effective + 1.0) / (effective - d - 2.0))
+    share[0] /= fit.volume(gaussians.mean[0], covariance[0])
+    return Likelihood(share, gaussians.mean, covariance, gaussians.says, size, effective)
 
 
 class _Fit:
     """Gaussians of draws theta (n, d) with weights that sum to 1; the first is as `says` (d,), the others are of
     values; ends: (2, d) of the prior. whole: (d, d) covariance of the draws."""
 
-    def __init__(self, theta: Floats, weight: Floats, says: np.ndarray, ends: Floats | None) -> None:
-        self.theta, self.weight, self.says, self.mean = theta, weight, says, weight @ theta
+    def __init__(self, theta: Floats, weight: Floats, says: np.ndarray, ends: Floats) -> None:
+        self.theta, self.weight, self.says, self.ends, self.mean = theta, weight, says, ends, weight @ theta
         self.whole: Floats = (theta - self.mean).T * weight @ (theta - self.mean)
-        self.ends = np.array([np.min(theta, axis=0), np.max(theta, axis=0)]) if ends is None else ends
         self.bounded: list[int] = np.flatnonzero(np.abs(says) == UPPER).tolist()
-
-    def likelihood(self, size: float, gaussians: Gaussians, effective: float) -> Likelihood:
-        share = gaussians.share.copy()
-        share[0] /= self._volume(gaussians.mean[0], gaussians.covariance[0])
-        return Likelihood(share, gaussians.mean, gaussians.covariance, gaussians.says, size, effective)
 
     def mixture(self, k: int) -> tuple[Gaussians, float]:
         """k Gaussians by expectation maximisation, begun with slices across the longest axis; mean log density."""
@@ -202,7 +159,7 @@ class _Fit:
             gaussians = Gaussians(share / np.sum(share), mean, covariance, says)
             densities = gaussians.log_densities(theta, np.zeros((1, k, d)), np.zeros((1, d, d)))
             log_p = np.ascontiguousarray(densities.T)
-            log_p[0] -= np.log(self._volume(mean[0], covariance[0]))  # an integral of 1 over the prior's range
+            log_p[0] -= np.log(self.volume(mean[0], covariance[0]))  # an integral of 1 over the prior's range
             log_p += np.log(gaussians.share)[:, None]
             total = np.logaddexp.reduce(log_p, axis=0)
             resp = np.exp(log_p - total)
@@ -215,7 +172,7 @@ class _Fit:
             gaussians = Gaussians(np.ones(1), self.mean[None], self.whole[None], says)
         return gaussians, fitted
 
-    def _volume(self, mean: Floats, covariance: Floats) -> float:
+    def volume(self, mean: Floats, covariance: Floats) -> float:
         """The integral of the first Gaussian, as it is integrated, over the prior's range."""
         flat = np.flatnonzero(self.says == NOTHING)
         volume = float(np.prod(self.ends[1, flat] - self.ends[0, flat]))
@@ -278,12 +235,19 @@ def _dot(first: Sequence[Floats], second: Sequence[Floats]) -> Floats | float:
 
 class Scatter:
     """The log posterior over u, the normal coordinates of the prior (cavirheo.prior). With `spread=False` all shots
-    have one material. low, high: (d,) range of the centre, log10. column: (n,) with mean 0 and deviation 1, or None."""
+    have one material. shots: n of them, whose Gaussians stand one after the other. low, high: (d,) range of the centre,
+    log10. column: (n,) with mean 0 and deviation 1, or None."""
 
     def __init__(
-        self, shots: Likelihoods, low: Floats, high: Floats, *, spread: bool = True, column: Floats | None = None
+        self, shots: Sequence[Likelihood], low: Floats, high: Floats, *, spread: bool, column: Floats | None
     ) -> None:
-        self.shots, self.d, self.spread, self.column = shots, len(low), spread, column
+        names = [field.name for field in fields(Gaussians)]
+        self.gaussians = Gaussians(*(np.concatenate([getattr(shot, name) for shot in shots]) for name in names))
+        counts = [len(shot.share) for shot in shots]
+        self.shot = np.repeat(np.arange(len(shots)), counts)  # (m,) to which each Gaussian belongs
+        self.first: np.ndarray = np.cumsum(counts) - counts  # (n,) of each shot
+        self.log_size = float(sum(shot.log_size for shot in shots))
+        self.d, self.spread, self.column = len(low), spread, column
         d, pairs = self.d, self.d * (self.d - 1) // 2
         ranges = [(low[i], high[i], 0.0, np.inf) for i in range(d)]
         ranges += [(0.0, _LARGEST, 0.0, SPREAD)] * d * spread + [(-1.0, 1.0, 0.0, np.inf)] * pairs * spread
@@ -309,15 +273,15 @@ class Scatter:
 
     def densities(self, u: Floats) -> tuple[Floats, Floats]:
         """(k, n) log density of each shot if it is an inlier and if it is an outlier, shares included."""
-        d, shots = self.d, self.shots
+        d, gaussians = self.d, self.gaussians
         centre, spread, correlation, slope = self.parts(u)
         scatter = spread[:, :, None] * correlation * spread[:, None, :]
-        x = np.zeros(len(shots.shot)) if self.column is None else self.column[shots.shot]
+        x = np.zeros(len(self.shot)) if self.column is None else self.column[self.shot]
         along = slope[:, None] * x[:, None]
         densities = []
         for share, wide in ((1.0 - OUTLIERS, 0.0), (OUTLIERS, WIDE**2)):
-            log_p = shots.log_densities(centre, along, scatter + wide * np.eye(d)) + np.log(shots.share)
-            densities.append(np.log(share) + _log_sum(log_p, shots.first))
+            log_p = gaussians.log_densities(centre, along, scatter + wide * np.eye(d)) + np.log(gaussians.share)
+            densities.append(np.log(share) + _log_sum(log_p, self.first))
         return densities[0], densities[1]
 
     def __call__(self, u: Floats) -> Floats:
@@ -326,11 +290,11 @@ class Scatter:
         return np.concatenate(parts) + log_normal(u)
 
     def _chunks(self, u: Floats) -> list[Floats]:
-        rows = max(_CHUNK // len(self.shots.shot), 1)
+        rows = max(_CHUNK // len(self.shot), 1)
         return [u[i : i + rows] for i in range(0, len(u), rows)]
 
     def sample(self, seed: int) -> Sample:
-        """Weighted draws; the mean weight is the evidence, but for the sizes of the likelihoods."""
+        """Weighted draws."""
         mixture = self._start()
 
         def adapt(draws: Sample, _: np.random.Generator) -> Mixture:
@@ -341,16 +305,23 @@ class Scatter:
         rng = np.random.Generator(np.random.Philox(seed))
         return importance_sample(self, mixture.widened(), adapt, rng, enough=_ENOUGH, each=_ROUND, fewest=_ADAPTED)
 
+    def evidence(self, sample: Sample) -> Evidence:
+        """The mean weight of its draws times the sizes of the likelihoods."""
+        log, error = sample.log_evidence
+        return Evidence(log + self.log_size, error)
+
     def outliers(self, u: Floats) -> Floats:
         """(n,) probability that each shot is an outlier, over equally likely u (k, .)."""
-        total = np.zeros(len(self.shots.first))
+        total = np.zeros(len(self.first))
         for inside, outside in map(self.densities, self._chunks(u)):
             total += np.sum(1.0 / (1.0 + np.exp(np.clip(inside - outside, -700.0, 700.0))), axis=0)
         return np.asarray(total / len(u))
 
     def _start(self) -> Mixture:
         """About the modes, climbed to from the middle and, where there are few shots, from each of them."""
-        means = self.shots.means
+        share = self.gaussians.share[:, None]
+        total = np.add.reduceat(share, self.first, axis=0)
+        means = np.add.reduceat(share * self.gaussians.mean, self.first, axis=0) / total
         middle = np.median(means, axis=0)
         spread = np.clip(np.std(means, axis=0), 0.01, 0.5)
         steady = np.clip(1.5 * np.median(np.abs(means - middle), axis=0), 0.01, 0.5)
@@ -375,40 +346,32 @@ class Scatter:
             x[self.d : 2 * self.d] = spread
         return self.prior.to_u(x, inside=1e-6)
 
-    def _climbed(self, u: Floats) -> tuple[Floats, float]:
-        steps = 1e-4 * np.concatenate([np.eye(len(u)), -np.eye(len(u))])
+    def _around(self, u: Floats, step: float) -> tuple[float, Floats, Floats]:
+        """The height at u (m,), and those (m,) a step along each coordinate, upwards and downwards."""
+        steps = step * np.eye(len(u))
+        value = self(np.concatenate([u[None], u + steps, u - steps]))
+        up, down = np.split(value[1:], 2)
+        return float(value[0]), up, down
 
+    def _climbed(self, u: Floats) -> tuple[Floats, float]:
         def falling(at: Floats) -> tuple[float, Floats]:
-            value = self(np.concatenate([at[None], at + steps]))
-            up, down = np.split(value[1:], 2)
-            return -float(value[0]), -(up - down) / 2e-4
+            height, up, down = self._around(at, 1e-4)
+            return -height, -(up - down) / 2e-4
 
         mode = minimize(falling, u, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-2})
         return np.clip(mode.x, -7.0, 7.0), -float(mode.fun)
 
     def _width(self, u: Floats) -> Floats:
         """(m, m) covariance of the Gaussian about a mode."""
-        m = len(u)
-        steps = self._steps(u)
-        i, j = np.tril_indices(m)
-        ends = [
-            a * np.eye(m)[i] * steps[i, None] + b * np.eye(m)[j] * steps[j, None]
-            for a in (1.0, -1.0)
-            for b in (1.0, -1.0)
-        ]
-        value = [self(u + end) for end in ends]
-        curved = np.zeros((m, m))
+        height, up, down = self._around(u, _STEP)
+        steps = np.sqrt(0.1 / np.maximum(-(up + down - 2.0 * height) / _STEP**2, 1.0))  # each lowers it by a twentieth
+        along, (i, j) = np.diag(steps), np.tril_indices(len(u))
+        value = [self(u + (a * along[i] + b * along[j])) for a in (1.0, -1.0) for b in (1.0, -1.0)]
+        curved = np.zeros((len(u), len(u)))
         curved[i, j] = (value[0] - value[1] - value[2] + value[3]) / (4.0 * steps[i] * steps[j])
         curved = curved + np.tril(curved, -1).T
         values, vectors = np.linalg.eigh(-curved)
         return np.asarray((vectors / np.clip(values, 0.5, None)) @ vectors.T)  # no wider than the prior, nearly
-
-    def _steps(self, u: Floats) -> Floats:
-        """(m,) of second differences: each lowers the height by about a twentieth."""
-        ends = _STEP * np.concatenate([np.eye(len(u)), -np.eye(len(u))])
-        up, down = np.split(self(u + ends), 2)
-        curvature = np.maximum(-(up + down - 2.0 * self(u[None])) / _STEP**2, 1.0)
-        return np.asarray(np.sqrt(0.1 / curvature))
 
 
 def _log_sum(log_p: Floats, first: np.ndarray) -> Floats:
