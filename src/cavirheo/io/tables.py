@@ -19,6 +19,7 @@ import csv
 import re
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import islice, takewhile
@@ -383,12 +384,10 @@ def kind_of(head: bytes) -> Literal["text", "workbook", "binary"]:
 
 def _decoded(content: bytes) -> str:
     """UTF-16, UTF-8 or Latin-1, without its mark."""
-    encoding = "utf-16" if content.startswith(_UTF16) else "utf-8-sig"
-    try:
-        return content.decode(encoding)
-    except UnicodeDecodeError:
-        require(encoding != "utf-16", "begins as UTF-16 text and does not go on so", "tabular.encoding")
-        return content.decode("latin-1")
+    for encoding in ["utf-16"] if content.startswith(_UTF16) else ["utf-8-sig", "latin-1"]:
+        with suppress(UnicodeDecodeError):
+            return content.decode(encoding)
+    raise InputError("begins as UTF-16 text and does not go on so", "tabular.encoding")
 
 
 def _text_table(text: str, vocabulary: Vocabulary) -> Table:
