@@ -47,11 +47,7 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
             one that may not be read ("reading.unreadable"), is damaged ("reading.damaged"), or as the reader says.
     """
     name = file_label(path)
-    try:
-        if not (folder and path.is_dir()):
-            _check(path, name)
-    except OSError as error:
-        raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
+    _check(path, name, folder=folder)
     try:
         with np.errstate(all="ignore"):  # a damaged file may hold any number; what comes of it is checked
             yield
@@ -64,12 +60,16 @@ def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator
         raise InputError(message + (f"; {expected}" if expected else ""), "reading.damaged") from error
 
 
-def _check(path: Path, name: str) -> None:
+def _check(path: Path, name: str, *, folder: bool) -> None:
     try:
         status = path.stat()
     except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a name with a zero byte
         raise InputError(f"{name} does not exist", "reading.missing") from None
+    except OSError as error:
+        raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
     mode = status.st_mode
+    if folder and stat.S_ISDIR(mode):
+        return
     directory = f"{name} is a directory; give the files in it, e.g. {name}/*.mat"
     require(not stat.S_ISDIR(mode), directory, "reading.folder")
     kind = "a pipe" if stat.S_ISFIFO(mode) else "a socket" if stat.S_ISSOCK(mode) else "a device"

@@ -19,6 +19,7 @@ import csv
 import re
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import islice, takewhile
@@ -97,9 +98,13 @@ class Vocabulary:
     sections: bool = False
     bare: bool = False  # whether numbers without titles are a table, too
 
+    @lru_cache(4096)  # noqa: B019  a vocabulary lives as long as the program
     def name(self, title: str) -> Name:
         """What a title such as `time_us`, `R [um]`, `Shear Strain (%)` or `omega in rad/s` names."""
-        return _name(self, title)
+        if is_number(title):
+            return Name()
+        name = self.name_by_words(title)
+        return self.fallback(title) if self.fallback and not name.kind else name
 
     def name_by_words(self, title: str) -> Name:
         """As `name`, by the words of the vocabulary alone."""
@@ -140,14 +145,6 @@ class Vocabulary:
         return {plain_title(word): kind for kind, term in self.terms.items() for word in term.words.split()}
 
 
-@lru_cache(4096)
-def _name(vocabulary: Vocabulary, title: str) -> Name:
-    if is_number(title):
-        return Name()
-    name = vocabulary.name_by_words(title)
-    return vocabulary.fallback(title) if vocabulary.fallback and not name.kind else name
-
-
 @dataclass(frozen=True, eq=False)
 class Column:
     """One column of a table; what is in its cells is read when it is asked for."""
@@ -170,15 +167,22 @@ class Column:
 
     @cached_property
     def numbers(self) -> Floats:
-        """(rows,) in the unit of the column; NaN where a cell is missing. Raises InputError: a cell is no number."""
-        values = np.full(len(self.table.rows), np.nan)
-        for k, (row, cell) in enumerate(zip(self.table.rows, self.text, strict=True)):
-            try:
-                values[k] = _number(cell)
-            except InputError as error:
-                message = f"row {row.number}, column {self.title!r}: {error}"
-                raise self.table.vocabulary.error(error.code.removeprefix("tabular."), message) from None
-        return values
+        """(rows,) in the unit of the column; NaN where a cell is missing. Raises InputError: a cell is no number, or
+        one with a comma of unknown meaning."""
+        return np.array([self._number(*pair) for pair in zip(self.table.rows, self.text, strict=True)], dtype=float)
+
+    def _number(self, row: Row, cell: str) -> float:
+        if is_float(cell):
+            return float(cell)
+        vocabulary, place = self.table.vocabulary, f"row {row.number}, column {self.title!r}: {cell[:30]!r}"
+        if _WITH_COMMA.fullmatch(cell):
+            two = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
+            message = f"{place} could be {two}: is the comma decimal? export with decimal points only"
+            raise vocabulary.error("comma", message)
+        if not is_number(cell):
+            message = f"{place} is not a number (none has marks between thousands)"
+            raise vocabulary.error("number", f"{message}; leave the cell empty where there is none")
+        return np.nan
 
     @property
     def si(self) -> Floats:
@@ -303,10 +307,9 @@ def _tables(sheet: Table) -> Iterator[Table]:
             raise vocabulary.error("width", f"{message}: is a comma decimal, or part of a text that needs quotes?")
         widest = max((len(row.texts) for row in rows), default=len(titles))
         if not sheet.sheet and any(vocabulary.name(title).kind for title in titles[widest:]):
-            message = f"row {sheet.rows[at].number} has {len(titles)} titles, the rows below at most {widest} cells"
-            raise vocabulary.error(
-                "width", f"{message}: quote a title that holds a comma, or write the empty cells, too"
-            )
+            message = f"row {sheet.rows[at].number} has {len(titles)} titles, the rows below at most {widest} cells: "
+            message += "quote a title that holds a comma, or write the empty cells, too"
+            raise vocabulary.error("width", message)
         last = rows[-1].texts if rows and any(vocabulary.term(title).units for title in titles) else []
         if word := next((cell for cell in last if plain_title(cell) in _SUMMARIES.split()), ""):
             message = f"row {rows[-1].number} is a {word} and no measurement: remove it, and others like it"
@@ -368,7 +371,8 @@ def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Table]:
         sheets = [Table(vocabulary, [Row(*row) for row in rows], [], name) for name, rows in books]
     for sheet in sheets:
         limits.few(max((len(row.texts) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
-    return list(map(_with_points, sheets))
+        _replace_signs(sheet)
+    return sheets
 
 
 def kind_of(head: bytes) -> Literal["text", "workbook", "binary"]:
@@ -380,12 +384,10 @@ def kind_of(head: bytes) -> Literal["text", "workbook", "binary"]:
 
 def _decoded(content: bytes) -> str:
     """UTF-16, UTF-8 or Latin-1, without its mark."""
-    encoding = "utf-16" if content.startswith(_UTF16) else "utf-8-sig"
-    try:
-        return content.decode(encoding)
-    except UnicodeDecodeError:
-        require(encoding != "utf-16", "begins as UTF-16 text and does not go on so", "tabular.encoding")
-        return content.decode("latin-1")
+    for encoding in ["utf-16"] if content.startswith(_UTF16) else ["utf-8-sig", "latin-1"]:
+        with suppress(UnicodeDecodeError):
+            return content.decode(encoding)
+    raise InputError("begins as UTF-16 text and does not go on so", "tabular.encoding")
 
 
 def _text_table(text: str, vocabulary: Vocabulary) -> Table:
@@ -395,10 +397,9 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
     lines = text.splitlines()
     limits.few(len(lines), limits.ROWS, "lines")
     limits.few(max(map(len, lines), default=0), limits.LINE, "characters in one line")
-    comments = {k for k, line in enumerate(lines) if line.lstrip().startswith(("#", "%"))}
-    data = ["" if k in comments else line for k, line in enumerate(lines)]
+    data = ["" if line.lstrip().startswith(("#", "%")) else line for line in lines]
     rows = _rows_with_header(data, vocabulary)
-    if rows is None and comments:
+    if rows is None and data != lines:
         rows = _rows_with_header([line.lstrip("#% ") for line in lines], vocabulary)
     if rows is None:
         sample = [line for line in data if line.strip()][:20]
@@ -444,38 +445,26 @@ def _split(lines: list[str], separator: str | None) -> Iterator[Row]:
         raise InputError(f"line {reader.line_num}: {error}", "tabular.csv") from None
 
 
-def _with_points(sheet: Table) -> Table:
-    """The sheet, its numbers with decimal points and plain minus signs."""
-    rows = [[cell.replace("−", "-") if re.match(r"−\d", cell) else cell for cell in texts] for _, texts in sheet.rows]
+def _replace_signs(sheet: Table) -> None:
+    """Give the numbers of a sheet decimal points and plain minus signs."""
+    rows = [row.texts for row in sheet.rows]
+    for texts in rows:
+        texts[:] = [cell.replace("−", "-") if re.match(r"−\d", cell) else cell for cell in texts]
     data = [texts for texts in rows if all(map(is_number, texts))] or rows  # what stands above a table says nothing
     values = {cell for texts in data for cell in texts}
-    notes, commas = sheet.notes, filter(_WITH_COMMA.fullmatch, values)
+    commas = filter(_WITH_COMMA.fullmatch, values)
     # commas are decimal where no number has a point, and one of them is none between thousands
     if not any(map(_WITH_POINT.fullmatch, values)) and not all(map(_THOUSANDS.fullmatch, commas)):
         count = sum(bool(_WITH_COMMA.fullmatch(cell)) for texts in rows for cell in texts)
-        rows = [[cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in texts] for texts in rows]
-        notes = [*notes, f"{count} decimal commas"]
-    rows_with_points = [Row(number, texts) for (number, _), texts in zip(sheet.rows, rows, strict=True)]
-    return replace(sheet, rows=rows_with_points, notes=notes)
+        sheet.notes.append(f"{count} decimal commas")
+        for texts in rows:
+            texts[:] = [cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in texts]
 
 
 def is_number(cell: str) -> bool:
     """A number, or what stands for a missing one: nothing, a word such as nan, signs such as ---."""
     missing = cell.strip().lower() in _MISSING or not re.search(r"\w", cell)
     return missing or is_float(cell) or bool(_WITH_COMMA.fullmatch(cell))
-
-
-def _number(cell: str) -> float:
-    """NaN where the cell is missing. Raises InputError: no number, or one with a comma of unknown meaning."""
-    if is_float(cell):
-        return float(cell)
-    if _WITH_COMMA.fullmatch(cell):
-        two = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
-        message = f"{cell[:30]!r} could be {two}: is the comma decimal? export with decimal points only"
-        raise InputError(message, "tabular.comma")
-    message = f"{cell[:30]!r} is not a number (none has marks between thousands)"
-    require(is_number(cell), f"{message}; leave the cell empty where there is none", "tabular.number")
-    return float("nan")
 
 
 def _plain(text: str) -> str:

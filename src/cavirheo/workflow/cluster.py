@@ -132,11 +132,10 @@ def reports(client: Client, wait: float) -> list[WorkerReport]:
             answer = {"host": "?", "identity": None, "wrong": f"{type(answer).__name__}: {answer}"}
         worker = WorkerReport(address, threads=threads.get(address, 0), **answer)
         if theirs := worker.identity:
-            codes = f"{theirs.code[:8]}, here {mine.code[:8]}"
             if theirs.version != mine.version:
                 worker.wrong = f"it has cavirheo {theirs.version}, and this is {mine.version}"
             elif theirs.code != mine.code:
-                worker.wrong = f"its cavirheo {theirs.version} has other code ({codes})"
+                worker.wrong = f"its cavirheo {theirs.version} has other code ({theirs.code[:8]}, here {mine.code[:8]})"
         workers.append(worker)
     alike = {worker.address: worker.identity.bits for worker in workers if worker.identity and not worker.wrong}
     ((usual, _),) = Counter(alike.values()).most_common(1) or [("", 0)]

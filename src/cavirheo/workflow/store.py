@@ -5,7 +5,6 @@ Whatever ends a run, an answer that is kept stays.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import closing, suppress
@@ -44,19 +43,16 @@ class Store:
     def __init__(self, folder: Path | None = None, most: int | None = None) -> None:
         self.folder, self.most = folder, most
         self.written: set[str] = set()
-        self._held: OrderedDict[str, Future[Any]] = OrderedDict()
+        self._held: dict[str, Future[Any]] = {}  # the latest last
         self._lock = Lock()
 
     def get(self, key: str, kind: type[_Value] = Posterior) -> _Value | None:  # type: ignore[assignment]
         """What is kept under a key; None where there is nothing, or nothing of this kind that can be read."""
         with self._lock:
             held = self._held.get(key)
-        if held is not None:
-            value = held.result()
-        elif self.folder and (value := self._read(key)) is not None:
+        value = held.result() if held else self._read(key)
+        if held is None and value is not None:
             self._hold(key, value)
-        else:
-            return None
         return value if isinstance(value, kind) else None
 
     def put(self, key: str, value: Any, *, file: bool = True) -> None:
@@ -73,8 +69,8 @@ class Store:
         wait. All of them get its error, which is not kept."""
         with self._lock:
             mine = key not in self._held
-            task: Future[_Value] = self._held.setdefault(key, Future())
-            self._held.move_to_end(key)
+            task: Future[_Value] = self._held.pop(key, Future())
+            self._held[key] = task
             self._trim()
         if mine:
             try:
@@ -109,7 +105,7 @@ class Store:
     def _read(self, key: str) -> Any:
         """What is in a file; None where there is nothing that can be read."""
         with suppress(EOFError, OSError):  # whatever is wrong with it, the answer is found anew
-            return decode(self._place(key).read_bytes(), _KINDS)
+            return decode(self._place(key).read_bytes(), _KINDS) if self.folder else None
         return None
 
     def _hold(self, key: str, value: Any) -> None:
@@ -151,10 +147,8 @@ def analyse(
     if not left:
         return
     some, begin = [curves[index] for index in left], [starts[index] for index in left] if starts else None
-    with (
-        bar(analysis.doing, len(left), visible=visible) as advance,
-        closing(analysis.flow(some, begin, executor)) as flow,
-    ):
+    progress = bar(analysis.doing, len(left), visible=visible)
+    with progress as advance, closing(analysis.flow(some, begin, executor)) as flow:
         for place, answer in flow:
             fine = answer.checks.verdict != "failed" or bool(some[place].unusable)
             store.put(keys[left[place]], answer, file=fine)
