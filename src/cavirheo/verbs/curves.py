@@ -72,7 +72,7 @@ class Infer(_Report, options.Inference):
 
 
 @dataclass(kw_only=True)
-class Fit(_Report, options.OneBubble):
+class Fit(_Report):
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
 
     material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
@@ -86,18 +86,14 @@ class Fit(_Report, options.OneBubble):
     others: Annotated[bool, option(_OTHER_BUBBLE, INTERVAL, "--others/--no-others")] = True
     out: options.Out = Path("cavirheo-fit")
 
-    def requested(self, files: Iterable[Path]) -> Analysis:
-        from cavirheo.inference.analysis import Analysis
-
-        settings: dict[str, Any] = {"method": "fit", "bubble": self.bubbles, "medium": self.liquid}
-        settings["scale_bound"] = self.scale_percent / 100
-        settings["t0_bound"] = None if self.t0_us is None else self.t0_us * 1e-6
-        settings["end"] = None if self.window_us is None else self.window_us * 1e-6
-        return Analysis(**options.shared(self, Analysis) | settings)
+    def requested(self, files: Iterable[Path], **settings: Any) -> Analysis:
+        t0_bound, end = (None if us is None else us * 1e-6 for us in (self.t0_us, self.window_us))
+        settings |= {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
+        return super().requested(files, **settings)
 
 
 @dataclass(kw_only=True)
-class WhichLaw(options.Measured, options.OneBubble):
+class WhichLaw(options.Measured):
     """Which of several laws explains the curves best? Evidence by sampling, 1 to 30 s a curve and law."""
 
     laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
