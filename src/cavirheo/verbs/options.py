@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, BadParameter, Option
 
 from cavirheo.errors import require
-from cavirheo.parallel import run_in_thread
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -326,7 +325,7 @@ class Measured(Answering):
             from cavirheo.io.shots import with_column
 
             curves = with_column(curves, self.column)
-        run_in_thread(load_solver)
+        load_solver()
         return curves
 
 

@@ -121,9 +121,10 @@ class Run:
         terminal.say(f"{message}: {written}" if written else message)
         raise typer.Exit(130)
 
-    def end(self, message: str, failed: bool = False) -> None:
-        """The last line on stderr, `{seconds}` replaced by the time taken; status 2: unreadable files, 1: `failed`."""
-        self.say(message.replace("{seconds}", f"{time.perf_counter() - self.began:.1f} s"))
+    def end(self, done: str, failed: bool = False, places: str = "") -> None:
+        """The last line on stderr: what is done, in which time, and where it is; status 2: unreadable files, 1:
+        `failed`."""
+        self.say(f"{done} in {time.perf_counter() - self.began:.1f} s{places}")
         if self.unreadable or failed:
             raise typer.Exit(2 if self.unreadable else 1)
 
