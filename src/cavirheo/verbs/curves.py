@@ -107,7 +107,7 @@ class WhichLaw(options.Measured):
         from cavirheo.inference.assumptions import Options
         from cavirheo.inference.verify.evidence import choose_answers, models, plans, ranked, weigh_models
         from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting.laws import Laws, firmly, print_table, records
+        from cavirheo.reporting.laws import Laws, firmly, records
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing import document
@@ -144,7 +144,7 @@ class WhichLaw(options.Measured):
         with run.bar("drawing", unit="figures", visible=bool(figures)) as advance:
             reporting.write_report(out, pairs, run.command, figures, advance=advance, **how)
         unfinished.remove()
-        run.show(laws, print_table)
+        run.show(laws)
         verdicts = {answer.checks.verdict for ranking in singles for answer in ranking.answers.values()}
         failed = "check_input" in verdicts or any(ranking.chosen is None for ranking in singles)
         places = f"; {out / 'laws.json'}; report: {out / 'report.html'}"
