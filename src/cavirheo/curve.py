@@ -332,7 +332,8 @@ class RadiusCurve:
         """(lambda, its standard deviation): R_max over the mean radius of the last third of the time.
 
         None where this is no plateau: it has fewer than 8 frames, begins sooner than two collapse periods after R_max,
-        or scatters or drifts by 5 %.
+        scatters by 5 % (residual oscillation included), or drifts by 5 %, in itself or against the sixth of the time
+        before it. The deviation is that of scatter and drift.
         """
         collapses = self.collapse_times()
         return plateau(*self._after_max, collapses[0] if len(collapses) else None)

@@ -285,12 +285,7 @@ def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], ri
 
 
 def plateau(time: Floats, radius: Floats, first_collapse: float | None) -> tuple[float, float] | None:
-    """(R_max over the late plateau, its standard deviation) of samples that begin at R_max; None without a plateau.
-
-    This is the last third of the time. It must hold at least 8 frames, lie at least two collapse periods after
-    R_max (if there are collapses), scatter by less than 5 % (residual oscillation included), and drift by less than 5 %
-    in itself and against the sixth of the time before it: the deviation is that of both.
-    """
+    """`RadiusCurve.stretch_from_tail` of samples (n,) that begin at R_max."""
     duration = time[-1] - time[0]
     late = time > time[-1] - duration / 3.0
     before = (time > time[-1] - duration / 2.0) & ~late

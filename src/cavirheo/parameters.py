@@ -10,8 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import fields
-from functools import cache
-from math import inf
+from math import inf, log10
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -72,10 +71,6 @@ DURATION = Plausible(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation
 STRETCH_RANGE = (1.2, 16.0)  # in which R_max/R_0 is looked for
 
 
-def _log10(low: float, high: float) -> tuple[float, float]:
-    return float(np.log10(low)), float(np.log10(high))
-
-
 PARAMETERS: dict[str, Parameter] = {
     "shear_modulus": Parameter("G", "Pa", (1.0, 7.0), (2.7, 5.2)),
     "C1": Parameter("C_1", "Pa", (0.7, 5.7), (2.4, 4.9)),
@@ -99,7 +94,7 @@ PARAMETERS: dict[str, Parameter] = {
     "relaxation_time": Parameter("tau_1", "s", (-8.0, -3.0), (-7.0, -5.0)),
     "retardation_time": Parameter("tau_2", "s", (-9.0, -3.0), (-8.0, -6.0)),
     # of a shot
-    "stretch": Parameter("λ", "1", _log10(*STRETCH_RANGE), _log10(3.0, 12.0)),
+    "stretch": Parameter("λ", "1", (log10(STRETCH_RANGE[0]), log10(STRETCH_RANGE[1])), (log10(3.0), log10(12.0))),
     "time_origin": Parameter("t_0", "s"),
     "radius_scale": Parameter("scale", "1"),
     "max_radius_factor": Parameter("R_max factor", "1"),
@@ -208,16 +203,11 @@ def within(allowed: Mapping[str, Any], name: str, value: float) -> None:
         raise InputError(f"{name} must be {words}, got {value!r}", f"physics.{name.split()[0]}")
 
 
-@cache
-def _domains(kind: Any) -> list[tuple[str, Mapping[str, Any]]]:
-    """Names and domains of the fields of a dataclass: asked at every simulation."""
-    return [(field.name, field.metadata) for field in fields(kind) if field.metadata]
-
-
 def check(parameters: Any) -> None:
     """Raises InputError for the first field of a dataclass that is outside its domain."""
-    for name, allowed in _domains(parameters.__class__):
-        within(allowed, name, getattr(parameters, name))
+    for field in fields(parameters):
+        if field.metadata:
+            within(field.metadata, field.name, getattr(parameters, field.name))
 
 
 def check_plausible(parameters: Any, advice: str) -> None:

@@ -249,16 +249,15 @@ class TrainingProblem:
         values = natural_values(self.prior.names, theta)
         return MATERIALS[self.material_name](**{name: value for name, value in values.items() if name != "stretch"})
 
-    def simulate_many(self, theta: ArrayLike, *, time: ArrayLike | None = None, **options: Any) -> list[Simulation]:
-        """The curves of theta (curves, parameters) at the reference R_max, failed ones too (see their status).
-        `time` is (n,) or (curves, n) s, by default the grid; `options` are those of the simulation."""
+    def simulate_many(self, theta: ArrayLike, **options: Any) -> list[Simulation]:
+        """The curves of theta (curves, parameters) on the grid at the reference R_max, failed ones too (see their
+        status). `options` are those of the simulation."""
         from cavirheo.physics.simulate import simulate_many  # compiles: whoever only trains need not wait
 
         rows = np.asarray(theta, dtype=float)
         stretch = np.array([natural_values(self.prior.names, row)["stretch"] for row in rows])
-        time, size = self.grid.time if time is None else time, self.reference_max_radius
-        materials = [self.material(row) for row in rows]
-        return simulate_many(materials, max_radius=size, stretch=stretch, medium=self.medium, time=time, **options)
+        shot: dict[str, Any] = {"max_radius": self.reference_max_radius, "stretch": stretch, "time": self.grid.time}
+        return simulate_many([self.material(row) for row in rows], medium=self.medium, **shot, **options)
 
     def grid_step(self, max_radius: float, medium: Medium | None = None) -> float:
         """The frame interval (s) that puts a shot of this R_max (m) on the grid in t*."""

@@ -17,7 +17,6 @@ from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import card, path_of
 from cavirheo.io.files import expand
 from cavirheo.io.shots import CurveSet, read_shots, shot_numbers
-from cavirheo.parallel import run_in_thread
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import DOCUMENTS, html, outputs, read_json, result, table, write_report
@@ -137,7 +136,7 @@ def compare(
     curves = [curve for read in shots.values() for curve in read.curves]
     unread = sum(len(read.problems) for read in shots.values())
     unfinished, report = Unfinished(out, visible=progress), outputs(out, curves)
-    run_in_thread(load_solver)
+    load_solver()
     answers = {name: unfinished.answers(read.curves, analyses[name]) for name, read in shots.items()}
     pairs = [(shots[name].curves[i], answer) for name, of in answers.items() for i, answer in of.numbered()]
     note = unfinished.note(len(pairs), len(curves))

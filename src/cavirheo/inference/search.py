@@ -16,7 +16,6 @@ from cavirheo.arrays import Floats, even_points
 from cavirheo.errors import SolverError
 from cavirheo.inference.camera import NAMES
 from cavirheo.inference.experiment import FORWARD, Experiment, Prediction
-from cavirheo.parallel import each
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.accuracy import COARSE, ROUGH, Accuracy
 from cavirheo.physics.collapse import analytic_modulus
@@ -49,14 +48,14 @@ class Minimum(NamedTuple):
 class LeastSquares:
     """The residuals of an experiment with its weights, which those of the normal priors follow."""
 
-    def __init__(self, shot: Experiment, workers: int = 1) -> None:
-        self.shot, self.workers, self.bounds, prior = shot, workers, shot.bounds, shot.prior()
+    def __init__(self, shot: Experiment) -> None:
+        self.shot, self.bounds, prior = shot, shot.bounds, shot.prior()
         self.columns = np.flatnonzero(np.isfinite(prior.std))  # of x, that have a normal prior
         self.mean, self.std = prior.mean[self.columns], prior.std[self.columns]
 
     def predictions(self, points: Sequence[Floats], accuracy: Accuracy) -> list[Prediction | None]:
-        """One simulation for each x (parameters,), on so many threads."""
-        return each(lambda x: self.shot.predict(x, accuracy), points, self.workers)
+        """One simulation for each x (parameters,)."""
+        return [self.shot.predict(x, accuracy) for x in points]
 
     def residuals(self, x: Floats, accuracy: Accuracy) -> Floats:
         """(frames + priors,) weighted residuals."""
@@ -195,8 +194,8 @@ class Search:
     many there were. unlike: least squared difference of the weighted frames of two minima; if it is not 0, no coarse
     simulation is gone on from in a longer window where minima of the one before leave nothing but noise."""
 
-    def __init__(self, shot: Experiment, workers: int = 1, unlike: float = 0.0) -> None:
-        self.shot, self.workers, self.unlike = shot, workers, unlike
+    def __init__(self, shot: Experiment, unlike: float = 0.0) -> None:
+        self.shot, self.unlike = shot, unlike
         cuts: list[Cut] = [*((n, shot.cut[1]) for n in range(1, min(shot.view.collapses, 4))), shot.cut]
         self.shots: dict[Cut, Experiment] = {cut: shot.cut_to(*cut) for cut in cuts}
         self.stages: dict[Cut, Floats] = {}
@@ -206,7 +205,7 @@ class Search:
     def starts(self) -> tuple[list[Floats], list[Floats]]:
         """x of one more round where minima of the whole window may be: minima of the window before, and coarse
         simulations. Raises SolverError: none of these succeeds."""
-        scan = Scan(LeastSquares(self.shot, self.workers), ROUNDS[self.rounds], sum(ROUNDS[: self.rounds]))
+        scan = Scan(LeastSquares(self.shot), ROUNDS[self.rounds], sum(ROUNDS[: self.rounds]))
         earlier = list[Floats]()
         *shorter, whole = self.shots
         for cut in shorter:
@@ -246,7 +245,7 @@ class Search:
         self, shot: Experiment, earlier: Sequence[Floats], new: Sequence[Floats], limits: Mapping[str, Any]
     ) -> list[Minimum]:
         """The lowest minima of the window of a shot, from minima of the one before and from coarse simulations."""
-        fit, minima = LeastSquares(shot, self.workers), list[Minimum]()
+        fit, minima = LeastSquares(shot), list[Minimum]()
         for number, start in enumerate([*earlier, *new]):
             if number == len(earlier) and any(self.only_noise(_missed(shot, minimum)) for minimum in minima):
                 break

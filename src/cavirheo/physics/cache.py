@@ -43,7 +43,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def _kept(function: Callable[..., Any], counted: bool) -> Any:
-    options = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}, "_nrt": counted}
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}, "_nrt": counted}
     dispatcher: Any = numba.njit(**options)(function)
     with suppress(OSError):  # a package without its source: nothing would tell one version's code from another's
         dispatcher._cache = StoredCode(function)

@@ -328,9 +328,9 @@ def simulate_many(
 
 
 def load_solver() -> None:
-    """Load the compiled solver; tell the user where it is compiled first."""
+    """Load the compiled solver, which Ctrl-C ends; tell the user where it is compiled first."""
     cache.NOTICES["solver.integrate"] = "compiling the bubble solver for this machine, once (10 to 30 s) ..."
-    simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
+    parallel.run_in_thread(lambda: simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7]))
 
 
 def _checked(time: ArrayLike) -> Floats:

@@ -7,7 +7,6 @@ import re
 import signal
 import sys
 from contextlib import suppress
-from functools import cache
 from typing import Annotated, Any
 
 import typer
@@ -59,16 +58,13 @@ def _options(
         context.fail("Missing command.")
 
 
-@cache
-def _command() -> Any:
-    """`app` as what can be called, made once in a process."""
-    return typer.main.get_command(app)
+_command: Any = typer.main.get_command(app)
 
 
 def main() -> None:
     """The command line in this process: errors of the user become one line and exit status 2."""
     try:
-        sys.exit(_command()(prog_name="cavirheo", standalone_mode=False))
+        sys.exit(_command(prog_name="cavirheo", standalone_mode=False))
     except _Usage as error:
         message = error.format_message().replace("Value error, ", "")  # pydantic's
         if "\n" in message.strip():  # no words at all: the help

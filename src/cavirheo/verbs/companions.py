@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cavirheo.errors import InputError, require
-from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import options
 from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run, has_problems
@@ -55,7 +54,7 @@ class Compare(options.Printing, options.Pictures, options.OneBubble):
             run.stop(result.notes[0], table)
         run.show(result, print_comparison)
         counts = f"{digits.counted(len(result.groups), 'set')}, {digits.counted(len(result.curves), 'shot')}"
-        run.end(f"{counts} in {{seconds}}; table: {table}", has_problems(result))
+        run.end(counts, has_problems(result), f"; table: {table}")
 
 
 @dataclass(kw_only=True)
@@ -101,7 +100,7 @@ class Rheometer(options.Printing, options.Pictures):
         run.deliver(outputs, rheometry)
         if result and not run.quiet:
             table.print_with_published(result, rheometer.regimes(rheometry, result))
-        run.end(f"written to {self.out} in {{seconds}}", any(sweep.message for sweep in rheometry.sweeps))
+        run.end(f"written to {self.out}", any(sweep.message for sweep in rheometry.sweeps))
 
 
 @dataclass(kw_only=True)
@@ -147,7 +146,7 @@ class CollapseTime(options.Printing, options.Pictures, options.Liquid):
             document.notes += outputs.picture(f"{stem}.png", style.save, collapse_times.figure, group, document)
         run.deliver(outputs, document)
         failed = any(group.incomplete or (self.exact and group.model != "exact") for group in groups)
-        run.end(f"written to {self.out} in {{seconds}}", failed)
+        run.end(f"written to {self.out}", failed)
 
 
 @dataclass(kw_only=True)
@@ -196,11 +195,11 @@ class Design(options.Printing, options.Liquid, options.OneBubble):
         how: dict[str, Any] = {"ranges": {name: ends for name, ends in ranges.items() if ends}}
         how |= {name: getattr(self, name) for name in ("group", "spread", "sizes", "draws", "check", "seed")}
         outputs = Outputs(self.out, "design.json", inputs=[self.result] if self.result else [])
-        run_in_thread(load_solver)
+        load_solver()
         with run.bar("simulating", self.sizes * len(rig.frame_rate) * self.draws) as advance:
             document = design(self.result, rig, wanted=0.01 * self.wanted_percent, done=advance, **how)
         run.deliver(outputs, document.model_copy(update=run.head))
-        run.end(f"written to {self.out} in {{seconds}}")
+        run.end(f"written to {self.out}")
 
 
 def _numbers(option: str, text: str) -> list[float]:

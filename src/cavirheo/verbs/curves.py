@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cavirheo.errors import require
-from cavirheo.parallel import run_in_thread
 from cavirheo.verbs import options
 from cavirheo.verbs.options import BUBBLE, INPUT, INTERVAL, argument, option
 from cavirheo.verbs.run import Run, has_problems
@@ -61,8 +60,7 @@ class _Report(options.Measured):
             run.stop(note, out / "result.json")
         unfinished.remove()
         run.show(result, partial(print_table, analysis=analysis, out=out, notes_shown=run.refusals))
-        message = f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
-        run.end(message, has_problems(result))
+        run.end(digits.counted(len(curves), "curve"), has_problems(result), f"; report: {out / 'report.html'}")
 
 
 @dataclass(kw_only=True)
@@ -72,7 +70,7 @@ class Infer(_Report, options.Inference):
 
 
 @dataclass(kw_only=True)
-class Fit(_Report, options.OneBubble):
+class Fit(_Report):
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
 
     material: Annotated[str, option(_FITTED, autocompletion=options.law_names)] = "nhkv"
@@ -86,18 +84,14 @@ class Fit(_Report, options.OneBubble):
     others: Annotated[bool, option(_OTHER_BUBBLE, INTERVAL, "--others/--no-others")] = True
     out: options.Out = Path("cavirheo-fit")
 
-    def requested(self, files: Iterable[Path]) -> Analysis:
-        from cavirheo.inference.analysis import Analysis
-
-        settings: dict[str, Any] = {"method": "fit", "bubble": self.bubbles, "medium": self.liquid}
-        settings["scale_bound"] = self.scale_percent / 100
-        settings["t0_bound"] = None if self.t0_us is None else self.t0_us * 1e-6
-        settings["end"] = None if self.window_us is None else self.window_us * 1e-6
-        return Analysis(**options.shared(self, Analysis) | settings)
+    def requested(self, files: Iterable[Path], **settings: Any) -> Analysis:
+        t0_bound, end = (None if us is None else us * 1e-6 for us in (self.t0_us, self.window_us))
+        settings |= {"method": "fit", "scale_bound": self.scale_percent / 100, "t0_bound": t0_bound, "end": end}
+        return super().requested(files, **settings)
 
 
 @dataclass(kw_only=True)
-class WhichLaw(options.Measured, options.OneBubble):
+class WhichLaw(options.Measured):
     """Which of several laws explains the curves best? Evidence by sampling, 1 to 30 s a curve and law."""
 
     laws: Annotated[str, option("two or more laws, with commas", autocompletion=options.many_law_names)] = _LAWS
@@ -113,7 +107,7 @@ class WhichLaw(options.Measured, options.OneBubble):
         from cavirheo.inference.assumptions import Options
         from cavirheo.inference.verify.evidence import choose_answers, models, plans, ranked, weigh_models
         from cavirheo.physics.bubble import REAL
-        from cavirheo.reporting.laws import Laws, firmly, print_table, records
+        from cavirheo.reporting.laws import Laws, firmly, records
         from cavirheo.workflow.cluster import connected
         from cavirheo.workflow.store import Unfinished
         from cavirheo.writing import document
@@ -150,11 +144,11 @@ class WhichLaw(options.Measured, options.OneBubble):
         with run.bar("drawing", unit="figures", visible=bool(figures)) as advance:
             reporting.write_report(out, pairs, run.command, figures, advance=advance, **how)
         unfinished.remove()
-        run.show(laws, print_table)
+        run.show(laws)
         verdicts = {answer.checks.verdict for ranking in singles for answer in ranking.answers.values()}
         failed = "check_input" in verdicts or any(ranking.chosen is None for ranking in singles)
-        places = f"{out / 'laws.json'}; report: {out / 'report.html'}"
-        run.end(f"{digits.counted(len(curves), 'curve')} in {{seconds}}; {places}", failed)
+        places = f"; {out / 'laws.json'}; report: {out / 'report.html'}"
+        run.end(digits.counted(len(curves), "curve"), failed, places)
 
 
 @dataclass(kw_only=True)
@@ -178,13 +172,13 @@ class Watch(options.Inference):
         analysis = self.requested([folder])
         if self.column is not None and not is_size(self.column):
             read_column(self.column)
-        names = [field.name for field in fields(options.FileSettings) if field.name != "column"]
-        read_settings = {name: getattr(self, name) for name in names}
+        settings = options.shared(self, options.FileSettings)
+        read_settings = {name: value for name, value in settings.items() if name != "column"}
         how: dict[str, Any] = {"group": self.group, "column": self.column, "patience": self.patience}
         how |= {"command": run.command, "date": run.date, "half_width": 0.01 * self.wanted_percent, "say": run.say}
         how |= {} if run.quiet else {"show": print_line}
         watched = watch.Watch(folder, out, analysis, lambda path: self.recordings([path]), read_settings, **how)
-        run_in_thread(load_solver)
+        load_solver()
         result = watched.write()
         page = f"{out / html.LIVE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
         run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
@@ -198,5 +192,5 @@ class Watch(options.Inference):
         result = write_report(out, pairs, run.command, date=run.date, notes=notes, draw=self.pictures)
         run.show(result, print_table)
         run.unreadable = 0 if stopped else watched.unreadable
-        message = f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}"
-        run.end(message, not stopped and has_problems(result))
+        failed = not stopped and has_problems(result)
+        run.end(digits.counted(len(pairs), "curve"), failed, f"; report: {out / 'report.html'}")

@@ -77,15 +77,14 @@ class Measure(options.Printing):
 
             measurement, curve = examine(path, begin=begin, **settings)
         warnings = [warning.text for warning in checks.curve_warnings(curve, WATER)]
-        record = describe(
-            measurement, curve, warnings, command=run.command, date=run.date, notes=list(measurement.notes)
-        )
+        run.notes += measurement.notes
+        record = describe(measurement, curve, warnings, **run.head)
         outputs.write("measured.csv", write_csv, measurement)
         record.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, measurement)
         if self.overlay:
             outputs.write("overlay.mp4", picture.write_overlay, measurement)
         run.deliver(outputs, record)
-        run.end(f"written to {self.out} in {{seconds}}", bool(warnings or record.unusable))
+        run.end(f"written to {self.out}", bool(warnings or record.unusable))
 
 
 @dataclass(kw_only=True)

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, BadParameter, Option
 
 from cavirheo.errors import require
-from cavirheo.parallel import run_in_thread
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -54,15 +53,15 @@ def number(help: str, panel: str | None = None, *words: str, kind: Callable[[str
     return option(help, panel, parser=parsed, metavar=f"<{'|'.join((kind.__name__, *words))}>")
 
 
-def _folder(text: object) -> Path:
-    if not str(text).strip():
-        raise BadParameter("a folder must have a name; leave the option out for the usual one")
-    return Path(str(text))
-
-
 def folder(help: str) -> Any:
     """`-o`."""
-    return option(help, None, "-o", "--out", parser=_folder, metavar="FOLDER")
+
+    def named(text: object) -> Path:
+        if not str(text).strip():
+            raise BadParameter("a folder must have a name; leave the option out for the usual one")
+        return Path(str(text))
+
+    return option(help, None, "-o", "--out", parser=named, metavar="FOLDER")
 
 
 # What a shell offers for the value of an option; nothing here imports a compiler, a network or the solver.
@@ -264,14 +263,17 @@ class Pictures:
 
 
 @dataclass(kw_only=True)
-class Answering(Printing, Pictures, Liquid, FileSettings):
+class Answering(Printing, Pictures, Liquid, FileSettings, OneBubble):
     """What all verbs share that answer measured curves."""
 
     seed: Seed = 0
 
-    def requested(self, files: Iterable[Path]) -> "Analysis":
-        """What is asked of each curve, where it is one analysis. Raises InputError: options that cannot be."""
-        raise NotImplementedError
+    def requested(self, files: Iterable[Path], **settings: Any) -> "Analysis":
+        """What is asked of each curve, where it is one analysis: the options that are settings of it by their names,
+        and others. Raises InputError: settings that cannot be, or do not go together."""
+        from cavirheo.inference.analysis import Analysis
+
+        return Analysis(**shared(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid} | settings)
 
     def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
         """`read_shots` with these settings."""
@@ -323,12 +325,12 @@ class Measured(Answering):
             from cavirheo.io.shots import with_column
 
             curves = with_column(curves, self.column)
-        run_in_thread(load_solver)
+        load_solver()
         return curves
 
 
 @dataclass(kw_only=True)
-class Inference(Answering, OneBubble):
+class Inference(Answering):
     """What `infer` and `watch` share."""
 
     material: Material = None
@@ -338,15 +340,13 @@ class Inference(Answering, OneBubble):
     model: ModelName = "posterior"
     exact_law: ExactLaw = False
 
-    def requested(self, files: Iterable[Path]) -> "Analysis":
-        """What is asked of each curve. Raises InputError: settings that cannot be, do not go together, or change
-        nothing, before hours are spent; videos among the files use the exposure without a verification, too."""
-        from cavirheo.inference.analysis import Analysis
+    def requested(self, files: Iterable[Path], **settings: Any) -> "Analysis":
+        """As `Answering.requested`, before hours are spent. Raises InputError, too: an option changes nothing; videos
+        among the files use the exposure without a verification, too."""
         from cavirheo.video.frames import is_video
 
         exposed = self.exposure_us is not None and not any(map(is_video, files))
         idle = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
         message = f"{' and '.join(idle)} would change nothing without --verify map or full: give that too"
         require(self.verify != "none" or not idle, message)
-        settings: dict[str, Any] = {"bubble": self.bubbles, "medium": self.liquid, "discrepancy": not self.exact_law}
-        return Analysis(**shared(self, Analysis) | settings)
+        return super().requested(files, discrepancy=not self.exact_law, **settings)

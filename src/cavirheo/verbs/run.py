@@ -33,22 +33,17 @@ _ORDER = ("material", "laws", "stretch", "verify", "bubble", "", "out", "replace
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
 
 
-def command_line() -> str:
-    """What was typed, as documents have it."""
-    return shlex.join(["cavirheo", *sys.argv[1:]])
-
-
 def has_problems(result: Result) -> bool:
     """Whether a curve of it failed, or its input has a warning."""
     return any(record.verdict in ("failed", "check_input") for record in result.curves)
 
 
 class Run:
-    """Begins when it is made. `command` and `date` are as documents have them."""
+    """Begins when it is made. `command`, which is what was typed, and `date` are as documents have them."""
 
     def __init__(self, *, json: bool = False, quiet: bool = False) -> None:
         self.began = time.perf_counter()
-        self.command = command_line()
+        self.command = shlex.join(["cavirheo", *sys.argv[1:]])
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
         self.unreadable = 0  # files, which `notes` name
         self.notes: list[str] = []  # on the run as a whole
@@ -126,9 +121,10 @@ class Run:
         terminal.say(f"{message}: {written}" if written else message)
         raise typer.Exit(130)
 
-    def end(self, message: str, failed: bool = False) -> None:
-        """The last line on stderr, `{seconds}` replaced by the time taken; status 2: unreadable files, 1: `failed`."""
-        self.say(message.replace("{seconds}", f"{time.perf_counter() - self.began:.1f} s"))
+    def end(self, done: str, failed: bool = False, places: str = "") -> None:
+        """The last line on stderr: what is done, in which time, and where it is; status 2: unreadable files, 1:
+        `failed`."""
+        self.say(f"{done} in {time.perf_counter() - self.began:.1f} s{places}")
         if self.unreadable or failed:
             raise typer.Exit(2 if self.unreadable else 1)
 
@@ -147,10 +143,11 @@ class Command(TyperCommand):
             if isinstance(verb, Verb):  # two calls that ask for the same answers make the same claim, from anywhere
                 from cavirheo.writing.document import Claim
 
+                run = Run(json=getattr(verb, "json", False), quiet=verb.quiet)
                 options = {name: value for name, value in vars(verb).items() if name not in _SHOWING}
                 request = json.loads(json.dumps({"verb": type(verb).__name__} | options, default=os.path.realpath))
-                with Claim(command_line(), request, verb.replace).running():
-                    verb(Run(json=getattr(verb, "json", False), quiet=verb.quiet))
+                with Claim(run.command, request, verb.replace).running():
+                    verb(run)
         except KeyboardInterrupt:
             print("interrupted", file=sys.stderr)
             raise typer.Exit(130) from None

@@ -26,12 +26,11 @@ from cavirheo.inference.alternatives import (
 )
 from cavirheo.inference.assumptions import Family
 from cavirheo.inference.checks import ERRORS, MISFIT, warned
-from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Verification
 from cavirheo.messages import Message, of_error
-from cavirheo.parallel import cores, each, one_blas_thread
+from cavirheo.parallel import one_blas_thread
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
 from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
 
@@ -61,7 +60,7 @@ def verify(
     starts: list[Any] = list(answer) if isinstance(answer, list | tuple) else [answer]
     for start in starts:
         expect(start, Posterior, "a Posterior to be verified, of infer or fit")
-    verification = Verification(workers=cores(workers), **settings)
+    verification = Verification(workers=workers, **settings)
     bubbles = () if bubble is None else bubbles_of(bubble)
     models = [replace(start, bubble=kind) for start in starts for kind in bubbles] or starts
     posteriors, problems = _answers(verification, curve, models)
@@ -178,15 +177,15 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
 
     Raises SolverError: none of them could be simulated.
     """
-    workers = estimations[0].target.workers
-    errors = each(_look_at, estimations, workers)
+    errors = list(map(_look_at, estimations))
     laws = [law for law, error in zip(estimations, errors, strict=True) if error is None]
     problems = [error for error in errors if error is not None]
     if not laws:
         raise problems[0]
     _refine(laws)
     if len(laws) > 1 and max(laws, key=lambda law: law.log_probability).sampling.misfit > MISFIT:
-        each(lambda law: law.sampling.search_windows(), laws, workers)  # before it is said that none of them fits
+        for law in laws:  # before it is said that none of them fits
+            law.sampling.search_windows()
     limits: dict[int, Estimation] = {}
     by_share = sorted(enumerate(_shares(laws) if len(laws) > 1 else [1.0]), key=lambda pair: -pair[1])
     for i, share in by_share:
@@ -234,8 +233,9 @@ def _look_at(model: Estimation) -> SolverError | None:
 def _refine(models: Sequence[Estimation]) -> None:
     """Refine what is known of the models, but for those far below the likeliest."""
     top = max(model.log_probability for model in models)
-    near = [model.sampling for model in models if model.log_probability > top - TUNING.hopeless]
-    each(AdaptiveSampling.refine, [sampling for sampling in near if not sampling.refined], models[0].target.workers)
+    for model in models:
+        if model.log_probability > top - TUNING.hopeless:
+            model.sampling.refine()
 
 
 def _shares(models: Sequence[Estimation]) -> Floats:
@@ -261,4 +261,5 @@ def _sample(models: Sequence[Estimation]) -> None:
                 waiting.append((float(share), model.sampling))
         if not waiting:
             return
-        each(lambda pair: pair[1].weigh(pair[0]), waiting, models[0].target.workers)
+        for share, sampling in waiting:
+            sampling.weigh(share)

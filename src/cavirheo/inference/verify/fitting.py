@@ -37,7 +37,7 @@ class SearchedEstimation(Estimation):
 
     def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
         super().__init__(settings, curve, answer)
-        self.search = Search(self.shot, self.target.workers, 0.0 if self.shot.clean else TUNING.search_unlike)
+        self.search = Search(self.shot, 0.0 if self.shot.clean else TUNING.search_unlike)
         self.modes: list[Mode] = []
         for _ in ROUNDS[:1] if settings.level == "map" else ROUNDS:
             earlier, new = ([self.target.start(x) for x in some] for some in self.search.starts())
@@ -108,7 +108,7 @@ class FitEstimation(SearchedEstimation):
         shot = self.shot
         if shot.misfit(self._missed) > SHARPEST:
             return x, np.inf
-        x = LeastSquares(shot, self.target.workers).minimise(np.clip(x, *shot.bounds.T), DEFAULT, POLISH).x
+        x = LeastSquares(shot).minimise(np.clip(x, *shot.bounds.T), DEFAULT, POLISH).x
         return x, shot.misfit(shot.difference(x))
 
     def _answer(
@@ -137,7 +137,7 @@ class FitEstimation(SearchedEstimation):
         end_of_last = self.shot.cut_to(view.collapses or None).view.end  # the whole window may end elsewhere
         whole = view.collapses if abs(end_of_last - view.end) < 1e-6 * view.end else "all"
         for (collapses, end), shot in self.search.shots.items():
-            (low, high), fit, best = shot.bounds.T, LeastSquares(shot, self.target.workers), x
+            (low, high), fit, best = shot.bounds.T, LeastSquares(shot), x
             stage = self.search.stages.get((collapses, end))
             if stage is not None:
                 nearest = min((x, stage), key=lambda point: float(np.sum(fit.residuals(point, ROUGH) ** 2)))

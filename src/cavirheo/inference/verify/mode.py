@@ -144,7 +144,7 @@ class Target(Coordinates):
 
             return integral_about(log_density, z, TUNING.integrated_scale, TUNING.integrated_points)
 
-        gain = np.array(each(integral, residual[selected], self.workers)) - noise.log_density(residual[selected])
+        gain = np.array(list(map(integral, residual[selected]))) - noise.log_density(residual[selected])
         residual[selected, density_column] += gain
         return Simulated(simulated.u, residual, self.log_posterior(simulated.u, residual))
 

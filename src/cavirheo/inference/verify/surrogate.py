@@ -22,7 +22,6 @@ from cavirheo.inference.noise import MarginalNoise
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, same, trust_in
 from cavirheo.inference.verify.sampler import Density, Mixture, Sample, effective_size, markov_sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.parallel import each
 from cavirheo.physics.accuracy import BRISK, ROUGH, Accuracy
 from cavirheo.posterior import weighted_quantile
 from cavirheo.prior import log_normal
@@ -107,12 +106,7 @@ class Surrogate:
                 self.scatter, self.kernel, self.coefficients = scatter, kernel, coefficients
 
     def __call__(self, w: Floats) -> Floats:
-        """(k,) at w (k, d + m), u and z beside each other, in blocks that do not depend on the number of threads: last
-        digits would."""
-        blocks = np.array_split(w, max(len(w) // 500, 1))
-        return np.concatenate(each(self._expected, blocks, self.target.workers))
-
-    def _expected(self, w: Floats) -> Floats:
+        """(k,) at w (k, d + m), u and z beside each other."""
         u, camera = np.split(w, [len(self.centre)], axis=1)
         z, value = self._whitened(u), np.full(len(u), -np.inf)
         reached = np.sum(z**2, axis=1) <= self.limit

@@ -61,7 +61,7 @@ class Verification:
         network: whose draws show the way where it can read the curve.
         own_draws: of the network that are simulated.
         scanned: coarse simulations that look for other modes.
-        workers: threads for one curve.
+        workers: threads that simulate the draws of level "full"; most of any other is Python's, and threads only wait.
 
     Raises:
         InputError: a setting that is none of these.
@@ -113,7 +113,8 @@ class Estimation:
         self.answer = answer
         self.prior = self.shot.prior(settings.ranges)
         noise = self.shot.noise(settings.discrepancy)
-        self.target = Target(self.shot, self.prior, noise, cores(settings.workers))
+        workers = cores(settings.workers) if settings.level == "full" else 1
+        self.target = Target(self.shot, self.prior, noise, workers)
         self.noise = self.target.noise  # by which the answer is judged
         self.messages: list[Message] = []
         self.log_prior = 0.0  # of the probability of this model, before the curve is seen
@@ -249,7 +250,7 @@ class Estimation:
 
     def scanned(self) -> list[Floats]:
         """u where coarse simulations all over the ranges are most likely: the answer need not be the highest mode."""
-        fit = LeastSquares(self.shot, self.target.workers)
+        fit = LeastSquares(self.shot)
         try:
             scan = Scan(fit, self.settings.scanned, STARTS)  # other points than those of a fit
         except SolverError as error:
@@ -268,7 +269,7 @@ class Estimation:
         """u of the minima that a search over windows that grow by a collapse finds: a long one has many minima, for a
         rebound can slip by a period."""
         try:
-            minima = Search(self.shot, self.target.workers).minima()
+            minima = Search(self.shot).minima()
         except SolverError as error:
             _log.debug("%s: no search of %s", self.shot.curve.name, self.shot.family.name, exc_info=error)
             return []
@@ -391,7 +392,7 @@ class Estimation:
         """x (all,) of least squares from x, or itself where that is no nearer, and its misfit beyond noise: a verdict
         is about the best that the model can do."""
         shot = self.shot
-        fit = LeastSquares(shot, self.target.workers)
+        fit = LeastSquares(shot)
         minimum = fit.minimise(np.clip(x, *fit.bounds.T), ROUGH, {**LIMITS, "max_nfev": TUNING.nearest_steps}).x
         differences = [shot.difference(point) for point in (x, minimum)]
         nearest = int(np.argmin(np.nan_to_num([np.mean(difference**2) for difference in differences], nan=np.inf)))
