@@ -25,7 +25,7 @@ from cavirheo.errors import InputError, expect_whole, require
 
 Job = TypeVar("Job")
 Output = TypeVar("Output")
-FEWEST = 3  # jobs of some seconds for which processes are started, which takes a second or two
+FEWEST = 2  # jobs of some seconds for which processes are started, which takes a second or two
 AHEAD = 2  # jobs sent to each process: one that runs and one that waits there
 SAFE_PATH = {"PYTHONSAFEPATH": "1"}  # of a Python that does not look for modules in the current folder
 IDLE = 30.0  # s after which a process without work ends

@@ -97,7 +97,7 @@ simulate -o o --rmax-um 90 --stretch 5 --material newtonian(1) --accommodation 0
 def lab(run, tmp_path, monkeypatch):
     """`run` in a folder with a file of each kind, and where nothing is computed: a test that wants to fails."""
     monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
-    for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer", "inference.verify.each"):
+    for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer", "inference.verify.answers_of"):
         monkeypatch.setattr(f"cavirheo.{name}", lambda *_, **__: pytest.fail("it computes"))
     lines = EXAMPLE.read_text(encoding="utf-8").splitlines()
     (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")

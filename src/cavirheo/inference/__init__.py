@@ -92,7 +92,7 @@ def infer_many(
 
     Args:
         curves: R(t), s and m.
-        workers: cores that are used, by default all that this process may use: from three curves on, by a process
+        workers: cores that are used, by default all that this process may use: from two curves on, by a process
             each. The answers do not depend on it.
         done: called with the index and the answer of each curve as it is found, verified if that is asked.
 
@@ -151,7 +151,7 @@ def fit_many(
         others: look at the other of these two bubbles, too; what it and other modes answer is in `Posterior.others`.
         trust_input: warnings on the recording or its settings are said, but decide no verdict.
         seed: of the draws.
-        workers: cores that are used, by default all that this process may use: from three curves on, by a process
+        workers: cores that are used, by default all that this process may use: from two curves on, by a process
             each. The answers do not depend on it.
         done: called with the index of each curve and its answer as it is found.
 
