@@ -106,6 +106,7 @@ BOMBS: dict[str, tuple[str, Make | str | bytes]] = {  # a name begins with the f
     "mat_of_complex_numbers": ("matlab.variables", saved(Rnew=1j * NUMBERS, t=NUMBERS)),
     "mat_cut": ("matfile.cut", mat(zeros("Rnew", 500), zeros("t", 500))[:-200]),
     "mat_73_of_one_array_named_often": ("limits.shape", REFERENCES),
+    "mat_73_of_cells_for_an_array": ("matlab.cells", lambda path: save_v73(path, {"Rnew": TWO, "t": NUMBERS})),
     "mat_73_of_cells_that_are_a_group": ("matlab.cells", A_GROUP),
     "mat_73_of_one_reference": ("matlab.cells", NOWHERE),
     "h5_of_a_huge_shape": ("limits.shape", hdf5(time=HUGE, radius=HUGE)),

@@ -31,6 +31,8 @@ SAFE_PATH = {"PYTHONSAFEPATH": "1"}  # of a Python that does not look for module
 IDLE = 30.0  # s after which a process without work ends
 _pools: dict[tuple[int, int], Any] = {}  # the latest, by (this process, how many): the next flow uses it again
 _in_use = threading.Lock()  # by a flow
+_here = threading.Lock()  # held by the thread that does a job of `run_on_any_core`
+_starting = threading.Lock()  # of processes, by threads
 
 
 def cores(workers: int | None = None) -> int:
@@ -262,6 +264,23 @@ def run_in_thread(function: Callable[[], Output]) -> Output:
         return pool.submit(function).result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
+    """function(*arguments), mostly Python's, for one of several threads: in this thread, or by a process while another
+    thread of this process is in here, which would only take turns with it. The output is the same."""
+    if _here.acquire(blocking=False):
+        try:
+            return function(*arguments)
+        finally:
+            _here.release()
+    if cores() > 1 and multiprocessing.parent_process() is None:
+        with _starting:
+            pool = _pool_of(cores())
+        with suppress(BrokenExecutor, _loky().process_executor.PicklingError):  # ended from outside, or cannot be sent
+            if pool:
+                return pool.submit(function, *arguments).result()
+    return function(*arguments)
 
 
 class Stoppable:

@@ -20,7 +20,7 @@ from distributed import Client, LocalCluster
 
 from cavirheo import InputError, read_curves
 from cavirheo.inference.analysis import Analysis
-from cavirheo.parallel import Processes, Threads
+from cavirheo.parallel import Processes, Threads, each, run_on_any_core
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.cluster import (
     Identity,
@@ -55,6 +55,7 @@ def test_every_job_comes_back_once_with_its_index_and_an_error_is_raised_here(wo
         assert list(executor.flow(double, [])) == []
         with refused("test.refused", "no -1"), closing(executor.flow(double, [-1, -1])) as flow:
             list(flow)
+    assert each(lambda job: run_on_any_core(double, job), range(7, 50), 4) == [2 * job for job in range(7, 50)]
     with closing(Processes(2).flow(time.sleep, [0, 1e6, 1e6])) as flow:
         assert next(flow)[0] == 0  # the others end with the flow
     with refused("parallel.ended"):
@@ -77,8 +78,7 @@ def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
     for mine, other in zip(here, there, strict=True):
         assert same(replace(mine, seconds=0.0), replace(other, seconds=0.0))
     names = [sorted(path.name for path in (tmp_path / way / "unfinished").iterdir()) for way in ("here", "there")]
-    assert names[0] == names[1]  # so that each goes on where the other stopped
-    assert len(names[0]) == len(curves)
+    assert len({*names[0]} & {*names[1]}) == len(curves)  # so that each goes on where the other stopped
 
 
 def test_code_is_compared_wherever_the_package_lies(tmp_path):
@@ -103,7 +103,7 @@ def cluster(folder: Path, *paths: Path) -> Iterator[tuple[str, list[subprocess.P
     local, where = ("--host", "127.0.0.1", "--no-dashboard"), folder / "where.json"
     processes = [begin("distributed.cli.dask_scheduler", "--port", 0, "--scheduler-file", where, *local, cwd=folder)]
     try:
-        until(where.exists, 60.0)
+        until(lambda: where.exists() and where.read_text().endswith("\n}"), 60.0)  # whole
         address = json.loads(where.read_text())["address"]
         for path in paths:
             words = (address, "--nthreads", 1, "--no-nanny", *local)

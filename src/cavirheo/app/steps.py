@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 from secrets import token_hex
@@ -24,7 +25,7 @@ from cavirheo.inference.what_if import checks_with, compared_window, slider
 from cavirheo.io import write_csv
 from cavirheo.io.subprocess_reader import Report
 from cavirheo.io.videos import Camera
-from cavirheo.parallel import cores
+from cavirheo.parallel import cores, run_on_any_core
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import file_names, result, write_report
 from cavirheo.reporting.answer import curve_record
@@ -97,7 +98,9 @@ def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[R
 
     def answer_one(curve: RadiusCurve) -> Posterior:
         analysis = analyses[curve.name]
-        answer = session.once(session.store, analysis.key(curve), lambda: analysis.answer(curve, workers=workers))
+        job = partial(analysis.answer, curve, workers=workers)
+        run = job if verify == "none" else partial(run_on_any_core, job)
+        answer = session.once(session.store, analysis.key(curve), run)
         answer = of_file(answer, curve)
         row = curve_record(*session.grouped([(curve, answer)])[0])
         if row.has_answer or not preview_mark:
@@ -177,7 +180,7 @@ def fit(session: Session, name: str | None) -> None:
         end = compared_window(curve, analysis).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
     analysis = replace(analysis, method="fit", free=None, verify="auto", end=end, **model)
-    (answer,) = session.runs.each(analysis.answer, [curve])
+    (answer,) = session.runs.each(partial(run_on_any_core, analysis.answer), [curve])
     with session.lock:
         if answer is None or session.answers is not answers:
             raise InputError(_CHANGED, "app.changed")

@@ -7,7 +7,7 @@ length named like CSV columns: `time_us` and `radius_um`, or `time` (s) and `rad
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -75,11 +75,8 @@ def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve
     return make_curve(**samples, time_unit=time_unit, radius_unit=radius_unit, meta=meta)
 
 
-def read_variables(path: Path, names: Iterable[str], cell_arrays: Container[str]) -> tuple[dict[str, Any], list[str]]:
-    """As `matlab.read_variables`, of version 7.3: arrays are stored transposed, cells as references to them.
-
-    cell_arrays: variables that may be cell arrays.
-    """
+def read_variables(path: Path, names: Iterable[str]) -> tuple[dict[str, Any], list[str]]:
+    """As `matlab.read_variables`, of version 7.3: arrays are stored transposed, cells as references to them."""
     variables: dict[str, Any] = {}
     with h5py.File(path, "r") as file:
         all_names = [as_text(name) for name in file if name not in ("#refs#", "#subsystem#")]
@@ -88,7 +85,7 @@ def read_variables(path: Path, names: Iterable[str], cell_arrays: Container[str]
             if not isinstance(item, h5py.Dataset):
                 continue
             check_sizes([item])
-            if name in cell_arrays and h5py.check_ref_dtype(item.dtype) is not None:
+            if h5py.check_ref_dtype(item.dtype) is not None:
                 limits.few(item.size, limits.CURVES, "curves")
                 items = [file[reference] if reference else None for reference in np.ravel(item[()])]
                 arrays = all(isinstance(cell, h5py.Dataset) for cell in items)

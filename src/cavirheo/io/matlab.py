@@ -57,7 +57,7 @@ def read_variables(path: Path, names: tuple[str, ...]) -> tuple[Variables, list[
     if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(HDF5)):
         from cavirheo.io import hdf5  # loads a library that takes a quarter of a second
 
-        return hdf5.read_variables(path, names, _CELL_ARRAYS)
+        return hdf5.read_variables(path, names)
     five = head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
     return _read_version5(path, names) if five else None
 
