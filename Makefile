@@ -65,7 +65,7 @@ challenge: $(VENV)/demo.done
 	$(BIN)/python -m validation.challenge.run_scipy $(CHALLENGE)/recordings $(CHALLENGE)/scipy.csv
 	$(BIN)/python -m validation.challenge.score $(CHALLENGE)/truth.csv $(CHALLENGE)/infer.csv $(CHALLENGE)/fit.csv $(CHALLENGE)/infer-field.csv $(CHALLENGE)/scipy.csv -o $(CHALLENGE)/score
 
-# All that `make test` leaves out, some hours; how each ended stands in validation/last_run.json. TARGETS="dist fuzz": these
+# What `make test` and .ci/run leave out, some hours; how each ended: validation/last_run.json. TARGETS="dist fuzz": these
 test-all: $(VENV)/test.done
 	$(BIN)/python -m validation.last_run $(TARGETS)
 

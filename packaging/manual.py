@@ -14,7 +14,7 @@ import cavirheo
 from cavirheo.verbs import app
 
 STATUSES = {
-    0: "All curves were answered, and no recording has an input warning.",
+    0: "All curves were answered, and no verdict is check_input.",
     1: "Some curve could not be answered, or its verdict is check_input.",
     2: "Wrong usage, an unreadable file, or results that cannot be written.",
     130: "Interrupted.",
