@@ -1,8 +1,8 @@
-"""A folder at the bench: each recording is answered when its file is complete, and once, whatever ends the run.
+"""Watching a folder during an experiment: each recording is answered once, when its file is complete.
 
 A file counts as complete when its size and time have not changed for LOOK and it can be read. `watched/` in the folder
-of the results holds each answer by its key (workflow), and what was read of each file; the documents are made
-of these. So a run that is killed at any moment loses only what it was computing.
+of the results holds each answer by its key (workflow/store.py), and the content of each file; the documents are made
+from these. So a run that is killed at any moment loses only the answers that it was computing.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from cavirheo.workflow.store import Store, analyse, of_file
 from cavirheo.writing.document import Outputs, write_json, write_rows
 from cavirheo.writing.packing import key_of
 
-LOOK = 0.4  # s between two looks at the folder; a file that did not change from one to the next may be complete
-PATIENCE = 10.0  # s for which a file that cannot be read may still be in the making
-PACE = 4.0  # times as long as it took to write the documents, they are not written again
-State = tuple[int, ...]  # bytes, time of the last change in ns; of a film's header, too
+LOOK = 0.4  # s between two looks at the folder; a file that did not change in between may be complete
+PATIENCE = 10.0  # s for which an unreadable file counts as incomplete
+PACE = 4.0  # pause between two writings of the documents, over the time that one takes
+State = tuple[int, ...]  # size in bytes and time of the last change in ns, of a file and of its header
 
 
 @dataclass(eq=False)
 class WatchedFile:
-    """One file as it was when it was read. order: ns, when it was first complete; rows stand in this order. unreadable:
-    its only curve says why it gave up none. keys: of the answers of its curves."""
+    """A file as it was when it was read. order: time of its last change when it was first read, ns, by which rows are
+    sorted. unreadable: its only curve has the reason. keys: keys of the answers of its curves."""
 
     path: str
     state: State
@@ -54,10 +54,10 @@ class WatchedFile:
 class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
-    analysis: how curves are answered. read: gives the curves of one file. read_settings: all that it depends on besides
-    the medium. group: as in `read_shots`. column: a table as of `read_column`, which may grow while shots arrive, or
-    the word R_max. half_width: as for `html.live_page`. say: gets a line on what goes wrong; show: each new row. look,
-    patience: as LOOK and PATIENCE. executor: as of `analyse`.
+    analysis: how curves are answered. read: returns the curves of one file. read_settings: all settings of `read`
+    besides the medium. group: as in `read_shots`. column: a table as in `read_column`, which may grow while shots
+    arrive, or the word R_max. half_width: as in `html.live_page`. say: called with a line on each problem. show: called
+    with each new row. look, patience: as LOOK and PATIENCE. executor: as in `analyse`.
     """
 
     folder: Path
@@ -84,20 +84,20 @@ class Watch:
         self._column_then = _state(self.column)
         self.outputs, self.page = Outputs(self.out, *DOCUMENTS), Outputs(self.out, html.LIVE)
         self.store = Store(self.out / "watched")
-        # other settings read other curves
+        # the curves of a file depend on these settings
         how = key_of([version("cavirheo"), self.read_settings, self.analysis.medium])[:16]
         self.records = Store(self.out / "watched" / how, most=0)
         self.files: dict[str, WatchedFile] = {}
-        self._states: dict[Path, tuple[State, float]] = {}  # of each file, and s since when it has not changed
+        self._states: dict[Path, tuple[State, float]] = {}  # state of each file, and time in s when it was first seen
         self._latest = ""  # key of the last answer
-        self._messages: set[str] = set()  # that were said, each once
-        self._unwritten, self._due = False, 0.0  # whether the documents lack anything, and from when on they may follow
+        self._messages: set[str] = set()  # messages that were passed to `say`
+        self._unwritten, self._due = False, 0.0  # whether the documents are out of date; earliest time to write
         for record in self.records.values(dict):
             self._count(WatchedFile(**record))
 
     def pairs(self) -> tuple[list[tuple[RadiusCurve, Posterior]], list[str]]:
-        """Every curve, named and grouped among all, with its answer, in the order of the files; and what is to be said
-        of the files and of the scales and constants of their curves."""
+        """Every answered curve with its answer, in the order of the files; and remarks on the files and on scales and
+        constants. Names and groups are those among all curves."""
         files, keys = self._in_order(), list(self._recordings())
         curves, _, repeated, hints = read_shots([curve for file in files for curve in file.curves], group=self.group)
         self._say_once(*repeated)
@@ -107,7 +107,7 @@ class Watch:
         return [(curve, of_file(answer, curve)) for curve, answer in pairs if answer], remarks + repeated + hints
 
     def _recordings(self) -> dict[str, RadiusCurve]:
-        """The curves by the keys of their answers, without copies: those that `read_shots` leaves."""
+        """The curves by the keys of their answers, without repeated recordings, as in `read_shots`."""
         first: dict[bytes, tuple[str, RadiusCurve]] = {}
         for file in self._in_order():
             for key, curve in zip(file.keys, file.curves, strict=True):
@@ -119,12 +119,12 @@ class Watch:
         return sum(file.unreadable for file in self.files.values())
 
     def pause(self) -> bool:
-        """Wait until the next look. Whether anything is still to come: a file in the making, or documents."""
+        """Wait until the next look; returns whether files are still to be read, or documents to be written."""
         time.sleep(self.look)
         return self._unwritten or any(self._is_news(path, state) for path, (state, _) in self._states.items())
 
     def once(self) -> bool:
-        """Answer the next files that are complete, as many at once as keep all cores busy. Whether there were any."""
+        """Answer the next complete files, as many as keep all cores busy; returns whether there were any."""
         new = False
         for path, state in self._complete():
             if file := self._read(path, state):
@@ -149,16 +149,16 @@ class Watch:
         return {key: curve for key, curve in self._recordings().items() if not self.store.get(key)}
 
     def _write_if_due(self) -> None:
-        """The documents, where they lack anything, in a part of the time at most: each is rewritten as a whole."""
+        """Write the documents if they are out of date and the pause is over: each is rewritten completely."""
         if self._unwritten and time.monotonic() >= self._due:
             self.write()
 
     def write(self) -> Result:
-        """result.json, result.csv and the page on the wall, of all that is answered."""
+        """Write result.json, result.csv and the live page, with all answers; returns the result."""
         began, self._column_then, self._unwritten = time.monotonic(), _state(self.column), False
         pairs, notes = self.pairs()
         document = result(pairs, self.command, date=self.date, notes=notes)
-        if pairs or not self.outputs.holds("result.json"):  # earlier answers stay until there are others
+        if pairs or not self.outputs.holds("result.json"):  # earlier answers stay until there are new ones
             self.outputs.write("result.json", write_json, document)
             self.outputs.write("result.csv", write_rows, *table.rows_of(document))
         keys = [key for key in self._recordings() if self.store.get(key)]
@@ -170,12 +170,12 @@ class Watch:
         return document
 
     def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:
-        """With what the column says of them so far; what it does not say becomes a remark."""
+        """The curves with their values in the column; names without a value or a curve become remarks."""
         if self.column is None:
             return with_size(curves) if self.sizes else curves
         try:
             title, values = read_column(self.column)
-        except InputError as error:  # it is being written, or has a mistake: shots are answered all the same
+        except InputError as error:  # incomplete, or with a mistake: shots are answered without it
             self._say_once(f"{error}; {self.column.name} does not count until this is mended")
             remarks.append(str(error))
             return curves
@@ -187,21 +187,21 @@ class Watch:
         return labelled
 
     def _complete(self) -> list[tuple[Path, State]]:
-        """Files that are new and did not change for a while, the oldest first."""
+        """New or changed files that have not changed for `look` s, the oldest first."""
         now, states = time.monotonic(), dict[Path, State]()
         column = None if self.column is None else self.column.resolve()
         try:
             for path in measurements(self.folder)[0]:
-                moved = str(pixels_of(path)) in self.files  # a header alone, whose film was answered
+                moved = str(pixels_of(path)) in self.files  # a header alone, whose film has been read
                 counts = column is None or path.resolve() != column
                 if counts and not moved and (state := _state(path)):
                     states[path] = state
-        except OSError as error:  # a file that is gone again, a share that is away for a moment
+        except OSError as error:  # a file was removed, or a network folder is not available
             self._say_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
         unchanged = {path: recorded for path, recorded in self._states.items() if states.get(path) == recorded[0]}
         self._states = {path: (state, now) for path, state in states.items()} | unchanged
         for file in [file for file in self.files.values() if file.unreadable and pixels_of(Path(file.path)) in states]:
-            del self.files[file.path]  # a header whose pixels came later than was waited for
+            del self.files[file.path]  # a header whose pixels came after `patience` s
             self.records.remove([key_of(file.path)])
         stable = [(path, state) for path, (state, since) in self._states.items() if now - since >= self.look]
         return sorted((pair for pair in stable if self._is_news(*pair)), key=lambda pair: (pair[1][1], pair[0]))
@@ -211,13 +211,13 @@ class Watch:
         return file is None or file.state != state
 
     def _read(self, path: Path, state: State) -> WatchedFile | None:
-        """What is in a file, if it cannot be read a curve that says why; None if it is to be tried again."""
+        """The content of a file; a curve with the reason if it is unreadable; None if it is to be tried again."""
         try:
-            curves, problems, remarks, _ = self.read(path)  # hints are said once, of all curves
+            curves, problems, remarks, _ = self.read(path)  # `pairs` gives hints once for all curves
         except InputError as error:  # a setting that is wrong for this file
             curves, problems, remarks, _ = CurveSet([], [f"{path}: {error}"], [], [])
         if _state(path) != state:
-            return None  # it is being written
+            return None  # the file is being written
         earlier = self.files.get(str(path))
         if problems:
             self._say_once(f"{problems[0]}; it is tried again for {self.patience:g} s, and whenever it changes")
@@ -229,7 +229,7 @@ class Watch:
         return WatchedFile(str(path), state, order, curves, list(remarks), unreadable=bool(problems))
 
     def _count(self, file: WatchedFile) -> None:
-        """Count a file, instead of what it was before."""
+        """Add a file, in place of its earlier state."""
         self.files[file.path] = file
         file.keys = [self.analysis.key(curve) for curve in file.curves]
 
@@ -244,7 +244,7 @@ class Watch:
 
 
 def _state(path: Path | None) -> State | None:
-    """Of a file that may not be there, and of the header that belongs to it."""
+    """State of a file, and of its header if it has one; None if the file does not exist."""
     try:
         states = [] if path is None else [path.stat()]
     except FileNotFoundError:

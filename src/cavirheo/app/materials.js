@@ -1,5 +1,5 @@
-// What is typed in the table of files are the materials of its shots and their densities. The first shot of a file names
-// all that were as it; a density holds for all shots of its material, and who joins a material takes its density.
+// Materials and densities typed in the table of shots. A name typed at a file's first shot holds for all its shots that
+// had the same name. A density holds for all shots of its material; a shot that joins a material takes its density.
 const was = (box) => box.dataset.was ?? box.defaultValue;
 element.addEventListener('change', ({target}) => {
   const boxes = [...element.querySelectorAll('.found input[data-file]')];

@@ -1,4 +1,4 @@
-// Light always; and what gradio's own parts lack for who listens to the page, or has no mouse.
+// Use the light theme always; correct gradio's components for users of a screen reader or of the keyboard alone.
 () => {
   document.body.classList.remove('dark');
   let last = null;

@@ -1,5 +1,5 @@
-"""The page: what stands where in the five steps, which handler answers what (none of these is public), and the endpoint
-`/infer` (docs/how-to/app.md)."""
+"""The page: the layout of the five steps, the event handlers (all private), and the public endpoint `/infer`
+(docs/how-to/app.md)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _PRESS = "() => document.querySelector('#{}').click()"
 _FOCUS = "() => setTimeout(() => document.querySelector('#{}')?.focus(), 100)"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
 _PREVIEWS: dict[str, Any] = {"concurrency_id": "previews", "concurrency_limit": 2, "show_progress": "hidden"}
-_RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # of all visitors together
+_RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # limit over all visitors
 _AT_ONCE: dict[str, Any] = {"queue": False, "show_progress": "hidden"}
 _LATEST: dict[str, Any] = {"trigger_mode": "always_last", "show_progress": "hidden"}
 _CAMERA = {"Frames per second": "as the camera was set", "µm per pixel": "4.0", "Exposure of a frame (µs)": "if known"}
@@ -34,13 +34,13 @@ _line = partial(gr.Textbox, max_lines=1)
 _button = partial(gr.Button, variant="primary")
 _html = partial(gr.HTML, apply_default_css=False)
 _small = partial(gr.Button, size="sm", min_width=120)
-_stop = partial(gr.Button, "Stop", variant="stop")  # is seen while there is anything to stop: app.css
-_Shown = dict[Any, Any]  # what each component shows; those that are not named stay as they are
+_stop = partial(gr.Button, "Stop", variant="stop")  # visible only during a run or a fit: app.css
+_Shown = dict[Any, Any]  # new content by component; a component that is not a key keeps its content
 _Handler = Callable[..., Any]
 
 
 class _Served(gr.Blocks):
-    """A page whose programs need not give what has a default."""
+    """Blocks whose endpoint accepts calls without the last arguments, if these have defaults."""
 
     def validate_inputs(self, block_fn: Any, inputs: list[Any]) -> None:
         inputs += [block.value for block in block_fn.inputs[len(inputs) :] if isinstance(block, Api)]
@@ -48,15 +48,15 @@ class _Served(gr.Blocks):
 
 
 class Page:
-    """The five steps in `blocks`, with their handlers, not yet served; a component has its attribute's name as id.
+    """The five steps with their handlers, in `blocks`, not yet served.
 
-    `wrong` is the component that says what was not done, and why.
+    The HTML id of a component is its attribute's name, with hyphens. `wrong` is the component for error messages.
     """
 
     def __init__(self, visitors: Visitors) -> None:
-        self.visitors = visitors  # gradio would keep figures and tables of every page that ever was
+        self.visitors = visitors  # by itself, gradio keeps figures and tables of closed pages
         visitors.forgotten = lambda name: self.blocks.state_holder.session_data.pop(name, None)
-        self.fields: dict[str, Any] = {}  # of PageSettings
+        self.fields: dict[str, Any] = {}  # component of each field of PageSettings
         self.tabs: list[Any] = []
         tabs = {"Data": self._data, "Prepare": self._prepare, "Infer": self._infer}
         tabs |= {"Check": self._check, "Export": self._export}
@@ -75,7 +75,7 @@ class Page:
             if isinstance(part, gr.blocks.Block):
                 part.elem_id = name.replace("_", "-")
 
-    # what stands where
+    # layout
 
     def _data(self) -> None:
         with gr.Row():
@@ -140,7 +140,7 @@ class Page:
                 self.prepared = _html()
         self.to_infer = _button("Go on")
 
-    def _numbers(self, *names: str) -> None:  # in fields for text: an empty gr.Number stalls the page
+    def _numbers(self, *names: str) -> None:  # text boxes, because an empty gr.Number stalls the page
         with gr.Row():
             for name in names:
                 label, empty = words.NUMBERS[name]
@@ -178,13 +178,13 @@ class Page:
         _html(words.part("export"))
         self.make = _button("Download cavirheo-result.zip")
         self.files = gr.File(label="File by file", file_count="multiple", interactive=False, visible=False)
-        self.download = gr.DownloadButton()  # never seen: pressed when the zip is made
+        self.download = gr.DownloadButton()  # hidden: a script clicks it when the zip is ready
 
-    # which handler answers what
+    # event handlers
 
     def _on(self, event: Any, handler: _Handler, sources: Any, out: Any, *, works: bool = False, **options: Any) -> Any:
-        """The event, or each of a list, calls the handler with the locked session of who asks and values of components;
-        one that `works` for a while gets `progress` instead of the lock. What it fails of is said on the page."""
+        """Bind the handler to an event, or to a list of events. It gets the visitor's session, locked, and the values
+        of `sources`; with `works` (a long task), it gets `progress`, and no lock is held. The page shows its errors."""
 
         def handle(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> _Shown:  # noqa: B008
             session = self.visitors.of(request.session_hash)
@@ -198,7 +198,7 @@ class Page:
                     raise gr.Error(session.refusal, visible=False, print_exception=False) from None
             return {**(result or {}), self.wrong: ""}
 
-        def why(request: gr.Request) -> str:  # on the page, where it covers nothing and goes with the next success
+        def why(request: gr.Request) -> str:  # the message covers nothing, and the next success clears it
             return words.part("wrong", self.visitors.of(request.session_hash).refusal)
 
         begins = partial(gr.on, event) if isinstance(event, list) else event
@@ -207,13 +207,13 @@ class Page:
         return handled
 
     def _validated(self, wrong: Callable[..., list[str]]) -> _Handler:
-        """Shows at each field what is `wrong` with its value, and stops the event then."""
+        """Return a validator that shows each message of `wrong` at its field, and cancels the event if there is any."""
 
         def validate(request: gr.Request, *values: Any) -> Any:
             session = self.visitors.of(request.session_hash)
             with session.lock:
                 results = [gr.validate(not why, why) for why in wrong(session, *values)]
-            return results if len(results) > 1 else results[0]  # as gradio takes those of several fields, and of one
+            return results if len(results) > 1 else results[0]  # gradio expects no list for a single field
 
         return validate
 
@@ -226,7 +226,7 @@ class Page:
         checked: dict[str, Any] = {"validator": wrong, "show_progress_on": [self.film_told]}
         self._on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], outputs, **checked)
         check = [self.check_plot, self.facts, self.trial, *self.sliders]
-        many = partial(self._on, trigger_mode="multiple")  # also while another loads
+        many = partial(self._on, trigger_mode="multiple")  # also while another upload is loading
         sent = many(self.upload.upload, self._sent, [self.upload], [self.upload], works=True, **_AT_ONCE)
         many(sent.then, self._load, settings, outputs, show_progress_on=[self.found])
         for name, example in self.examples.items():
@@ -236,7 +236,7 @@ class Page:
         self._on(self.keep.click, lambda _: {self.sure: gr.Column(visible=False)}, [], [self.sure])
         self._on(self.delete.click, self._clear, [], outputs)
         self._on(self.shown.change, self._view, [self.shown], [self.prepared], works=True, **_LATEST)
-        # a reload sets one by one, which is no input; a text that is pasted is none either
+        # a reload, which sets the values one by one, causes no `input` event; pasting text causes none either
         kinds = [setting.change if isinstance(setting, gr.Textbox) else setting.input for setting in settings]
         wrong = self._validated(lambda _, name, *values: ["", *_wrong(values)])
         prepared = [self.prepared, self.found, *self.state]
@@ -246,7 +246,7 @@ class Page:
         self._wire_runs([self.chosen, *settings], check)
         out, js = [self.steps, self.checked, *check], "() => [document.body.dataset.picked]"
         self._on(self.answers.click, self._picked, [self.checked], out, js=js, **_LATEST)
-        # what compares with simulations comes later: the table need not wait for the solver
+        # warnings load the solver: they are shown later, so that the table need not wait for it
         self._on(self.found.change, self._warn, [], [self.warned], works=True, **_LATEST)
         js = "(_, shown) => [document.body.dataset.materials, shown]"
         self._on(self.found.submit, self._name, [self.link, self.shown], prepared, js=js, **_LATEST)
@@ -261,14 +261,14 @@ class Page:
         zipped = self._on(self.make.click, self._zip, [], [self.files, self.download], works=True, **single)
         zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
-        # choices first
+        # choices before text boxes, whose `change` events read all settings
         self.fields = dict(sorted(self.fields.items(), key=lambda item: isinstance(item[1], gr.Textbox)))
         everything = [*outputs, *self.fields.values(), self.checked, *check]
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
 
     def _wire_film(self) -> list[Any]:
-        """What shows the film that is looked at."""
+        """Bind the handlers of recordings; return the components that show the selected recording."""
         look = [self.film_told, self.film_frame, self.film_plot, self.film_toggle]
         view = [self.film_seen, self.film_number, self.film_excluded]
         parts = [self.film_step, self.film, *self.film_typed, *view, *look]
@@ -284,7 +284,7 @@ class Page:
         return parts
 
     def _wire_runs(self, inputs: list[Any], check: list[Any]) -> None:
-        """Answers of all chosen shots: previews at once, then each answer as it is there."""
+        """Bind the handlers of runs: previews of the chosen shots come first, then each answer once it is ready."""
         chosen, run_outputs = [self.chosen], [self.checked, *self.state]
         which = self.which.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **_AT_ONCE)
         which.then(None, js=_PRESS.format("infer"), api_visibility="private")
@@ -300,10 +300,10 @@ class Page:
         self.visitors.leave(request.session_hash or "")
 
     def _back(self, request: gr.Request) -> Any:
-        """A page that is loaded again, or by its link, shows what was there."""
+        """Restore the session on a page that is reloaded, or opened by the link of the session."""
         session = self.visitors.back(request.session_hash or "", request.query_params.get("session", ""))
         if session is None:
-            return gr.skip()  # of all
+            return gr.skip()  # all components stay as they are
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
             values = {"window": 0, "material": "auto"}
@@ -320,7 +320,7 @@ class Page:
     def _load(self, session: Session, *settings: Any) -> _Shown:
         files, session.sent = session.sent, []
         with uploaded(files) as paths:
-            if paths:  # or they were taken with those that were sent before
+            if paths:  # none if an earlier event has loaded these files
                 session.add(paths, _settings(settings))
         return self._loaded(session)
 
@@ -331,7 +331,7 @@ class Page:
         return self._loaded(session)
 
     def _ask(self, session: Session) -> _Shown:
-        """Whether to delete what is there; where nothing is, nothing is asked."""
+        """Ask whether to delete the files and answers; without any file, clear the session at once."""
         if not session.files and not session.films:
             return self._clear(session)
         return {self.sure: gr.Column(visible=True), self.lost: words.lost(session)}
@@ -356,7 +356,7 @@ class Page:
         return shown | self._state(session, draw=True) | self._filmed(session)
 
     def _state(self, session: Session, *, draw: bool = False) -> _Shown:
-        """Which steps can work, and the answers, if there are any, with what was changed since. draw: groups, too."""
+        """Enable the steps that can be used; show the answers, marked if settings changed since. draw: groups, too."""
         loaded, current = bool(session.curves), session.answers is not None and not session.stale
         groups: dict[str, Any] = {"value": words.groups(session)} if draw else {}
         able = zip(self.tabs[1:], (loaded, loaded, current, current), strict=True)
@@ -433,7 +433,7 @@ class Page:
         return {self.timer: gr.Timer(active=bool(session.previews)), self.answers: words.answers(session)}
 
     def _preview(self, session: Session, chosen: list[str], **_: Any) -> _Shown:
-        with suppress(InputError):  # the run says why
+        with suppress(InputError):  # the run shows the same error
             steps.preview(session, chosen)
         return {self.answers: words.answers(session)}
 
@@ -445,7 +445,7 @@ class Page:
     def _name(self, session: Session, materials: str, name: str | None) -> _Shown:
         earlier, edits = words.table(session), json.loads(materials)
         steps.name_materials(session, edits["names"], edits["densities"])
-        same = words.table(session) == earlier  # then the focus stays where it is
+        same = words.table(session) == earlier  # the table is not drawn again: the focus stays
         table = {} if same else {self.found: words.files_table(session)}
         return self._view(session, name) | table | self._state(session, draw=True)
 
@@ -484,21 +484,22 @@ class Page:
 
 
 def _settings(values: Sequence[Any]) -> PageSettings:
-    """From the components, in the order of the fields of PageSettings. Raises InputError."""
+    """Return the settings with these values, in the order of the fields of PageSettings. Raises InputError."""
     settings, wrong = PageSettings.of(values)
     require(not wrong, "; ".join(wrong.values()), "app.settings")
     return settings
 
 
 def _wrong(values: Sequence[Any]) -> list[str]:
-    """What is said at each of them."""
+    """Return the error message of each field of PageSettings, "" where the value is valid."""
     wrong = PageSettings.of(values)[1]
     return [words.for_page(wrong.get(field.name, "")) for field in fields(PageSettings)]
 
 
 @contextmanager
 def uploaded(files: Sequence[str]) -> Iterator[list[Path]]:
-    """What the browser sent, and no other file of this machine: what is not taken over is removed."""
+    """Yield the paths of uploaded files; at the end, delete the ones that are still there. Raises InputError: another
+    file of this machine."""
     folder = Path(get_upload_folder()).resolve()
     paths = [Path(file).resolve() for file in files]
     if not all(path.is_relative_to(folder) and path.is_file() for path in paths):
@@ -511,7 +512,7 @@ def uploaded(files: Sequence[str]) -> Iterator[list[Path]]:
 
 
 def _public(visitors: Visitors) -> Callable[..., Any]:
-    """The function that programs may call; nothing of a call is kept."""
+    """Return the function of the endpoint `/infer`, for programs; nothing is kept after a call."""
 
     def infer(
         files: list[gr.FileData],

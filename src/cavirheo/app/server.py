@@ -1,4 +1,4 @@
-"""The page on a port, with nothing asked from outside: no telemetry, no font, no script of others."""
+"""Serve the page on a port, without requests to other servers: no telemetry, no external fonts or scripts."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ _THEME = gr.themes.Default(
     button_primary_background_fill_hover="#0072b2",
     body_background_fill="#f4f5f7",
 )
-EVENTS = 8  # of one kind, of all visitors together, that are worked on at the same time
-# What the page may load: itself. Gradio's own scripts stand in the page and build functions.
+EVENTS = 8  # largest number of events of one kind that run at the same time, over all visitors
+# The page may load from its own server only. Gradio's scripts are inline, and create functions from text.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; object-src 'none'; base-uri 'self'"
@@ -57,7 +57,7 @@ _HEADERS = [
 
 
 def _only_here(app: ASGIApp) -> ASGIApp:
-    """Every answer tells the browser to ask nobody else."""
+    """Return middleware that adds _HEADERS to each response: the browser must not load from other servers."""
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         async def send_with_headers(message: Message) -> None:
@@ -75,7 +75,7 @@ async def _refuse(url: str, cache_dir: str) -> str:
 
 
 class _Upload(route_utils.GradioUploadFile):
-    """Has a folder of its own. Gradio's are named by the content alone: two visitors who send one file share it."""
+    """An upload into a new folder. Gradio names folders by the content alone: visitors with the same file share one."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -83,8 +83,8 @@ class _Upload(route_utils.GradioUploadFile):
 
 
 def _wall(visitors: Visitors, folder: Path | None) -> Route:
-    """/live: what `cavirheo watch` writes into the folder; without one, the answers of the session whose link is asked
-    for (/live?session=...), which nobody can guess."""
+    """Return the route /live: it shows the page that `cavirheo watch` writes into the folder; without a folder, the
+    last answer of the session with the secret link in the address (/live?session=...)."""
 
     def live(request: Request) -> HTMLResponse:
         if folder:
@@ -99,7 +99,7 @@ def _wall(visitors: Visitors, folder: Path | None) -> Route:
 
 
 def _guard(module: ModuleType, name: str, guard: object) -> None:
-    """Put our own in the place of what gradio calls by this name. Raises InputError: it has no such name, so that ours
+    """Replace the object that gradio calls by this name. Raises InputError: gradio has no such name, so that `guard`
     would never be called."""
     missing = f"gradio {gr.__version__} has no {module.__name__}.{name}, which guards the server"
     require(hasattr(module, name), f"{missing}: install an older one", "app.gradio")
@@ -110,10 +110,10 @@ def _guard(module: ModuleType, name: str, guard: object) -> None:
 def running(
     host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None, folder: Path | None = None
 ) -> Iterator[tuple[str, Visitors]]:
-    """(address of the page, its visitors) while the page is served; then all temporary files are gone. folder: where
-    `cavirheo watch` writes what stands at /live. Raises InputError: nothing can listen there, or this gradio cannot be
-    guarded."""
-    _guard(processing_utils, "async_ssrf_protected_download", _refuse)  # a program may not make the server fetch
+    """Serve the page; yield (its address, its visitors). At the end, all temporary files are removed. folder: `cavirheo
+    watch` writes the page of /live into it. Raises InputError: the port cannot be opened, or `_guard` fails with this
+    version of gradio."""
+    _guard(processing_utils, "async_ssrf_protected_download", _refuse)  # clients must not make the server download
     _guard(route_utils, "GradioUploadFile", _Upload)
     with (
         TemporaryDirectory(prefix="cavirheo-app-") as temporary,
@@ -147,9 +147,9 @@ def running(
 
 
 def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder: Path | None = None) -> None:
-    """Serve the page, with a folder also the wall's, until it is interrupted or terminated. Raises as `running`."""
+    """Serve the page until SIGINT or SIGTERM; with a folder, the address shown is /live. Raises InputError."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: else each of many threads keeps a heap of its own
+    call_glibc("mallopt", -8, 2)  # M_ARENA_MAX: by default, each of many threads keeps a separate heap
     with suppress(KeyboardInterrupt), running(host, port, limits, folder) as (address, _):
         address += "live" * bool(folder)
         print(f"cavirheo app: {address}   (Ctrl+C ends it)", file=sys.stderr)

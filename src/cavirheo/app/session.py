@@ -1,4 +1,4 @@
-"""What one visitor has (files, curves, settings, answers), the limits, and which visitors there are."""
+"""The session of one visitor (files, curves, settings, answers), its limits, and all sessions of the server."""
 
 from __future__ import annotations
 
@@ -52,18 +52,18 @@ class VisitorLimits:
     curves: int = 400
     frames: int = 400_000
     full: int = 100  # shots in one run with full uncertainty
-    seconds: float = 20.0  # to read the files
-    readers: int = 3  # whose files are read at the same time
-    film_seconds: float = 120.0  # to measure a recording
-    film_mb: float = 500.0  # of its frames
+    seconds: float = 20.0  # s, to read the files
+    readers: int = 3  # processes that read files, shared by all visitors
+    film_seconds: float = 120.0  # s, to measure a recording
+    film_mb: float = 500.0  # MB, of the frames of a recording
     visitors: int = 100
-    absent: float = 600.0  # s after which one who closed the page is forgotten
+    absent: float = 600.0  # s from closing the page until the visitor is forgotten
 
 
 @dataclass(frozen=True)
 class PageSettings:
-    """What the page asks for, as the options of `cavirheo infer`; None: not given. Raises InputError: what it does not
-    take, and a model that is not shipped (no file of this machine is opened for a visitor)."""
+    """The settings of the page, as options of `cavirheo infer`; None: not given. Raises InputError: a value that
+    `infer` rejects, or a model that is not shipped (a visitor must not open files of this machine)."""
 
     medium: str = "water"
     density: float | None = None
@@ -74,12 +74,12 @@ class PageSettings:
     rmax_um: float | None = None
     stretch: float | str | None = None  # or "free"
     window: int | None = None
-    group: str = "auto"  # whose shots are one material
+    group: str = "auto"  # which shots are of one material
     model: str = DEFAULT
-    material: str | None = None  # as `infer` has it: all laws, or the one that a model or the network alone knows
+    material: str | None = None  # None: all laws, or the only law of the model or of the network alone
     bubble: str = "real"
     verify: str = "auto"
-    trust_input: bool = False  # scale, frame rate and medium are as they are given, however odd they look
+    trust_input: bool = False  # scale, frame rate and medium are right even if they look odd
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "trust_input", bool(self.trust_input))
@@ -91,13 +91,13 @@ class PageSettings:
             object.__setattr__(self, "material", None)
             object.__setattr__(self, "bubble", "field")
         _ = self.analysis
-        if self.material == "auto":  # which is what none asks for
+        if self.material == "auto":  # it means the same as None
             object.__setattr__(self, "material", None)
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
-        """From what stands in the fields of the page, in their order; why it cannot be, by field, "" for all together:
-        settings are the usual ones then."""
+        """Return (settings, error messages by field) from the values of the page's fields, in their order. The key ""
+        is for an error of the values in combination. If there is any error, the settings are the defaults."""
         settings, wrong = dict[str, Any](), dict[str, str]()
         vouch = {"trust_input": dict(zip((field_.name for field_ in fields(cls)), values, strict=True))["trust_input"]}
         for field_, value in zip(fields(cls), values, strict=True):
@@ -114,7 +114,7 @@ class PageSettings:
 
     @property
     def liquid(self) -> Medium:
-        """Raises InputError."""
+        """The medium of these settings. Raises InputError."""
         names = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
         return medium(self.medium, unusual=self.trust_input, **{name: getattr(self, name) for name in names})
 
@@ -127,7 +127,7 @@ class PageSettings:
 
     @property
     def analysis(self) -> Analysis:
-        """What is asked of each curve. Raises InputError."""
+        """The analysis of each curve. Raises InputError."""
         names = ("model", "material", "bubble", "stretch", "window", "trust_input", "verify")
         return Analysis(medium=self.liquid, **{name: getattr(self, name) for name in names})
 
@@ -136,8 +136,8 @@ class PageSettings:
 class Clip:
     """A recording.
 
-    measurement: with all frames. used: without those that are left out. frame: the number of that which is looked at.
-    curve, command: the history that is confirmed, and the options of the command line that it has then.
+    measurement: of all frames. used: without the excluded frames. frame: the number of the shown frame.
+    curve, command: the confirmed radius history, and its command-line options when it was confirmed.
     """
 
     path: Path
@@ -150,48 +150,48 @@ class Clip:
 
     @property
     def measured(self) -> Measurement:
-        """With all frames. Raises InputError: it is not measured."""
+        """The measurement of all frames. Raises InputError: the recording is not measured."""
         if self.measurement is None:
             raise InputError("measure the recording first (step 1)", "app.not_measured")
         return self.measurement
 
     @property
     def exclude(self) -> str:
-        """The frames that are left out: "12, 40-45"."""
+        """The excluded frames as text: "12, 40-45"."""
         return str(self.used.options.get("exclude", "")) if self.used else ""
 
     @property
     def excluded(self) -> Bools:
-        """(n,) frames that are left out."""
+        """(n,) True for excluded frames."""
         return np.asarray((self.used or self.measured).track.flags == "excluded")
 
     @property
     def index(self) -> int:
-        """Of the frame that is looked at, in arrays."""
+        """The index of the shown frame in arrays."""
         return self.frame - self.measured.first
 
     @property
     def options(self) -> str:
-        """Of `cavirheo infer`, that mean the same."""
+        """The options of `cavirheo infer` with the same effect."""
         return self.camera.options + f" --exclude {self.exclude.replace(' ', '')}" * bool(self.exclude)
 
     def history(self, *, sheet: bool = False) -> RadiusCurve:
-        """As `read_curves` gives it. Raises InputError: not measured."""
+        """Return the radius history, as `read_curves` does. Raises InputError: not measured."""
         return with_maximum_notes(history(self.used or self.measured, self.path, sheet=sheet))
 
     def camera_of(self, texts: Sequence[str]) -> tuple[Camera, list[str]]:
-        """Frame rate, scale and exposure; why it cannot be measured so, field by field, empty where it can."""
+        """Return (frame rate, scale and exposure; for each field, why it cannot be used, or "")."""
         unscaled = self.measurement is not None and self.measurement.um_per_px.value is None
         return parse_camera(texts, self.path.suffix.lower(), unscaled=unscaled)
 
     def unready(self, *texts: str) -> list[str]:
-        """Why its curve cannot be confirmed so, field by field: numbers of the camera, then the list of frames."""
+        """Return for each field why the curve cannot be confirmed, or "": three of the camera, then the frames."""
         new, wrong = self.camera_of(texts[:3])
         changed = ["changed since: measure again" * (now != old) for now, old in zip(new, self.camera, strict=True)]
         return [mistake or change for mistake, change in zip(wrong, changed, strict=True)] + self.leave_out(texts[3])
 
     def leave_out(self, listed: str) -> list[str]:
-        """These frames, "12, 40-45", and no others; or say why not. A list half typed counts so far."""
+        """Exclude only these frames, "12, 40-45"; return [error message or ""]. A trailing comma is ignored."""
         listed = listed.strip(" ,-–")
         try:
             self.used = self.measurement and self.measurement.without(listed) if listed else self.measurement
@@ -200,7 +200,7 @@ class Clip:
         return [""]
 
     def toggle(self) -> None:
-        """Leave the shown frame out, or bring it back. Raises InputError: no frame would be left."""
+        """Exclude the shown frame, or include it again. Raises InputError: no measured frame would be left."""
         excluded = self.excluded
         excluded[self.index] ^= True
         (wrong,) = self.leave_out(digits.ranges((np.flatnonzero(excluded) + self.measured.first).tolist()))
@@ -209,20 +209,20 @@ class Clip:
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What one run has answered."""
+    """The answers of one run."""
 
     pairs: list[tuple[RadiusCurve, Posterior]]
     document: Result  # of the pairs, in their order
-    not_run: list[str]  # chosen shots that a stop left out
-    request: tuple[PageSettings, Mapping[str, float]]  # that they stand on, with the densities that were typed
-    fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
-    trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by name
-    # times, s, and the lower and the upper radius, m, of the draws' simulations, by name
+    not_run: list[str]  # chosen shots without an answer, because the run was stopped
+    request: tuple[PageSettings, Mapping[str, float]]  # the settings of the run, and the typed densities
+    fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits made after the run, by shot
+    trials: dict[str, Checks] = field(default_factory=dict)  # simulations with the sliders' values, by shot
+    # (times in s, lower radius in m, upper radius in m) of the band of the draws' simulations, by shot
     bands: dict[str, tuple[Floats, Floats, Floats] | None] = field(default_factory=dict)
 
 
 class Session:
-    """One visitor. The files lie in a folder that goes with the session."""
+    """The state of one visitor. The files are in a temporary folder, which is removed with the session."""
 
     def __init__(
         self,
@@ -233,35 +233,35 @@ class Session:
         zips: Store | None = None,
     ) -> None:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
-        self.store, self.zips = store or Store(), zips or Store(most=1)  # of all visitors
-        self.keys: set[str] = set()  # of what this visitor has there
-        self.measurer = measurer or reader  # its own, so that nobody's table waits for a film
-        self.sent: list[str] = []  # uploads that are not looked at yet
-        self.refusal = ""  # why the last thing that was asked was not done
-        self.link = token_urlsafe(16)  # whoever knows it comes back here
-        self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
-        self.runs = Stoppable()  # on shots
+        self.store, self.zips = store or Store(), zips or Store(most=1)  # shared by all visitors
+        self.keys: set[str] = set()  # keys of this visitor's values in these two stores
+        self.measurer = measurer or reader  # separate: reading tables need not wait for a recording
+        self.sent: list[str] = []  # uploads that are not read yet
+        self.refusal = ""  # error message of the last event
+        self.link = token_urlsafe(16)  # secret: a page with it in its address opens this session
+        self.lock = RLock()  # held while the session is read or changed, but not while a run answers shots
+        self.runs = Stoppable()  # computations on shots
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
         self.clear()
 
     def clear(self) -> None:
-        """As if just come."""
+        """Remove all files and results; the settings stay."""
         shutil.rmtree(self.folder / YOURS, ignore_errors=True)
         (self.folder / YOURS).mkdir()
         self.films: dict[str, Clip] = {}  # recordings by the names of their files
-        self.film = ""  # the name of that which is looked at
+        self.film = ""  # the name of the shown recording
         self.files: list[Path] = []
-        self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
+        self.curves: list[RadiusCurve] = []  # of all files, read with the settings
         self.materials: dict[str, str] = {}  # by shot, as the visitor typed them
         self.densities: Mapping[str, float] = {}  # kg/m3 by shot, as the visitor typed them
-        self.published: list[dict[str, Published]] = []  # values of other methods, by set, of each upload
+        self.published: list[dict[str, Published]] = []  # for each upload: values of other methods, by set
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
-        self.previews: dict[str, CurveRecord | None] = {}  # in a run: of each shot what is known so far
+        self.previews: dict[str, CurveRecord | None] = {}  # during a run: each shot's answer so far, or None
 
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
-        """Take the files over (or copy them) and read them; unreadable ones are not kept, recordings wait in `films`.
+        """Move or copy the files into the session, and read them; unreadable ones are removed. Videos go to `films`.
         Raises InputError: too many files, curves or frames, or a setting out of its domain."""
         number = len(list((self.folder / YOURS).iterdir())) + len(files)
         message = f"{number} files; at most {self.limits.files} are read at once"
@@ -285,21 +285,21 @@ class Session:
 
     @property
     def recordings(self) -> list[str]:
-        """Names of the films that can be measured; the header of a .mraw beside it is none."""
+        """Names of the recordings that can be measured; a .cihx header beside its .mraw is left out."""
         return [name for name in self.films if f"{name.removesuffix('.cihx')}.mraw" not in self.films]
 
     @property
     def current(self) -> Clip:
-        """The film that is looked at; an empty one if there is none."""
+        """The shown recording; an empty Clip if there is none."""
         return self.films.get(self.film) or Clip(Path())
 
     @property
     def waiting(self) -> list[str]:
-        """Those that are not confirmed."""
+        """Names of the recordings that are not confirmed."""
         return [name for name in self.recordings if self.films[name].curve is None]
 
     def take(self, files: Sequence[Path], settings: PageSettings) -> None:
-        """Read these instead of what was read; those that cannot be read are left out. Raises InputError: too much."""
+        """Read these files instead of all others, and drop the answers. Raises InputError: too many shots or frames."""
         curves, problems = self._read(files, settings, self.densities)
         limits, frames = self.limits, sum(len(curve.time) for curve in curves)
         message = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
@@ -313,7 +313,7 @@ class Session:
     def _read(
         self, files: Sequence[Path], settings: PageSettings, densities: Mapping[str, float]
     ) -> tuple[list[RadiusCurve], list[str]]:
-        """Each shot as its own density has it read, which counts where a file has no seconds."""
+        """Read each shot with its own density, which matters for files without times in seconds: (curves, problems)."""
         confirmed = {film.path: film.curve for film in self.films.values()}
         sources = [confirmed.get(path) or path for path in files]
         curves, problems = self.reader.read(sources, **settings.read_options)
@@ -325,15 +325,15 @@ class Session:
 
     @property
     def request(self) -> tuple[PageSettings, Mapping[str, float]]:
-        """The settings, and the densities that were typed, by shot."""
+        """The settings, and the typed densities, kg/m3, by shot."""
         return self.settings, self.densities
 
     def settings_of(self, shot: str) -> PageSettings:
-        """With the density of its material, if one was typed."""
+        """Return the settings of a shot, with its own density if one was typed."""
         return replace(self.settings, density=self.densities[shot]) if shot in self.densities else self.settings
 
     def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
-        """Curves as shots of the materials that were typed, or else of those that their files say."""
+        """Return the pairs with each curve in the group of its typed material, or else in the group of its file."""
         groups = {curve.name: (curve.group, curve.group_source) for curve, _ in pairs}
         for curve in self.curves:
             groups[curve.name] = curve.group, curve.group if self.materials else curve.group_source
@@ -341,7 +341,7 @@ class Session:
         return [(curve.with_group(*groups[curve.name]), answer) for curve, answer in pairs]
 
     def command(self, settings: PageSettings) -> str:
-        """The command line that means the same; of several files the recordings have their options after it."""
+        """Return the equivalent command line; with several files, the options of recordings follow in parentheses."""
         words = ["cavirheo", "infer", *(path.name for path in self.files)]
         for name, value in vars(settings).items():
             if value not in (None, getattr(PageSettings, name)):
@@ -351,8 +351,8 @@ class Session:
         return shlex.join(words) + "".join(messages)
 
     def prepare(self, settings: PageSettings, densities: Mapping[str, float] | None = None) -> None:
-        """Read the files again if these settings, or the densities of shots, change what they mean. Raises InputError:
-        also a density that no medium has."""
+        """Set the settings and the densities of shots; read the files again if these change the curves. Raises
+        InputError: also for a density that no medium has."""
         for density in set((densities or {}).values()):
             _ = replace(settings, density=density).liquid
         densities = self.densities if densities is None else dict(densities)
@@ -361,19 +361,19 @@ class Session:
         self.settings, self.densities = settings, densities
 
     def publish(self, paths: Sequence[Path]) -> None:
-        """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
-        material for `cavirheo rheometer`. Raises InputError."""
+        """Add values of other methods to the answers' groups, from files for `cavirheo compare`, or from the sweeps of
+        one material for `cavirheo rheometer`. Raises InputError."""
         values = published(self.reader.ask(paths, (values_of, *map(str, paths))))
         add_to_groups(self.answers.document.groups if self.answers else [], values)
         self.published.append(values)
 
     @property
     def stale(self) -> bool:
-        """Whether there are answers, but to other settings."""
+        """Whether there are answers, but with other settings or densities."""
         return self.answers is not None and self.answers.request != self.request
 
     def find(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
-        """All answers, and the curve of this name with its own. Raises InputError: it is not answered, or not so."""
+        """Return (all answers, curve, posterior, record) of a shot. Raises InputError: no answer, or a `stale` one."""
         require(not self.stale, "settings changed: run again (step 3)", "app.stale")
         if self.answers:
             for pair, record in zip(self.answers.pairs, self.answers.document.curves, strict=True):
@@ -382,7 +382,7 @@ class Session:
         raise InputError("no answer to check: infer first (step 3)", "app.no_answer")
 
     def once(self, store: Store, key: str, function: Callable[[], _Value]) -> _Value:
-        """As `Store.once`: a class with one demo file waits for one answer, which goes with the last who has it."""
+        """As `Store.once`: visitors with the same file share one value, which is removed with the last of them."""
         self.keys.add(key)
         return store.once(key, function)
 
@@ -391,7 +391,7 @@ class Session:
         self._temporary.cleanup()
 
     def _free(self, name: str) -> Path:
-        """A path of this name in the visitor's folder, numbered where the name is taken."""
+        """Return an unused path of this name in the visitor's folder, with a number if the name is taken."""
         to, numbers = self.folder / YOURS / name, count(2)
         while to.exists():
             to = to.with_name(f"{short_name(Path(name).stem)} ({next(numbers)}){Path(name).suffix}")
@@ -399,19 +399,19 @@ class Session:
 
 
 class Visitors:
-    """The sessions by the page's own random name; nobody gets another's but by its link, which is as random."""
+    """All sessions. Gradio gives each page a random name. Another page can open a session by its secret link only."""
 
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds, processes=limits.readers)
         self.measurer = Reader(limits.film_seconds, at_once=False)
-        self.store, self.zips, self._lock = Store(most=200), Store(most=3), RLock()  # of a shot two answers
+        self.store, self.zips, self._lock = Store(most=200), Store(most=3), RLock()  # two answers per shot
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
-        self._links: dict[str, str] = {}  # by the names of pages
-        self._requests = Counter[str]()  # how often each page asked for anything
-        self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
+        self._links: dict[str, str] = {}  # link of each page's session, by the name of the page
+        self._requests = Counter[str]()  # number of requests of each page
+        self.forgotten: Callable[[str], Any] = lambda name: None  # called with the name of a page that is forgotten
 
     def of(self, name: str | None) -> Session:
-        """The session of this name, new if there is none; the one unused for longest makes room. Raises InputError."""
+        """Return the page's session, or a new one; beyond the limit, close the longest unused. Raises InputError."""
         if not name:
             raise InputError("no session: reload the page")
         with self._lock:
@@ -424,7 +424,7 @@ class Visitors:
             return session
 
     def back(self, name: str, link: str) -> Session | None:
-        """The session that the page of this name comes back to, by its link."""
+        """Give the page of this name the session with this link, and return it; None if there is none."""
         with self._lock:
             if link not in self._sessions:
                 return None
@@ -432,13 +432,13 @@ class Visitors:
             return self.of(name)
 
     def answers(self, link: str) -> Answers | None:
-        """Of the session with this link."""
+        """Return the answers of the session with this link, if there are any."""
         with self._lock:
             return self._sessions[link].answers if link in self._sessions else None
 
     def leave(self, name: str) -> None:
-        """Forget this page after a while, and with the last of its pages a session, unless it asks for something again
-        (a phone that slept)."""
+        """Forget this page after a delay, unless it sends another request until then (a phone that slept); a session is
+        closed with its last page."""
         timer = Timer(self.limits.absent, self._forget, (name, self._requests[name]))
         timer.daemon = True
         timer.start()
@@ -453,7 +453,7 @@ class Visitors:
                     self._close(link)
 
     def end(self, session: Session) -> None:
-        """Close it, and forget the answers and zips that no other visitor has."""
+        """Close a session, and remove the answers and zips that no other session uses."""
         session.close()
         with self._lock:
             shared = set().union(*(visitor.keys for visitor in self._sessions.values()))
@@ -468,7 +468,7 @@ class Visitors:
             del self._links[name], self._requests[name]
 
     def close(self) -> None:
-        """Forget all."""
+        """Close all sessions, and end the processes that read files."""
         with self._lock:
             while self._sessions:
                 self._close(next(iter(self._sessions)))

@@ -52,27 +52,27 @@ def examples() -> dict[str, Path]:
 
 
 def measure(session: Session, camera: Camera, say: Report) -> None:
-    """Measure the film in the process for it; excluded frames stay excluded. Raises InputError."""
+    """Measure the shown recording in a child process; excluded frames stay excluded. Raises InputError."""
     film, (rate, scale, us) = session.current, camera
     images, most = session.folder / f"{token_hex(8)}.npy", session.limits.film_mb * 1e6
     numbers = {"frame_rate": rate, "um_per_px": scale, "exposure": us and us * 1e-6}
     try:
         measurement = session.measurer.measure(film.path, images, most, say, **numbers)
     finally:
-        with suppress(OSError):  # on a system that keeps a file that is mapped
+        with suppress(OSError):  # some systems cannot remove a file that is memory-mapped
             images.unlink(missing_ok=True)
     with session.lock:
         require(film in session.films.values(), "the recording was removed while it was measured", "app.changed")
         listed = film.exclude
         for clip in session.films.values():
-            clip.measurement = clip.used = None  # frames are kept of one film
+            clip.measurement = clip.used = None  # frames are kept of one recording only
         film.camera, film.measurement, film.used = camera, measurement, measurement
         film.frame = measurement.first + int(np.nanargmax(measurement.track.radius))
         film.leave_out(listed)
 
 
 def confirm(session: Session) -> None:
-    """Its curve becomes one of the next steps, instead of what it was there before. Raises InputError: too much."""
+    """Hand the curve of the shown recording to the next steps, in place of its earlier curve. Raises InputError."""
     film = session.current
     session.films[session.film] = replace(film, curve=film.history(sheet=True), command=film.options)
     try:
@@ -83,8 +83,8 @@ def confirm(session: Session) -> None:
 
 
 def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[RadiusCurve, Posterior | None]]:
-    """Each chosen curve with its answer, which goes into `session.previews` at once; None where a stop left it out. An
-    answer at another level of verification than that of the settings is not trusted. Raises InputError."""
+    """Return (curve, answer) of each chosen shot; None if a stop came before its answer. Each answer goes into
+    `session.previews` at once, as unverified if `verify` is not that of the settings. Raises InputError."""
     with session.lock:
         settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
         analyses = {curve.name: replace(session.settings_of(curve.name), verify=verify).analysis for curve in chosen}
@@ -111,16 +111,16 @@ def _answer(session: Session, names: Sequence[str], verify: str) -> list[tuple[R
 
 
 def preview(session: Session, names: Sequence[str]) -> None:
-    """What the network itself says of the chosen shots, into `session.previews` until verification replaces it. A shot
-    of which it says nothing waits, and so do all where another way to answer is asked. Raises InputError."""
+    """Put the network's answers of the chosen shots, where it has any, into `session.previews`; the run replaces them.
+    Nothing is done for another model, without verification, or with bubble "auto". Raises InputError."""
     settings = session.settings
     if settings.model == DEFAULT and settings.verify != "none" and settings.bubble != "auto":
         _answer(session, names, "none")
 
 
 def infer(session: Session, names: Sequence[str]) -> Answers:
-    """Answers of the chosen shots, into the session too; a stop leaves out those that are not done. Raises InputError:
-    nothing chosen, too much, stopped before the first shot, or other files or settings than when it began."""
+    """Return the answers of the chosen shots, and keep them in the session; a stop leaves out unfinished shots. Raises
+    InputError: no or too many shots, stopped before the first answer, or files or settings changed during the run."""
     with session.lock:
         request, curves = session.request, session.curves
     try:
@@ -128,7 +128,7 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
         pairs = [(curve, answer) for curve, answer in answers if answer]
         pooled = _pooled(session, pairs, [curve.name for curve, answer in answers if not answer], request)
     finally:
-        if not session.runs.busy.locked():  # by the run before, which goes on
+        if not session.runs.busy.locked():  # an earlier run, which continues, uses the previews
             session.previews = {}
     with session.lock:
         require(session.curves is curves and session.request == request, _CHANGED, "app.changed")
@@ -139,7 +139,7 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
 def _pooled(
     session: Session, pairs: Pairs, left: list[str], request: tuple[PageSettings, Mapping[str, float]]
 ) -> Answers:
-    """Answers with all that is said of their groups."""
+    """Return the answers with their document: groups, published values, command and notes."""
     (settings, densities), pairs = request, session.grouped(pairs)
     command = session.command(settings)
     if len(pairs) < len(session.curves):
@@ -155,8 +155,8 @@ def _pooled(
 
 
 def name_materials(session: Session, names: Sequence[str], densities: Sequence[str] = ()) -> None:
-    """What each loaded shot is a shot of, "" for what its file says; the answers that are there are pooled so. With the
-    density of each in kg/m3, "" for that of the settings; then the files are read again. Raises InputError."""
+    """Set the material of each loaded shot, "" for the group of its file, and pool the answers again. densities: kg/m3
+    of each shot, "" for that of the settings; the files are read again if these change. Raises InputError."""
     fine = len(names) == len(session.curves) and len(densities) in (0, len(names))
     require(fine, "the files were changed: reload the page", "app.changed")
     shots = [curve.name for curve in session.curves]
@@ -172,11 +172,11 @@ def name_materials(session: Session, names: Sequence[str], densities: Sequence[s
 
 
 def fit(session: Session, name: str | None) -> None:
-    """The conventional fit of one answered curve: same law, bubble, medium, window and stretch. Raises InputError."""
+    """Fit an answered curve conventionally: same law, bubble, medium, window and stretch. Raises InputError."""
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings_of(name or "")
     analysis, end = settings.analysis, None
-    if analysis.method == "bdt":  # a network that reads its own window
+    if analysis.method == "bdt":  # a network with a fixed window: the fit takes the same window
         end = compared_window(curve, analysis).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
     analysis = replace(analysis, method="fit", free=None, verify="auto", end=end, **model)
@@ -188,14 +188,14 @@ def fit(session: Session, name: str | None) -> None:
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
-    """Where the sliders start and end, in kPa, Pa s and 1; None for a parameter that the law does not have."""
+    """Return the limits, step and start of each slider, in kPa, Pa s and 1; None for a parameter that the law lacks."""
     posterior = session.find(name)[2]
     return {key: slider(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
 
 
 def what_if(session: Session, name: str, values: Sequence[float | None]) -> Checks:
-    """The simulation with the sliders' values over the window of the answer, into its answers too; where it fails,
-    why."""
+    """Simulate with the sliders' values over the window of the answer; return the Checks, and keep them in the answers.
+    The Checks of a failed simulation hold the reason."""
     answers, curve, posterior, _ = session.find(name)
     changed = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
     answers.trials[name] = checks_with(curve, posterior, changed, session.settings_of(name).analysis)
@@ -203,14 +203,14 @@ def what_if(session: Session, name: str, values: Sequence[float | None]) -> Chec
 
 
 def law_in_doubt(session: Session) -> bool:
-    """Whether most answers ask for another law, and it could be asked."""
+    """Whether most answers suggest another law, and the settings of these answers name a single law."""
     records = session.answers.document.curves if session.answers else []
     open_law = session.settings.material is None or session.stale
     return not open_law and unexplained(records) > len(records) / 2
 
 
 def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
-    """(cavirheo-result.zip in the visitor's folder, documents and pictures in it). Raises InputError: no answer yet."""
+    """Return (the path of the zip, paths of its files outside subfolders). Raises InputError: no current answers."""
     if (answers := session.answers) is None or session.stale:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     fits = [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]
@@ -228,26 +228,26 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
             write_report(result_folder, answers.pairs, document.command, FIGURES, **how)
             if fits:
                 write_report(result_folder / "least-squares", fits, f"{document.command}; then fit", FIGURES, **how)
-            for listing in result_folder.rglob(LIST):  # it tells one run from the next; a zip is of one
+            for listing in result_folder.rglob(LIST):  # the list of files by run, which a zip of one run does not need
                 listing.unlink()
             _write_curves(result_folder, answers)
             return Path(shutil.make_archive(f"{base}/made", "zip", base, result_folder.name)).read_bytes()
 
     key = key_of([answers.pairs, document.command, fits, document.notes, published])
-    archive.write_bytes(session.once(session.zips, key, build))  # a class with one demo file waits for one zip
+    archive.write_bytes(session.once(session.zips, key, build))  # visitors with the same answers share one zip
     shutil.rmtree(folder, ignore_errors=True)
     shutil.unpack_archive(archive, folder)
     return archive, sorted(path for path in (folder / "cavirheo-result").iterdir() if path.is_file())
 
 
 def _write_curves(folder: Path, answers: Answers) -> None:
-    """The processed and the simulated curves as CSV."""
+    """Write the processed and the simulated curves as CSV."""
     names = file_names([record.name for record in answers.document.curves])
     for stem, (curve, posterior), record in zip(names, answers.pairs, answers.document.curves, strict=True):
         write_csv(folder / "processed" / f"{stem}.csv", curve)
         time, radius = posterior.checks.reconstruction_time, posterior.checks.reconstruction_radius
         if time is not None and radius is not None:
-            # a drawn point beside a frame, which ten digits of a microsecond do not tell from it
+            # leave out points so close to a frame that their times are equal in the digits of the CSV
             distinct = np.diff(time, prepend=-np.inf) > 1e-15
             place = folder / "simulated" / f"{stem}-{digits.simulated(posterior.method).replace(' ', '-')}.csv"
             remark = f"simulation of {record.name}, {record.simulated}"

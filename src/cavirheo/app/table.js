@@ -1,4 +1,4 @@
-// A click on the head of a column sorts the shots by it, one on a shot shows its simulation; both by Enter, too.
+// A click on a column's head sorts the shots; a click on a shot shows its simulation. Enter and Space do the same.
 const table = () => element.querySelector('.curves');
 const value = (row, k) => {
   const text = (row.cells[k].querySelector('[title]')?.title || row.cells[k].childNodes[0]?.textContent || '').trim();

@@ -61,12 +61,12 @@ _PARTS = html.template("words.html", "cavirheo.app").module
 
 
 def part(name: str, *content: Any) -> str:
-    """This part of words.html."""
+    """Render the macro of this name in words.html."""
     return str(getattr(_PARTS, name)(*content)).strip()
 
 
 def style() -> str:
-    """The style of the page: that of the report for all that stands in .report, and its own."""
+    """Return the CSS of the page: the report's CSS inside .report, app.css, and the colours of the flags."""
     dots = "".join(f".picture path.flag-{flag} {{ stroke: {colour}; }}\n" for flag, colour in COLOURS.items())
     words = "".join(f".picture tspan.flag-{flag} {{ fill: {colour}; }}\n" for flag, colour in COLOURS.items())
     return f".report {{\n{html.template('report.css').render()}}}\n{script('app.css')}{dots}{words}"
@@ -77,11 +77,11 @@ def script(name: str) -> str:
 
 
 def welcome() -> str:
-    """What to bring, whom to cite, and a picture of an answer."""
+    """The first view: which data are needed, how to cite, and a picture of an answer."""
     return part("welcome", script("examples/answer.svg"), f"{TITLE}, version {VERSION}")
 
 
-_PAGE_WORDS = {  # by what stands in messages: an option of the command line or of Python, and what the page has for it
+_PAGE_WORDS = {  # text in messages (options of the command line or of Python): text on the page
     "Medium(..., unusual=True), --trust-input": "vouch for it in step 2",
     " (if it is meant: unusual=True)": "",
     "leave out --verify none": "choose one law and one bubble, or another uncertainty (step 3)",
@@ -95,7 +95,7 @@ _PAGE_WORDS = {  # by what stands in messages: an option of the command line or 
 
 
 def for_page(error: Exception | str) -> str:
-    """The message, with the field of the page instead of the option of the command line."""
+    """Return the message with fields of the page in place of options of the command line."""
     message = str(error)
     for option, field in _PAGE_WORDS.items():
         message = message.replace(option, field)
@@ -103,7 +103,7 @@ def for_page(error: Exception | str) -> str:
 
 
 def _rows_for_page(records: Sequence[CurveRecord]) -> list[CurveRecord]:
-    """The rows with their messages in the words of the page."""
+    """Return the rows, with their messages through `for_page`."""
 
     def messages(row: CurveRecord) -> list[Sentence]:
         return [Sentence(code=message.code, text=for_page(message.text)) for message in row.messages]
@@ -112,7 +112,7 @@ def _rows_for_page(records: Sequence[CurveRecord]) -> list[CurveRecord]:
 
 
 def lost(session: Session) -> str:
-    """What starting over deletes."""
+    """The warning that lists what starting over deletes."""
     files = dict.fromkeys([*(path.name for path in session.files), *session.films])
     return part("lost", [*files], len(session.answers.pairs) if session.answers else 0)
 
@@ -124,18 +124,18 @@ def models() -> list[tuple[str, str]]:
 
 
 def materials() -> list[tuple[str, str]]:
-    """(label, name) of the laws that the default answers, all of them first."""
+    """(label, name) of the laws of the default model; the first choice is all of them."""
     words = {law: digits.MATERIALS.get(law, law).partition(" (")[0] for law in AUTO}
     return [("all of these, each by its evidence", "auto"), *((word, law) for law, word in words.items())]
 
 
 def table(session: Session) -> list[tuple[str, tuple[str, ...]]]:
-    """Name and cells of each shot."""
+    """(name, cells of the table) of each shot."""
     return [(curve.name, summary_cells(curve)) for curve in session.curves]
 
 
 def files_table(session: Session) -> str:
-    """What was found in the files: a row per shot."""
+    """The table of the loaded shots, a row per shot."""
     curves = session.curves
     rows = []
     for curve in curves:
@@ -147,7 +147,7 @@ def files_table(session: Session) -> str:
 
 
 def film(clip: Clip) -> str:
-    """What to do with a recording; its warnings and what was found."""
+    """A recording before measurement: what to do; afterwards: its warnings, R_max and remarks."""
     if clip.measurement is None:
         return part("film", (), {}, {}, "")
     curve = clip.history()
@@ -160,7 +160,7 @@ def film(clip: Clip) -> str:
 
 
 def radii(clip: Clip) -> str:
-    """Radii by the flags of their frames, those without one at zero; a line marks the shown frame."""
+    """The picture of R(t), coloured by flag, with missing radii drawn at zero; a line marks the shown frame."""
     measurement = clip.measured
     unit, scale = ("µm", measurement.um_per_px.value) if measurement.um_per_px.value else ("px", 1.0)
     flags = np.where(clip.excluded, "excluded", measurement.track.flags)
@@ -174,7 +174,7 @@ def radii(clip: Clip) -> str:
 
 
 def frame(clip: Clip) -> str:
-    """The shown frame of a recording with its circle, what it is, and how many there are."""
+    """The shown frame of a recording with its circle, number, time, radius and flag."""
     measurement, i = clip.measured, clip.index
     track, scale = measurement.track, measurement.um_per_px.value
     radius, sigma = (f"{float(x[i]) * (scale or 1.0):.{n}g}" for x, n in ((track.radius, 4), (track.sigma, 1)))
@@ -186,23 +186,23 @@ def frame(clip: Clip) -> str:
 
 
 def overview(session: Session) -> str:
-    """All curves over each other."""
+    """The pictures of all curves over each other."""
     media = [session.settings_of(curve.name).liquid for curve in session.curves]
     return part("pictures", [overlay_svg(panel) for panel in overview_panels(session.curves, media)])
 
 
 def groups(session: Session) -> str:
-    """The pictures of the report of all groups of several shots."""
+    """The report's pictures of all groups of several shots."""
     answers = session.answers
     return part("pictures", group_pictures(answers.pairs, answers.document, []) if answers else [])
 
 
 def checked(session: Session, name: str) -> str:
-    """The answer over the measurement, with the band of its draws, the conventional fit and the sliders' simulation."""
+    """Picture of the answer over the measurement, with the draws' band, conventional fit and sliders' simulation."""
     answers, curve, posterior, _ = session.find(name)
     if name not in answers.bands:
         time = posterior.checks.reconstruction_time
-        answers.bands[name] = None  # of an answer without draws, or that cannot be simulated
+        answers.bands[name] = None  # stays None if there are no draws, or a simulation fails
         with suppress(InputError, SolverError):
             if time is not None:
                 answers.bands[name] = time, *predict_radius(curve, posterior, time, draws=40)[1:]
@@ -212,12 +212,12 @@ def checked(session: Session, name: str) -> str:
 
 
 def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    """The warnings on these shots, with their names."""
+    """The warnings on these shots: names of the shots by warning."""
     return by_message((name, for_page(text)) for name, text in curve_warnings(curves))
 
 
 def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
-    """A curve with the frames that are compared, or why it cannot be shown; its warnings, and what was done to it."""
+    """The picture of a curve with its compared frames, or the error; its warnings, and remarks on how it was read."""
     picture, remarks = "", warnings([curve])
     try:
         picture = curve_svg(preview_panels(curve, compared_window(curve, settings.analysis).curve))
@@ -227,10 +227,10 @@ def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
 
 
 def answers(session: Session) -> str:
-    """The answers: materials, groups, shots, what is said of them, and whether settings were changed since; in a run
-    those that are known so far."""
+    """The answers: groups, shots, their messages, and whether settings changed since; during a run, the answers so
+    far."""
     current, previews = session.answers, list(session.previews.values())
-    final = "" if session.settings.verify == "none" else "unverified"  # verdict of those that simulations verify
+    final = "" if session.settings.verify == "none" else "unverified"  # verdict of a preview that is not yet verified
     verified = sum(row is not None and row.verdict != final for row in previews)
     if previews:
         current = Answers([], result_of([row for row in previews if row], ""), [], session.request)
@@ -249,7 +249,7 @@ def answers(session: Session) -> str:
 
 
 def facts(session: Session, name: str) -> str:
-    """The answer, and the conventional fit if there is one, as rows of one table; then all facts of the answer."""
+    """The answer and its conventional fit, if there is one, as rows of a table; then all facts of the answer."""
     answers, curve, answer, record = session.find(name)
     (record,) = _rows_for_page([record])
     factor, unit = answers.document.modulus_unit

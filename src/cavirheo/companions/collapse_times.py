@@ -1,7 +1,7 @@
 """Tables of collapse times, or curves -> G and mu of each material (inference/collapse_time).
 
-What is read: docs/how-to/collapse-time.md. shots.csv has a line per shot; collapse-time.json (`CollapseTimes`): every
-number is SI and finite, or null where it was not found; `message` then says why.
+Inputs: docs/how-to/collapse-time.md. shots.csv has a line per shot. Every number in collapse-time.json
+(`CollapseTimes`) is SI and finite, or null if it was not found; `message` then gives the reason.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ VOCABULARY = Vocabulary(
     dict.fromkeys(("no_unit", "unit"), "collapse_time.unit")
     | {"twice": "collapse_time.twice", "rows": "collapse_time.no_rows"},
 )
-_OF_A_TABLE = ("limits.", "tabular.width", "tabular.units", "collapse_time.")  # errors; after others it may be curves
+# codes of errors in a table of collapse times; after any other error the file may hold curves
+_OF_A_TABLE = ("limits.", "tabular.width", "tabular.units", "collapse_time.")
 
 
 class CollapseShot(Record):
@@ -108,8 +109,8 @@ class CollapseGroup(Record):
         return bool(self.unusable or self.warnings) or self.estimate is None or not self.estimate.complete
 
     def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
-        """Estimate G and mu from the usable shots, if any, with `options` of `inference.collapse_time.estimate`; a
-        simulation that fails leaves the analytic answer, and a note."""
+        """Estimate G and mu from the usable shots, if any, with `options` of `inference.collapse_time.estimate`. If a
+        simulation fails, the analytic answer stays, with a note."""
         if not self.usable:
             return
         values = [(shot.max_radius_m, shot.stretch, shot.collapse_time_s) for shot in self.usable]
@@ -141,7 +142,7 @@ class CollapseTimes(Document):
 
     @property
     def modulus_unit(self) -> tuple[float, str]:
-        """(factor from Pa, its name) of G in all tables and pictures of this document."""
+        """(factor from Pa, name of the unit) of G in all tables and pictures of this document."""
         estimates = [group.estimate for group in self.groups if group.estimate]
         return digits.modulus_unit(value for each in estimates if (value := each.shear_modulus_Pa.value))
 
@@ -149,9 +150,9 @@ class CollapseTimes(Document):
 def read_groups(
     files: Sequence[str | Path], medium: Medium, stretch: float | None = None, group: str = "auto", shots: Chosen = None
 ) -> tuple[list[CollapseGroup], list[str], list[str]]:
-    """(the groups of all files, the reason for each file that could not be read, recordings that were given twice).
+    """(the groups of all files, the reason for each file that could not be read, remarks on repeated curves and hints).
 
-    stretch: of curves, and of tables without a column of it. group, shots (of every file): as of `read_shots`.
+    stretch: lambda of curves, and of tables without a column for it. group, shots: as in `read_shots`.
     """
     groups, problems, curves = list[CollapseGroup](), list[str](), list[Path]()
     for path in map(Path, files):
@@ -185,15 +186,15 @@ def _of_curve(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
 
 
 def _shot(name: str, origin: str, R: float, stretch: float, t: float) -> CollapseShot:
-    """Of R_max, lambda, which comes from `origin`, and t_1 in SI."""
+    """A shot from R_max, lambda and t_1 in SI. origin: where lambda comes from."""
     values = {"max_radius_m": R, "stretch": stretch, "collapse_time_s": t}
     return CollapseShot(name=name, stretch_from=origin, message=unusable(R, stretch, t), **values)
 
 
 def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) -> CollapseGroup | None:
-    """The table of collapse times in a file, or None where the file holds none and may hold curves.
+    """Read the table of collapse times in a file; None if the file holds none and may hold curves.
 
-    Raises InputError: a table without a unit, with a cell that is no number, or no file that can be read.
+    Raises InputError: the table lacks a unit or lambda, a cell is not a number, or the file cannot be read.
     """
     with guarded(path):
         variables, all_names = read_variables(path, (VARIABLE,)) or ({}, [])
@@ -212,7 +213,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
             except InputError as error:
                 if error.code.startswith(_OF_A_TABLE):
                     raise
-                return None  # the reader of curves knows more kinds of files, and says what is wrong
+                return None  # the reader of curves knows more kinds of files and reports errors
             radius, stretches, time = (column and column.si for column in map(table.only, ("R_max", "lambda", "t_1")))
             name, notes = table.only("name"), table.notes
         missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
@@ -230,20 +231,20 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
 
 
 def write_csv(path: Path, document: CollapseTimes) -> None:
-    """One line per shot of every group."""
+    """Write one line per shot of every group."""
     rows = ({"group": group.name, **shot.model_dump()} for group in document.groups for shot in group.shots)
     write_rows(path, ["group", *CollapseShot.model_fields], rows)
 
 
 def _interval(value: CollapseValue, factor: float = 1.0, *, joint: str = " ") -> str:
-    """'6.5 [4.5, 8.6]', to the digits that the interval leaves; without it where there is none."""
-    if value.value == 0 and value.high:  # which leaves no digits to go by
+    """'6.5 [4.5, 8.6]', rounded by the width of the interval; the value alone if there is no interval."""
+    if value.value == 0 and value.high:  # a zero has no digits to round
         return f"0{joint}[0, {digits.significant(value.high * factor, 2)}]"
     return digits.quantity(Quantity.of(value.low, value.value, value.high), factor, joint=joint)
 
 
 def print_table(document: CollapseTimes) -> None:
-    """A row per group, then what is to be known of them."""
+    """Print a row per group, then remarks on the groups."""
     console = terminal.console()
     factor, unit = document.modulus_unit
     heads = ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁")
@@ -265,7 +266,7 @@ def print_table(document: CollapseTimes) -> None:
 
 
 def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[str, str]]:
-    """(whom it is about, what is to be known)."""
+    """(name of a group or shot, remark on it)."""
     if value := group.estimate:
         yield group.name, value.message
         if value.downweighted:
@@ -284,7 +285,7 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
 
 
 def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
-    """t_1/t_RC of the shots and of the model over R_max; the equally good pairs where G and mu were not both found."""
+    """Plot of t_1/t_RC of shots and model over R_max; of the equally good pairs if G and mu were not both found."""
     (factor, name), best = document.modulus_unit, group.estimate
     assert best is not None
     G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s

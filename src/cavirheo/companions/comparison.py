@@ -1,4 +1,4 @@
-"""Answers beside published values: an analysis of sets of measurements, or a result.json of `infer` or `fit`."""
+"""Comparison of answers (of sets of measurements, or in a result.json of `infer` or `fit`) with published values."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from cavirheo.workflow.store import Unfinished
 from cavirheo.writing.document import Outputs, write_json, write_rows
 
 _TABLE = "comparison.csv"
-_OF_LIQUIDS = {"bdt-viscoelastic": "bdt-viscous"}  # by the network of gels
+_OF_LIQUIDS = {"bdt-viscoelastic": "bdt-viscous"}  # network for gels: network for liquids
 
 
 @dataclass(frozen=True)
 class Answering:
-    """How sets are answered that do not say so themselves: as `infer` does.
+    """Settings for sets that do not state their own; by default those of `infer`, but with the field's bubble.
 
-    bubble: the field's is that which published values assume. material: a law; by default nhkv, Newtonian of a
-    set whose published values have no modulus. Raises InputError: no such law or network.
+    bubble: the field's, which published values assume. material: a law; by default nhkv, or Newtonian for a set whose
+    published values have no modulus. Raises InputError: no such law or network.
     """
 
     model: str = DEFAULT
@@ -46,9 +46,9 @@ class Answering:
         Analysis("infer", self.model, self.material, self.bubble)
 
     def analysis(self, reference: ReferenceSet) -> Analysis:
-        """What is asked of the shots of a set. Raises InputError, with the set: what only inference can judge."""
+        """The analysis of the shots of a set. Raises InputError, which names the set: a setting is not accepted."""
         model, law = self.model, reference.settings.get("material", self.material)
-        if not reference.solid:  # of the paper's two networks the one for liquids
+        if not reference.solid:  # use the paper's network for liquids
             model = _OF_LIQUIDS.get(model, model)
         model = str(reference.settings.get("model") or model)
         how: dict[str, Any] = {name: reference.settings.get(name) for name in ("stretch", "window")}
@@ -63,7 +63,7 @@ class Answering:
 
 
 class ComparisonRun(NamedTuple):
-    """The result, how many files could not be read, and whether answers are missing (its first note says how many)."""
+    """The result, the number of unreadable files, and whether answers are missing (the first note says how many)."""
 
     result: Result
     unread: int = 0
@@ -81,24 +81,24 @@ def compare(
     command: str = "cavirheo compare",
     progress: bool = False,
 ) -> ComparisonRun:
-    """Put published values beside answers; write result.json with them, report.html, and the comparison as tables into
-    `out`.
+    """Compare answers with published values; write result.json with both, report.html, and the comparison as a table
+    into `out`.
 
-    A set is a group of the result; one whose files are missing, or that has no recordings, has its published values
-    alone. Answers are kept as they are found; after Ctrl-C the comparison is of those.
+    Each set is a group of the result; a set without recordings, or whose files are missing, has its published values
+    alone. Answers are stored as they are found; after Ctrl-C only these are compared.
 
     Args:
-        source: the folder that the files of the sets are relative to, or a result.json, whose groups are the sets of
-            their names.
+        source: the folder to which the files of the sets are relative, or a result.json, whose groups are matched with
+            the sets by name.
         references: the CSV file (published_values.py).
-        how: sets are answered that do not say so; by default as `infer` does, with the field's bubble.
-        reference_methods: those to which errors are; default: of REFERENCES those in the file.
+        how: settings for sets that do not state their own; by default those of `infer`, with the field's bubble.
+        reference_methods: methods to which errors are relative; default: those of REFERENCES that are in the file.
         progress: show a bar on stderr.
-        pictures: False: the report has none.
+        pictures: whether the report has pictures.
 
     Raises:
         InputError: a mistake in `references` (line, column, what was expected), an unknown model or method, a folder
-            that cannot be read or written, or a file in `out` that is not ours.
+            that cannot be read or written, or a file in `out` that cavirheo did not write.
     """
     source, references, out = Path(source), Path(references), Path(out)
     message = f"{source} is neither a folder nor a result.json: give the folder that holds the sets of measurements"
@@ -114,7 +114,7 @@ def compare(
     notes = [] if against else [none]
     head: dict[str, Any] = {"command": command, "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")}
     inputs = [references, *([source] if source.is_file() else [])]
-    table_outputs = partial(Outputs, out, _TABLE, inputs=inputs)  # of the folder as it is then
+    table_outputs = partial(Outputs, out, _TABLE, inputs=inputs)  # each call reads the folder again
     table_outputs()
     if source.is_file():
         message = f"{source} is not answered again: leave out --model, --material, --bubble and --trust-input"
@@ -130,7 +130,7 @@ def compare(
         _write_table(table_outputs(), document)
         return ComparisonRun(document)
     how = how or Answering()
-    analyses = {name: how.analysis(reference) for name, reference in sets.items()}  # before a shot costs time
+    analyses = {name: how.analysis(reference) for name, reference in sets.items()}  # checked before any shot takes time
     shots = _distinct_names({name: shots_of(reference, source, references) for name, reference in sets.items()})
     notes = [f"{name}: {note}" for name, read in shots.items() for note in read.problems + read.remarks] + notes
     curves = [curve for read in shots.values() for curve in read.curves]
@@ -140,7 +140,7 @@ def compare(
     answers = {name: unfinished.answers(read.curves, analyses[name]) for name, read in shots.items()}
     pairs = [(shots[name].curves[i], answer) for name, of in answers.items() for i, answer in of.numbered()]
     note = unfinished.note(len(pairs), len(curves))
-    if note and report.holds("report.html"):  # which stays until all is answered
+    if note and report.holds("report.html"):  # the earlier report stays until all is answered
         interrupted = result(pairs, command, notes=[f"{note}; until then the earlier answers stay"])
         return ComparisonRun(interrupted, unread, True)
     head |= {"notes": [note, *notes] if note else notes, "complete": not note, "draw": pictures}
@@ -152,13 +152,13 @@ def compare(
 
 
 def _write_table(outputs: Outputs, document: Result) -> None:
-    """The comparison, beside result.json."""
+    """Write the table of the comparison beside result.json."""
     outputs.write(_TABLE, table.write_comparison, document)
     outputs.finish()
 
 
 def _distinct_names(sets: Mapping[str, CurveSet]) -> dict[str, CurveSet]:
-    """A set is a group; names of shots that several sets share get the set before them."""
+    """The sets, each with its own group; a shot name that several sets share gets the name of the set before it."""
     names = Counter(curve.name for shots in sets.values() for curve in shots.curves)
     distinct = {}
     for name, shots in sets.items():
@@ -169,13 +169,13 @@ def _distinct_names(sets: Mapping[str, CurveSet]) -> dict[str, CurveSet]:
 
 
 def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> CurveSet:
-    """The recordings of a set in the folder, without hints; `references` is none of them."""
+    """The recordings of a set in the folder, with hints as remarks; the file `references` is not among them."""
     if not reference.recorded:
         return CurveSet([], [], ["no open recording: published values alone"], [])
     settings = reference.settings
     name = settings.get("files", reference.name)
     matches, files = list[Path](), list[Path]()
-    # an absolute pattern, a name that no file can have
+    # an absolute pattern, or a name that no file can have
     with suppress(InputError, ValueError, NotImplementedError, OSError):
         matches = [folder / name] if (folder / name).exists() else sorted(folder.glob(name))
         matches = [path for path in matches if path.name[:1] not in ("", ".")]
@@ -189,7 +189,7 @@ def shots_of(reference: ReferenceSet, folder: Path, references: Path) -> CurveSe
     scale, shots = settings["rmax_um"] * 1e-6 if "rmax_um" in settings else None, settings.get("shots")
     try:
         curves, problems, repeated, hints = read_shots(files, max_radius=scale, shots=shots, **constants)
-    except InputError as error:  # a scale that is none of these shots
+    except InputError as error:  # an R_max that does not fit these shots
         return CurveSet([], [str(error)], notes, [])
     values = {key: f"{value:g}" if isinstance(value, float) else value for key, value in settings.items()}
     words = ", ".join(f"{key} {value}" for key, value in values.items() if key != "files")

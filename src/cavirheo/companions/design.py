@@ -1,7 +1,7 @@
 """Which shot to take next, and how many: what is known of a material and what a rig can do -> design.json.
 
-What is known are ranges, or the answers of a result.json. inference/design.py says what one shot at each setting would
-tell; here these are averaged, counted and printed.
+A material is known by ranges, or by the answers of a result.json. inference/design.py computes the information of one
+shot at each setting; this module averages it, counts the shots that are needed, and prints the design.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from cavirheo.reporting.record import Result, read_json
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
 
-STRETCHES = (4.0, 10.0)  # where nothing is known of it
-CHECKED = 10_000  # added to the seed, for recordings of their own
-SURE = 2.0  # standard errors, by which a gain must be larger to be
-NARROWEST = 0.01  # decades, to which a stretch is known from shot to shot
+STRETCHES = (4.0, 10.0)  # range of the stretch if nothing is known about it
+CHECKED = 10_000  # added to the seed, so that checks have other recordings
+SURE = 2.0  # a gain counts as larger than another if it exceeds it by so many standard errors
+NARROWEST = 0.01  # smallest standard deviation of the stretch from shot to shot, decades
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class Rig:
 
     Attributes:
         max_radius: (low, high) of the bubbles that the laser makes, m.
-        frame_rate: 1/s, each that the camera has.
-        frames: how many it records.
-        noise: m, standard deviation of the radius of a frame, one or one for each frame rate.
+        frame_rate: all frame rates of the camera, 1/s.
+        frames: number of frames that it records.
+        noise: standard deviation of the radius of a frame, m; one number, or one for each frame rate.
         relative_noise: the same over R_max; both add in quadrature.
-        exposure: s, cut to the time between frames.
+        exposure: exposure time, s; reduced to the time between frames if it is longer.
         material: a law of `cavirheo laws`.
-        medium: constants of the liquid or gel, or the name of a set.
-        bubble: "real", "field" or a `Bubble`; what is free of it is drawn where searches start.
+        medium: constants of the liquid or gel, or the name of a set of constants.
+        bubble: "real", "field" or a `Bubble`, whose free parameters are drawn at random.
 
     Raises:
         InputError: a number out of its domain, no such law or medium, or several bubbles.
@@ -172,13 +172,13 @@ class Design(Document):
 
     @property
     def next(self) -> int:
-        """Index of the setting to take next: where what is wanted needs the fewest shots; where none reaches it, where
-        one shot tells most."""
+        """Index of the setting to take next: the one that reaches the wanted width with the fewest shots; if none
+        reaches it, the one with the largest gain."""
         return self.best if self.fewest is None else self.fewest
 
     @property
     def sentences(self) -> list[str]:
-        """The next setting, how many shots, and what answers of recordings there say."""
+        """Lines of text on the next setting, the number of shots, and the check with simulated recordings."""
         setting, best = self.settings[self.next], self.settings[self.best]
         goal = f"± {self.wanted_percent:g} % (90 %)"
         law = " and ".join(digits.described(name)[0] for name in best.half_width_percent)
@@ -209,12 +209,12 @@ class Design(Document):
 
 
 def width(percent: float | None) -> str:
-    """Of a column in percent."""
+    """Text of a number in percent, for a table."""
     return digits.MISSING if percent is None else "> 300" if percent > 300 else digits.significant(percent, 2)
 
 
 def print_table(document: Design) -> None:
-    """A line per setting, then the next one and the number of shots."""
+    """Print a line per setting, then the recommended setting and the number of shots."""
     console, names = terminal.console(), list(document.settings[0].half_width_percent)
     heads = ["frames/s", *(f"{digits.described(name)[0]}\n± %" for name in names), "readable\n%", "shots", "gain\nnats"]
     title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
@@ -245,21 +245,21 @@ def design(
     workers: int | None = None,
     done: Callable[[], None] | None = None,
 ) -> Design:
-    """Expected intervals of shots that a rig could take, how many reach a wanted one, and which to take next.
+    """Expected intervals of shots that a rig could take, the shots needed for a wanted interval, and the next setting.
 
     Args:
-        known: a result.json (or its folder's file, or the Result): its trusted answers of this law say where the
-            material is. Without it `ranges` do.
+        known: a result.json, its folder, or the `Result`. Its trusted answers of this law give the law's parameters;
+            without it `ranges` do.
         rig: what can be filmed; default: `Rig()`.
-        group: whose shots are the material, if the result has several groups.
-        ranges: {"shear_modulus": [low, high], "viscosity": ..., "stretch": ...} in SI; a parameter without a range has
-            that in which searches start. They go before what `known` says of the stretch.
+        group: name of the group whose shots are of the material, if the result has several groups.
+        ranges: {"shear_modulus": [low, high], "viscosity": ..., "stretch": ...} in SI; default: those in which searches
+            start, and 4 to 10 for the stretch. With `known` only the range of the stretch is used.
         wanted: half of the 90 % interval over the value, for each of the law's parameters.
-        spread: decades by which shots of one material scatter; default 0, or what the answers of `known` show.
-        sizes: how many radii of the rig are looked at.
-        draws: of what is known, at each setting.
-        check: so many recordings of each recommended setting are answered by `infer`; 0 leaves it out.
-        seed: of the draws. workers: threads; default: all cores. done: called after each setting.
+        spread: standard deviation of the shots of one material, decades; default: 0, or that of the answers of `known`.
+        sizes: number of values of R_max in the range of the rig.
+        draws: number of draws from what is known, at each setting.
+        check: number of recordings of each recommended setting that `infer` answers; 0: no check.
+        seed: of the draws. workers: threads; default: all cores. done: called after each simulated shot.
 
     Raises:
         InputError: no trusted answer of this law, or a number out of its domain.
@@ -267,7 +267,7 @@ def design(
     Returns:
         The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
 
-    Source: the information of a simulation about its parameters, docs/method/design.md; how well: docs/validation.md.
+    Method: the information of a simulation about its parameters, docs/method/design.md; accuracy: docs/validation.md.
     """
     rig = rig or Rig()
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
@@ -307,7 +307,7 @@ def design(
 
 
 def _settings(rig: Rig, sizes: int) -> list[Setting]:
-    """Each frame rate with so many R_max."""
+    """Settings: each frame rate with `sizes` values of R_max."""
     rates, noises = rig.frame_rate, np.broadcast_to(rig.noise, len(rig.frame_rate)).tolist()
     smallest, largest = rig.max_radius
     radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1).tolist()
@@ -320,8 +320,8 @@ def _settings(rig: Rig, sizes: int) -> list[Setting]:
 
 @dataclass(frozen=True, eq=False)
 class _Goal:
-    """Each parameter of a law to within `half` decades, from what is known of them in log10: covariance (l, l) of the
-    material, `scatter` (l, l) that of its shots about it. shots: how many say so."""
+    """The goal: each parameter of a law to within `half` decades. Known before, in log10: covariance (l, l) of the
+    material, and `scatter` (l, l), the covariance of its shots about it. shots: number of shots behind both."""
 
     family: Family
     half: float
@@ -330,22 +330,22 @@ class _Goal:
     shots: int
 
     def percent(self, decades: Floats) -> dict[str, Any]:
-        """(l,) decades as parts of each parameter."""
+        """Half-widths (l,) in decades as percent of each parameter."""
         return dict(zip(self.family.parameters, (100.0 * (10.0**decades - 1.0)).tolist(), strict=True))
 
     def gain(self, shot: Expected | None) -> float:
-        """Nats of a shot; nothing where its recording cannot be read."""
+        """Information gain of a shot, nats; 0 if its recording cannot be read."""
         return 0.0 if shot is None else gain(shared(shot.information, self.scatter), self.covariance)
 
     def count(self, information: Sequence[Floats], share: float) -> int | None:
-        """Of the middle draw, where a share of the recordings can be used."""
+        """Shots that reach the goal, median over draws, if `share` of the recordings can be used; None: too many."""
         each = (share * shared(shot, self.scatter) for shot in information)
         counts = [shots_wanted(shot, self.covariance, self.half) for shot in each]
         middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
         return int(middle) if np.isfinite(middle) else None
 
     def row(self, setting: Setting, expected: Sequence[Expected | None], gains: Floats) -> DesignedSetting:
-        """What a shot at this setting would tell."""
+        """The row of a setting: what a shot at it would tell."""
         read = [shot for shot in expected if shot is not None]
         widths = np.array([shot.half_width for shot in read] or [np.full(len(self.family.parameters), np.nan)])
         share = len(read) / len(expected)
@@ -364,8 +364,8 @@ class _Goal:
     def checked(
         self, setting: int, recordings: int, widths: tuple[Floats, Floats], expected: Sequence[Expected | None]
     ) -> CheckedSetting:
-        """widths: (answers, l) decades as expected and as answered. The information of `expected` is scaled by how much
-        wider the answers' intervals are."""
+        """The check of a setting. widths: half-widths (answers, l) in decades, as expected and as answered; by their
+        ratios the information of `expected` is scaled."""
         answers = len(widths[0])
         none = np.full(len(self.family.parameters), np.nan)
         expected_width, answered_width = (gmean(each) if answers else none for each in widths)
@@ -382,8 +382,8 @@ class _Goal:
 
 
 def _chosen(rows: Sequence[DesignedSetting], gains: Floats) -> tuple[int, int | None]:
-    """The settings with the largest gain and with the fewest shots; the same one where the gains do not differ by more
-    than the error of so few draws."""
+    """Indices of the settings with the largest gain and with the fewest shots; twice the latter if its gain is not
+    smaller by more than SURE standard errors."""
     best = max(range(len(rows)), key=lambda i: rows[i].gain_nats)
     counted = {i: row.shots for i, row in enumerate(rows) if row.shots is not None}
     fewest = min(counted, key=lambda i: (counted[i], -rows[i].gain_nats), default=None)
@@ -403,8 +403,8 @@ def _goal(
     draws: int,
     seed: int,
 ) -> tuple[_Goal, Floats, Floats]:
-    """The goal, and what a shot may meet: (draws, l) log10 of the law's parameters and (draws,) stretches, points of a
-    Halton sequence, so that few of them cover what is known."""
+    """The goal, and draws from what is known: log10 of the law's parameters (draws, l), and stretches (draws,). The
+    draws are points of a Halton sequence, so that few of them cover the distribution."""
     names = (*family.parameters, "stretch")
     unknown = ", ".join(set(ranges) - {*names})
     require(not unknown, f"{family.name} has no {unknown}; known: {', '.join(names)}", "design.range")
@@ -432,7 +432,7 @@ def _goal(
 
 
 def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:
-    """The group that is the material, and its trusted answers of this law with intervals."""
+    """The group of the material, and its trusted answers of this law with intervals."""
     candidates: list[tuple[GroupRecord, list[CurveRecord]]] = []
     for record, shots in result.shots():
         rows = [row for row in shots if row.trusted and row.material == family.name]
@@ -451,11 +451,11 @@ def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRe
 def _material(
     group: GroupRecord, rows: Sequence[CurveRecord], family: Family, scatter: Floats | None
 ) -> tuple[Floats, Floats, Floats, int]:
-    """Mean (l,) and covariance (l, l) of the material, covariance (l, l) of its shots about it, and how many say so: as
-    the group's population has them.
+    """Mean (l,) and covariance (l, l) of the material, covariance (l, l) of its shots about it, and number of shots,
+    from the population of the group.
 
-    Where there is none (two shots), from the answers: the scatter, if it is not given, is that of the parameter that
-    scatters most, beyond what intervals explain."""
+    Without a population (two shots) they come from the answers. The default scatter is then that of the parameter which
+    scatters most, beyond the widths of the intervals."""
     pooled = group.population
     if pooled and pooled.has_material and pooled.model.startswith(f"{family.name},"):
         mean, covariance, between = pooled.log_moments(family.parameters)

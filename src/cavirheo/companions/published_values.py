@@ -1,4 +1,4 @@
-"""What other methods say of materials: values that were published, and sweeps of a rheometer.
+"""Values of materials by other methods: published values, and sweeps of a rheometer.
 
 Published values are a CSV file that is written by hand (docs/how-to/compare.md). One line per set, method and quantity,
 so that a method is added by adding lines:
@@ -8,8 +8,8 @@ so that a method is added by adding lines:
     gel 1 %,,,IMR,mu_Pa_s,0.020,0.009,
     gel 1 %,,,rheometer,G_kPa,1.30,,
 
-A line without method, quantity, mean and std only names a set; `-` as its files says that it has no recordings, only
-published values. Settings stand on one line of a set or on all. Empty lines and lines that begin with # are left out.
+A line without method, quantity, mean and std only names a set. `-` in the column files: the set has no recordings, only
+published values. Settings may stand on any lines of a set. Empty lines and lines that begin with # are left out.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from cavirheo.io.tables import Term, Vocabulary, read_columns
 from cavirheo.physics.media import Medium, medium
 from cavirheo.reporting.group import OURS, GroupRecord, Published, PublishedValue
 
-NO_SETS = "references.no_set_column"  # code of the error that a table of something else gives
-_MOST = 500  # sets of one file
-NO_FILES = "-"  # in the column files: a set of which there are published values alone
+NO_SETS = "references.no_set_column"  # error code for a table without sets, such as one of sweeps
+_MOST = 500  # largest number of sets in one file
+NO_FILES = "-"  # in the column files: a set with published values alone
 _UNITS = {
     **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), ("shear_modulus", 1.0)),
     **dict.fromkeys(("G_kPa", "shear_modulus_kPa"), ("shear_modulus", 1e3)),
@@ -47,10 +47,10 @@ class _ReferenceLine(pydantic.BaseModel):
     set: str
     method: str | None = None
     quantity: str | None = None
-    mean: Annotated[float, Field(ge=1e-18, le=1e18)] | None = None  # beyond, ratios would overflow
+    mean: Annotated[float, Field(ge=1e-18, le=1e18)] | None = None  # beyond these limits ratios would overflow
     std: Annotated[float, Field(ge=0, le=1e18)] | None = None
     files: str | None = None  # file, subfolder or glob in the folder, or NO_FILES; default: the name of the set
-    shots: str | None = None  # of every file, "1,4-7"
+    shots: str | None = None  # numbers of the shots to use of every file, "1,4-7"
     model: str | None = None
     material: str | None = None
     medium: str | None = None
@@ -80,7 +80,7 @@ _VOCABULARY = Vocabulary(
 
 @dataclass
 class ReferenceSet:
-    """What the file says of a set: `where` first; settings, and the line of each; values by method and parameter."""
+    """A set of the file. where: its first line. lines: the line of each setting. values: by method and parameter."""
 
     name: str
     where: str
@@ -91,17 +91,17 @@ class ReferenceSet:
 
     @property
     def recorded(self) -> bool:
-        """Whether there are recordings of it to be answered."""
+        """Whether the set has recordings, which can be answered."""
         return self.settings.get("files") != NO_FILES
 
     @property
     def solid(self) -> bool:
-        """Whether a modulus of it may be asked for: one is published, or nothing is."""
+        """Whether the material may have a modulus: one is published, or no value at all is."""
         return not self.values or any("shear_modulus" in values for values in self.values.values())
 
 
 def read_references(path: str | Path) -> list[ReferenceSet]:
-    """The sets in the order of their first lines.
+    """Read the sets, in the order of their first lines.
 
     Raises InputError: the file cannot be read or has a mistake (line, column, what was expected).
     """
@@ -131,7 +131,7 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
 def _add_line(
     row: dict[str, str], where: str, sets: dict[str, ReferenceSet], methods: dict[str, tuple[str, str]]
 ) -> None:
-    """Put what one line says into its set; `methods`: the first spelling of each name, and its line."""
+    """Add the content of one line to its set. methods: first spelling of each method's name, and its line."""
 
     def expect(fine: bool, column: str, expected: str) -> None:
         message = f"{where}, column {column}: {row.get(column, '')!r}; expected: {expected}"
@@ -165,10 +165,10 @@ def _add_line(
 
 
 def values_of(_: object, *paths: str) -> dict[str, Any]:
-    """By set, method and parameter, as `published` takes them. Files without a column of sets are the sweeps of one
-    material: work for a `Reader`.
+    """Read values by set, method and parameter, in the form that `published` takes. Files without a column of sets must
+    hold sweeps of one material. A function for `Reader`.
 
-    Raises InputError: a file cannot be read, or is neither.
+    Raises InputError: a file cannot be read, or holds neither sets nor sweeps.
     """
     from cavirheo.companions import rheometer
 
@@ -188,12 +188,12 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
 
 
 def published(values: dict[str, Any]) -> dict[str, Published]:
-    """What `values_of` found, checked. Raises ValueError: something else."""
+    """Check the output of `values_of`. Raises ValueError: it has another form."""
     return _BY_SET.validate_python(values)
 
 
 def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, Published]:
-    """The values of each set by the group of its name; of a set that is the only one and no group's, by all groups.
+    """The values of each set by the group of the same name; those of a single set without such a group, by all groups.
 
     Raises InputError: several sets, and no group has the name of one.
     """
@@ -205,7 +205,7 @@ def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, P
 
 
 def add_to_groups(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
-    """Each group gets the values that `by_group` finds for it. Raises as this."""
+    """Add to each group the values that `by_group` finds for it. Raises InputError: as `by_group`."""
     values = by_group((group.name for group in groups), sets)
     for group in groups:
         group.add_published(values.get(group.name, {}))

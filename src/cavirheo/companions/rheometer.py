@@ -2,10 +2,10 @@
 rheometer.json (`Rheometry`) and beside the values of bubbles.
 
 A table is recognised by the header over it (what is read: docs/how-to/rheometer.md): one column for G', one for G'',
-and the frequency or the strain. Units are read, never guessed. Without one, a modulus is in Pa and an angular frequency
-in rad/s, and the sweep says so; a strain and a plain frequency are errors. Nothing is extrapolated.
+and the frequency or the strain. Units are read, never guessed. Without a unit, a modulus is in Pa and an angular
+frequency in rad/s, with a note in the sweep; a strain or plain frequency is an error. Nothing is extrapolated.
 
-Numbers are SI (a strain of 1 is 100 %) and finite, or null where not found; `message` of a sweep then says why.
+Numbers are SI (a strain of 1 is 100 %) and finite, or null if not found; `message` of a sweep then gives the reason.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from cavirheo.writing.style import BLUE, VERMILLION, named_curves, panel, plain_
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SHORTEST = 3.0  # largest over smallest strain of a linear range
-_OUTLIERS = 0.2  # part of the points of a linear range that may lie outside it, each alone
-_FLAT = 0.1  # |d ln G'/d ln omega| of a plateau
-_DECADE = 0.99 * math.log(10.0)  # of a plateau; instruments set 0.1 and 1 rad/s to within a per cent
-Measured = Annotated[Any, Field(exclude=True, repr=False)]  # (n,) floats, which are not written
+_SHORTEST = 3.0  # smallest ratio of the ends of a linear range
+_OUTLIERS = 0.2  # largest share of outliers among the points of a linear range
+_FLAT = 0.1  # largest |d ln G'/d ln omega| of a plateau
+_DECADE = 0.99 * math.log(10.0)  # smallest range of ln(omega) of a plateau; frequencies of instruments are off by 1 %
+Measured = Annotated[Any, Field(exclude=True, repr=False)]  # array (n,), which is not written into documents
 _PASCAL = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "pa": 1.0, "KPa": 1e3, "kpa": 1e3, "dyncm2": 0.1}
 _PER_SECOND = dict.fromkeys(("rad/s", "rads", "radsec", "radpers", "rads-1", "rads1", "radsec-1"), 1.0)
 _INVERSE = ("1s", "s-1", "pers", "1sec")  # Hz or rad/s: only the title can tell
@@ -50,16 +50,16 @@ _STRAIN |= dict.fromkeys(("1", "-", "–", "—", "fraction", "dimensionless", "
 _TWO_PI = "Hz and rad/s differ by a factor of 2 pi; write 'Frequency (Hz)' or 'Angular frequency (rad/s)'"
 _CENT = "per cent and fraction differ by a factor of 100; write 'Strain (%)' or 'Strain [1]'"
 _strain = partial(Term, units=_STRAIN, hint=_CENT)
-_NO_SWEEP = "rheometer.no_sweep"  # the code of a table of moduli that is no sweep: one frequency, one strain
+_NO_SWEEP = "rheometer.no_sweep"  # error code of a table of moduli that is no sweep: one frequency, one strain
 
 
 def _modulus(symbol: str, words: str, names: str) -> Term:
-    """Titles by themselves, and those that may have the symbol beside them."""
+    """The column of a modulus. words: its titles; names: titles that may have the symbol beside them."""
     with_symbol = (f"{symbol}{word} {word}{symbol}" for word in names.split())
     return Term(" ".join([symbol, words, names, *with_symbol]), _PASCAL, unit="Pa", label=symbol.upper())
 
 
-VOCABULARY = Vocabulary(  # as exported, in English, German and French, as the programs speak
+VOCABULARY = Vocabulary(  # titles in exports of rheometers, in English, German and French
     {
         "storage": _modulus(
             "g'",
@@ -84,7 +84,7 @@ VOCABULARY = Vocabulary(  # as exported, in English, German and French, as the p
         "strain": _strain(
             "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude"
         ),
-        "shear strain": _strain(  # where no title is more exact
+        "shear strain": _strain(  # used if no other title is more specific
             "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement"
         ),
         "interval": Term("actionname interval intervalno step stepname segment sweep sample run repeat replicate test"),
@@ -95,8 +95,8 @@ VOCABULARY = Vocabulary(  # as exported, in English, German and French, as the p
     | {"no_unit": "rheometer.no_unit", "unit": "rheometer.unknown_unit"},
     sections=True,
 )
-_SWEPT = 2.0  # largest over smallest, from which a column counts as swept
-_SAME = 0.02  # relative difference below which two settings of the instrument are one
+_SWEPT = 2.0  # largest over smallest value from which a column counts as swept
+_SAME = 0.02  # relative difference below which two settings of the instrument count as one
 
 
 class Sweep(Record):
@@ -155,7 +155,7 @@ class Sweep(Record):
     message: str = ""
 
     def model_post_init(self, _: Any) -> None:
-        if len(self.x):  # not of a document that is read back
+        if len(self.x):  # empty in a document that is read from a file
             self.points, self.x_from, self.x_to = len(self.x), self.x[0], self.x[-1]
 
 
@@ -164,7 +164,7 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
 
     The linear range is the longest one (at least a factor of 3 in strain) in which G' stays within `tolerance` of its
     median and has no trend: the median slope of all pairs of points, |d ln G'/d ln strain|, is at most `tolerance`.
-    One outlier does not end it, two in succession to one side do. It may begin above the smallest strain, where
+    One outlier does not end it, two neighbours on the same side do. It may begin above the smallest strain, where
     the torque is low. It ends where G', interpolated between two points, leaves the band, if it does.
     """
     gamma, storage, first = sweep.x, sweep.storage, 0
@@ -190,7 +190,7 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
 
 
 def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int, int, float] | None:
-    """First and last point, and the level: the median of the points within the band."""
+    """First and last point, and the level: the median of the points within the band. None: there is none."""
     x, y = np.log(gamma), np.log(storage)
     first, last = np.triu_indices(len(x), 2)
     order = np.lexsort((first, x[first] - x[last]))  # the longest, then the one at smaller strain
@@ -225,7 +225,7 @@ def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
     else:
         sweep.notes.append(f"no plateau of G': nowhere is d ln G'/d ln ω within ±{_FLAT:g} over a decade")
     above = int(np.clip(np.searchsorted(omega, at), 1, len(omega) - 1))
-    if not omega[0] * 0.999 <= at <= omega[-1] * 1.001:  # digits of the export, no more
+    if not omega[0] * 0.999 <= at <= omega[-1] * 1.001:  # tolerance for the rounding of exports
         outside = f"{at:g} rad/s lies outside the data, {omega[0]:.3g} to {omega[-1]:.3g} rad/s"
         sweep.message = f"{outside}: µ is not extrapolated; ask for another frequency with --at"
     elif omega[above] > 10 * omega[above - 1]:
@@ -254,7 +254,7 @@ def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
 
 
 def _with_crossover(sweep: Sweep, above: float = 0.0) -> Sweep:
-    """The sweep with its first G' = G'' above an x, in the logarithms; over strain the first where G'' wins beyond."""
+    """The sweep with its first G' = G'' above an x, in logarithms; in a strain sweep G'' must exceed G' after it."""
     gap = np.log(sweep.storage / sweep.loss)
     for k in np.flatnonzero((gap[1:] > 0) != (gap[:-1] > 0)):
         part = gap[k] / (gap[k] - gap[k + 1])
@@ -266,8 +266,8 @@ def _with_crossover(sweep: Sweep, above: float = 0.0) -> Sweep:
 
 
 def read_sweeps(path: str | Path) -> list[Sweep]:
-    """Every strain and frequency sweep of a file; rows that cannot be used are counted in `notes`, those of one setting
-    are averaged.
+    """Read every strain and frequency sweep of a file. Unusable rows are counted in `notes`; rows of one setting are
+    averaged.
 
     Raises:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
@@ -293,12 +293,12 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
 
 
 def _intervals(table: Table) -> list[tuple[str, Table]]:
-    """(label, rows) of each interval that a column tells apart; ("", all rows) where none does."""
+    """(label, rows) of each interval, if a column distinguishes intervals; else ("", all rows)."""
     rows: dict[str, list[Row]] = {}
     for column in table.all("interval")[:1]:
         for label, row in zip(column.text, table.rows, strict=True):
             rows.setdefault(label, []).append(row)
-    if len(rows) in (0, len(table.rows)):  # no column, or a number for each row
+    if len(rows) in (0, len(table.rows)):  # no such column, or another label on each row
         return [("", table)]
     return [(label, table.part(mine)) for label, mine in rows.items()]
 
@@ -317,9 +317,9 @@ def _sweep(table: Table, label: str) -> Sweep:
     swept = [name for name, column in first.items() if _ratio(column.numbers[positive]) >= _SWEPT]
     where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
     require(bool(swept), f"no sweep of {' and '.join(first)} in the {where}", _NO_SWEEP)
-    kind: Any = swept[0]  # at a given stress the strain varies with the frequency
+    kind: Any = swept[0]  # frequency before strain, which varies with it at a constant stress
     columns = [first.pop(kind), *moduli]
-    numbers = np.stack([column.numbers for column in columns])  # in the units of the file
+    numbers = np.stack([column.numbers for column in columns])  # in units of the file
     finite = np.isfinite(numbers).all(axis=0)
     usable = np.asarray(finite & (numbers > 0).all(axis=0))
     dropped = {
@@ -348,7 +348,7 @@ def _sweep(table: Table, label: str) -> Sweep:
         except InputError:
             notes.append(f"{second.title!r} is not used: its unit is missing or not known")
     data = data[:, np.argsort(data[0], kind="stable")]
-    group = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _SAME * np.roll(data[0], 1))  # rows of one setting
+    group = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _SAME * np.roll(data[0], 1))  # setting of each row
     count = np.bincount(group)
     x, storage, loss = (np.bincount(group, row) / count for row in data)
     if repeated := data.shape[1] - len(count):
@@ -357,7 +357,7 @@ def _sweep(table: Table, label: str) -> Sweep:
 
 
 def _ratio(values: Floats) -> float:
-    """Largest over smallest of the positive ones."""
+    """Largest over smallest positive value; 1 if there is none."""
     positive = values[np.isfinite(values) & (values > 0)]
     return float(np.max(positive) / np.min(positive)) if positive.size else 1.0
 
@@ -389,12 +389,12 @@ class Rheometry(Document):
 
     @property
     def unit(self) -> tuple[float, str]:
-        """(factor from Pa, its name) of moduli in all tables and pictures of this document."""
+        """(factor from Pa, name of the unit) of moduli in all tables and pictures of this document."""
         return digits.modulus_unit([sweep.plateau_storage_Pa for sweep in self.sweeps])
 
     @property
     def published(self) -> Published:
-        """As values of another method, which names the regime: a viscosity at this frequency is not a bubble's."""
+        """Values of a method whose name states the regime; this viscosity is not compared with that of a bubble."""
         strain, frequency = self.of("strain"), self.of("frequency")
         omegas = [end for s in frequency for end in (s.x_from, s.x_to)] or [s.held for s in strain]
         strains = _present(s.held for s in frequency) or _present(s.plateau_to for s in strain)
@@ -408,7 +408,7 @@ class Rheometry(Document):
 def rheometry(
     sweeps: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
 ) -> Rheometry:
-    """The document of these sweeps as they were read; `head`: command, date, notes."""
+    """The document of sweeps from `read_sweeps`, which are analysed here. head: command, date, notes."""
     strain = [strain_sweep(sweep, tolerance) for sweep in sweeps if sweep.kind == "strain"]
     frequency = [frequency_sweep(sweep, at) for sweep in sweeps if sweep.kind == "frequency"]
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
@@ -438,7 +438,7 @@ def rheometry(
 
 
 def write_csv(path: Path, document: Rheometry) -> None:
-    """One line per sweep."""
+    """Write one line per sweep."""
     head = [name for name in Sweep.model_fields if name not in ("x", "storage", "loss", "notes")]
     write_rows(path, head, (sweep.model_dump() for sweep in document.sweeps))
 
@@ -451,7 +451,7 @@ def shared_name(files: Sequence[Path]) -> str:
 
 
 def regimes(document: Rheometry, result: Result) -> str:
-    """That rheometer and bubbles measure in different regimes, in their own numbers."""
+    """Text that rheometer and bubbles measure in different regimes, with the numbers of both."""
     (method,) = document.published
     counted = [curve for curve in result.curves if curve.trusted]
     rates = _span((curve.strain_rate_per_s for curve in counted), 2)
@@ -463,7 +463,7 @@ def regimes(document: Rheometry, result: Result) -> str:
 
 
 def print_rheometry(document: Rheometry) -> None:
-    """The sweeps, the material, the remarks."""
+    """Print the sweeps, the values of the material, and the remarks."""
     from rich.text import Text
 
     console, (factor, unit) = terminal.console(), document.unit
@@ -497,7 +497,7 @@ def print_rheometry(document: Rheometry) -> None:
 
 
 def _cell(sweep: Sweep, field: str, factor: float) -> str:
-    """A number, or the ends of the plateau."""
+    """Text of a number, or of the ends of the plateau."""
     if field != "plateau_to":
         return digits.number(getattr(sweep, field), factor)
     ends = [factor * end for end in _present([sweep.plateau_from, sweep.plateau_to])]
@@ -523,7 +523,7 @@ def _with_unit(value: Spread, factor: float, unit: str) -> str:
 
 
 def figure(document: Rheometry, kind: str) -> Figure:
-    """Moduli with the range of the plateau that all have. What was not found is not drawn."""
+    """Plot of the moduli, with the part of the plateau that all sweeps share; without it if there is none."""
     sweeps, scale = document.of(kind), 100.0 if kind == "strain" else 1.0
     x_label = "strain (%)" if kind == "strain" else "angular frequency ω (rad/s)"
     factor, unit = document.unit

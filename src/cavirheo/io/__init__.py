@@ -1,6 +1,6 @@
-"""Files -> RadiusCurves: MATLAB (BDT cells, IMR files), CSV and text tables, HDF5, Excel; and CSV back.
+"""Read RadiusCurves from MATLAB (BDT cells, IMR files), tables (text, workbooks), HDF5 and recordings; write CSV.
 
-The content of a file decides, not its ending.
+The content of a file decides its format; only recordings, and HDF5 files ending in .mat, are recognised by the ending.
 """
 
 from cavirheo.io.curves import write_csv

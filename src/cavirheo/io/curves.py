@@ -1,10 +1,10 @@
-"""Tables of radius histories: with a header, or one of two layouts without one that can be told apart.
+"""Read tables of radius histories with a header, or in one of two recognisable layouts without a header; write them.
 
-A header names its columns `time_us,radius_um`, in any case and in several languages, with s, ms, us, ns and m, mm, um,
-px written `time_s`, `t [us]`, `R (microns)`, or in the row below. Numbers of frames with a frame rate may stand for
-the times, diameters for the radii. Several curves: a column `curve` or `shot`, or one column of radii for each
-(`R1_um,R2_um`, `Shot 1 (um)`). Optional: `radius_std_um`; and of each curve `rmax_um`, the true R_max, and `stretch`
-with `stretch_std`, what is known of R_max/R_0.
+A header names the columns, as in `time_us,radius_um`, in lower or upper case and in several languages. The units (s,
+ms, us, ns; m, mm, um, px) are part of the titles (`time_s`, `t [us]`, `R (microns)`) or stand in the row below. Frame
+numbers with a frame rate may replace the times, and diameters the radii. A file of several curves has a column `curve`
+or `shot`, or one column of radii per curve (`R1_um,R2_um`, `Shot 1 (um)`). Optional columns are `radius_std_um`, and
+for each curve `rmax_um` (the true R_max) and `stretch` with `stretch_std` (R_max/R_0 and its standard deviation).
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from cavirheo.messages import Message
 from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.writing.document import write_rows
 
-RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a stand-in until R_max is given
-_PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most
-_ABSURD = 1e9  # in any unit; larger numbers are damage and would overflow later
-_SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
-_NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (denormals in one published file)
-ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
-_EITHER = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # the unit of another quantity is seen as a mistake
+RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a placeholder factor until R_max is given
+_PLAUSIBLE = (5e-6, 5e-3)  # m; limits of the largest radius: a number is within them in only one of the units m, mm, um
+_ABSURD = 1e9  # in any unit; larger numbers are damaged data and would overflow later
+_SAME_TIME = 1e-15  # s; times closer than this are one time and differ only by rounding
+_NO_BUBBLE = 1e-9  # m; a smaller radius means an empty frame (one published file has denormal numbers there)
+ONE_SCALE = 0.02  # relative; scale factors that differ by less count as one, since R_max is only estimated
+_EITHER = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # recognises a unit of another quantity, to report it
 _SHOT = r"(?:shot|bubble|curve|run|exp|experiment|schuss|blase|kurve|tir|bulle|courbe|essai|disparo|burbuja|curva)"
-_NUMBER = re.compile(rf"(?:\b|_)?({_SHOT}?)[\s_#.\-]*(\d+)(?!.*\d)", re.I)  # the last one in a title
+_NUMBER = re.compile(rf"(?:\b|_)?({_SHOT}?)[\s_#.\-]*(\d+)(?!.*\d)", re.I)  # the last number in a title
 _SEPARATOR = -1000.0
-_PROVEN = (0.55, 1.6)  # Rayleigh times of a first collapse that prove the units of time and radius
+_PROVEN = (0.55, 1.6)  # first collapse time over the Rayleigh time: the range that proves the units of time and radius
 _ADVICE = "begin the file with a header line such as time_us,radius_um, or time_us,R1_um,R2_um for several shots"
 
 
 def _of_one_shot(title: str) -> Name:
-    """What titles of one curve among several name: `R2_um`, `Radius shot 2 (um)`, `Shot 2 (um)`; R0 is no shot's."""
+    """Return what a title with a shot number names (`R2_um`, `Radius shot 2 (um)`, `Shot 2 (um)`); `R0` has none."""
     match = _NUMBER.search(title[:200])
     if not match or not match[2].strip("0"):
         return Name()
@@ -102,7 +102,7 @@ _TRACE = Vocabulary(
 
 
 def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
-    """The curves of a table. Raises InputError: no layout that can be told, a column missing, or a cell no number."""
+    """Read the curves of a table. Raises InputError: unknown layout, a missing column, or a cell that is no number."""
     (table,) = read_columns(path, CURVES)
     curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
     return [curve.with_notes("read from the first sheet of the workbook") if table.sheet else curve for curve in curves]
@@ -136,7 +136,7 @@ def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
 
 
 def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCurve:
-    """Scaled to the R_max in these rows of a column, if there is one. Raises InputError: two, or that of no bubble."""
+    """Scale a curve to the R_max in these rows of a column, if any. Raises InputError: several, or implausible."""
     if column.unit not in RADIUS_UNITS or column.unit == "px":
         return curve.with_notes(f"the column {column.title!r} is not used: it names no unit of length, as rmax_um does")
     sizes = sorted({float(value) for value in column.numbers[rows] if np.isfinite(value)})
@@ -155,13 +155,13 @@ def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCur
 
 
 def _stated_stretch(columns: list[Column | None], rows: list[int], notes: list[str]) -> dict[str, Any]:
-    """What columns state of the stretch of one curve, after these notes."""
+    """Return the `meta` of one curve: the stretch that the columns state for its rows, and the notes."""
     meta: dict[str, Any] = {"notes": [*notes]}
     for column in filter(None, columns):
         values = {float(value) for value in column.numbers[rows] if np.isfinite(value)}
         if len(values) == 1:
             meta[column.name.kind] = values.pop()
-        elif values:  # another quantity
+        elif values:  # it varies, so it is another quantity
             meta["notes"].append(f"the column {column.title!r} is not used: it changes from frame to frame")
     if "stretch" in meta:
         spread = meta.get("stretch_std", np.nan)
@@ -170,7 +170,7 @@ def _stated_stretch(columns: list[Column | None], rows: list[int], notes: list[s
 
 
 def _radii(table: Table) -> list[Column]:
-    """The columns of radii, one curve each. Raises InputError: it is not clear which they are."""
+    """Return the columns of radii. Raises InputError: it is unclear which columns to use."""
     radii = table.all("radius") or table.all("diameter")
     table.notes.extend(["diameters halved"] * (radii[0].name.kind == "diameter"))
     if scaled := [column for column in radii if column.unit != "px"]:
@@ -192,12 +192,12 @@ def _radii(table: Table) -> list[Column]:
 
 
 def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
-    """((rows,) times, their unit), of the times in the file, or its frame numbers and the frame rate."""
+    """Return ((rows,) times, their unit), from the times in the file or from its frame numbers and the frame rate."""
     time, frame = table.only("time"), table.only("frame")
     if time:
         table.notes.extend(["the frame rate that is given is not used: the file has times"] if frame_rate else [])
         return time.numbers, time.unit
-    assert frame is not None  # a header without times has frames
+    assert frame is not None  # a header without times has frame numbers
     if frame_rate is None:
         message = f"{frame.title!r} has numbers of frames and no times: give the frame rate (--fps 1e6)"
         raise InputError(message, "table.frame_rate")
@@ -207,10 +207,10 @@ def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None]:
 
 
 def _without_header(table: Table, density: float, pressure: float) -> list[RadiusCurve]:
-    """Curves separated by rows of -1000; else a column of times and one of radii whose units prove themselves."""
+    """Read curves separated by rows of -1000, or a column of times and one of radii whose sizes prove their units."""
     width = max(len(row.texts) for row in table.rows)
     values = [Column(table, at, "", Name(), Term("")).numbers for at in range(width)]
-    while len(values) > 2 and np.isnan(values[-1]).all():  # each line ends with a separator
+    while len(values) > 2 and np.isnan(values[-1]).all():  # an empty column: each line ends with a separator
         values.pop()
     require(len(values) == 2, f"{len(values)} columns and no header; {_ADVICE}", "table.header")
     numbers = np.column_stack(values)
@@ -234,10 +234,10 @@ def _without_header(table: Table, density: float, pressure: float) -> list[Radiu
 
 
 def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
-    """(n,) times in s, (n,) pressures above the ambient one in Pa, and notes of what was recognised or left out, from
-    the columns time_us and pressure_kPa (or in other units, which must be named).
+    """Read (n,) times in s, (n,) pressures above the ambient pressure in Pa, and notes of what was recognised or left
+    out, from the columns time_us and pressure_kPa (or in other units, which the titles must name).
 
-    Raises InputError: the file cannot be read, has no such columns, or a cell that is no number.
+    Raises InputError: the file cannot be read, lacks these columns, or has a cell that is no number.
     """
     with guarded(path):
         (table,) = read_columns(path, _TRACE)
@@ -245,8 +245,8 @@ def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
 
 
 def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
-    """Write `time_us,radius_um` (and `radius_std_um`, and what the file stated of the stretch, where known), one row
-    per frame, ten digits, nan for no radius. remark: a line above them, after "# "."""
+    """Write the columns `time_us,radius_um`, and if known `radius_std_um`, `stretch`, `stretch_std`: one row per frame;
+    ten digits; nan for a missing radius. remark: text of a first line that begins with "# "."""
     columns = {"time_us": 1e6 * curve.time, "radius_um": 1e6 * curve.radius}
     if np.isfinite(curve.radius_std).any():
         columns["radius_std_um"] = 1e6 * curve.radius_std
@@ -258,7 +258,7 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
 
 
 def check_units(where: str, time: str | None, radius: str | None, radius_std: str | None) -> None:
-    """Raises InputError: a unit is that of another quantity, or radii and their deviations are in two units."""
+    """Check the units. Raises InputError: one is of another quantity, or radii and their deviations differ in unit."""
     fine = time in (None, *TIME_UNITS) and radius in (None, *RADIUS_UNITS)
     message = f"{where} gives time in {time} and radius in {radius}; expected units of time and of length"
     require(fine, message, "table.units")
@@ -267,7 +267,7 @@ def check_units(where: str, time: str | None, radius: str | None, radius_std: st
 
 
 def unusable(reason: str, meta: Mapping[str, Any], **fields: Any) -> RadiusCurve:
-    """A curve without samples that says why. fields: its other fields."""
+    """Return a curve without samples, with the reason. fields: other fields of the curve."""
     return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, **fields, unusable=reason)
 
 
@@ -280,14 +280,14 @@ def make_curve(
     meta: Mapping[str, Any] | None = None,
     **fields: Any,
 ) -> RadiusCurve:
-    """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
+    """Clean one curve: (n,) times and radii (and their deviations) in their units; None: infer the unit from the size.
 
-    Frames with NaN or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left out; frames
-    are sorted by time; frames of one time are averaged. Each is counted in the notes, after those in `meta`; times out
-    of order are among the curve's `warnings` too. A unit that the size contradicts is no scale. fields: other fields of
-    the curve.
+    Radii that are NaN, below 1 nm or absurdly large (1e9 or more) become NaN. Frames without a time are left out.
+    Frames are sorted by time, and the radii of one time are averaged. The notes count each of these cases, after the
+    notes in `meta`; times out of order are also among the curve's `warnings`. If the size contradicts the unit of the
+    radius, the curve is unscaled. fields: other fields of the curve.
 
-    Raises InputError: no unit of time is given and it cannot be told.
+    Raises InputError: the unit of time is not given and cannot be inferred.
     """
     t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
@@ -326,12 +326,12 @@ def make_curve(
         meta["hints"] = hints
     try:
         return RadiusCurve(t, r, std, meta, **{"unscaled": unscaled, **fields}, warnings=warnings)
-    except InputError as error:  # of no bubble: the others of its file are answered
+    except InputError as error:  # not a bubble; the other curves of the file remain usable
         return unusable(str(error), meta, **fields)
 
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
-    """The mean of what is known of each run of values that begins at one of the indices `first`."""
+    """Return the mean of the finite values in each run (NaN without any); the runs begin at the indices `first`."""
     finite = np.isfinite(values)
     count = np.add.reduceat(finite.astype(int), first)
     total = np.add.reduceat(np.where(finite, values, 0.0), first)
@@ -339,9 +339,9 @@ def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
 
 
 def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
-    """(metres per number, a note, why there is no scale) from the largest radius and the unit given, if any."""
-    finite = np.sort(r[np.isfinite(r) & (r > _NO_BUBBLE)])  # in any unit
-    largest = float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))  # two frames may be wrong ones
+    """Return (factor to metres, a note, why there is no scale) from the largest radius and the given unit, if any."""
+    finite = np.sort(r[np.isfinite(r) & (r > _NO_BUBBLE)])  # the limit holds in any unit
+    largest = float(finite[-3] if len(finite) >= 5 else finite.max(initial=0.0))  # the two largest may be wrong
     if unit == "px":
         return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"
     fits = [u for u in ("m", "mm", "um") if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
@@ -357,7 +357,7 @@ def _radius_scale(r: Floats, unit: str | None) -> tuple[float, str, str]:
 
 
 def _time_scale(t: Floats, unit: str | None) -> tuple[float, str]:
-    """(seconds per number, a note). Recordings of collapsing bubbles last 1 us to 5 ms: such spans are s or us."""
+    """Return (factor to seconds, a note). Recordings of collapses last 1 us to 5 ms, so the span shows the unit."""
     if unit:
         return TIME_UNITS[unit], ""
     span = float(np.ptp(t)) if len(t) else 0.0

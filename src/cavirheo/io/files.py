@@ -1,4 +1,4 @@
-"""Which files are read: those that the command line names, and only regular ones that can be opened."""
+"""Select the files to read: those that the command line names, if they are regular files that can be opened."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from os.path import exists, isdir  # of names that no file can have, too
+from os.path import exists, isdir  # these two also work for names that no file can have
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from cavirheo.io import limits
 from cavirheo.video.frames import ENDINGS, HEADER, PIXELS, STACKS, is_video
 
 MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
-_OURS = {  # tables and films that cavirheo writes: the document that then stands beside them
+_OURS = {  # a table or film that cavirheo writes: the file that is then in the same folder
     "result.csv": "result.json",
     "comparison.csv": "result.json",
     "shots.csv": "collapse-time.json",
@@ -34,26 +34,27 @@ _temporary: set[Path] = set()
 
 
 def file_label(path: Path) -> str:
-    """The name of a file as people see it."""
+    """Return the name of a file as users see it."""
     return path.name if path in _temporary else printable(str(path))
 
 
 @contextmanager
 def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator[None]:
-    """Around the reading of a file, or a folder if it may be one: what goes wrong becomes an InputError that names it.
+    """Guard the reading of a file (or a folder, if allowed): turn every error into an InputError that names the file.
 
     Raises:
-        InputError: no regular file, found before it is opened ("reading.missing", "reading.folder", "reading.special");
-            one that may not be read ("reading.unreadable"), is damaged ("reading.damaged"), or as the reader says.
+        InputError: not a regular file ("reading.missing", "reading.folder", "reading.special") or too large
+            ("limits.bytes"), both checked before it is opened; no permission ("reading.unreadable"); damaged
+            ("reading.damaged"); or an error of the reader.
     """
     name = file_label(path)
     _check(path, name, folder=folder)
     try:
-        with np.errstate(all="ignore"):  # a damaged file may hold any number; what comes of it is checked
+        with np.errstate(all="ignore"):  # a damaged file may hold any number; the results are checked
             yield
     except InputError as error:
         raise error.within(name) from None
-    except Exception as error:  # damaged files make the libraries below raise nearly anything
+    except Exception as error:  # the libraries raise nearly any exception for damaged files
         if isinstance(error, PermissionError):
             raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
         message = f"{name} cannot be read, it may be damaged ({type(error).__name__}: {str(error)[:300]})"
@@ -79,14 +80,14 @@ def _check(path: Path, name: str, *, folder: bool) -> None:
 
 
 def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda _: None) -> list[Path]:
-    """The files that the arguments of a command name, in their order, each once: a file as it is; `-`: standard input;
-    a folder: the measurement files in it, sorted, without hidden ones and what cavirheo wrote; a pattern (`gel_*.mat`)
-    that the shell left as it is. A film whose header is named, too, is one file. `say` is told in one line what was
-    taken of each folder.
+    """Return the files that the arguments of a command name, in their order, each once. An argument is a file; `-` for
+    standard input; a folder, for its measurement files, sorted, without hidden files and files written by cavirheo (a
+    folder of images is one recording); or a pattern (`gel_*.mat`) that the shell did not expand. A film and its header
+    count as one file. `say` is called for each folder with one line on how many of its files are read.
 
-    A file that is missing or cannot be read is named too: its reader refuses it, and the others are answered.
+    A missing or unreadable file is returned too: its reader raises the error, and the other files are still read.
 
-    Raises InputError: an empty folder ("files.none_in_folder"), or a pattern that nothing matches ("files.no_match").
+    Raises InputError: no measurement in a folder ("files.none_in_folder"), or no match of a pattern ("files.no_match").
     """
     paths: list[Path] = []
     for argument in arguments:
@@ -106,8 +107,8 @@ def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda 
 
 
 def measurements(folder: Path) -> tuple[list[Path], int]:
-    """The measurement files in a folder, sorted, without hidden ones, what cavirheo wrote and the headers of films that
-    are there; how many others are there. Raises OSError: the folder may not be listed."""
+    """Return (the measurement files in a folder, sorted; the number of its other files). Hidden files and headers
+    of films are neither, files that cavirheo wrote are other files. Raises OSError: the folder cannot be listed."""
     names = sorted(path for path in folder.iterdir() if path.name[0] != "." and not isdir(path))
     names_here = {path.name for path in names}
     foreign = [path for path in names if _OURS.get(path.name) not in names_here]
@@ -116,18 +117,18 @@ def measurements(folder: Path) -> tuple[list[Path], int]:
 
 
 def without_headers(paths: Iterable[Path]) -> list[Path]:
-    """A film of two files is one, named by its pixels; a header alone stays, for its reader to say what is missing."""
+    """Remove repetitions, and headers whose film is listed too. A header alone stays, so that its reader reports it."""
     unique = dict.fromkeys(paths)
     return [path for path in unique if pixels_of(path) not in unique]
 
 
 def pixels_of(path: Path) -> Path | None:
-    """Of a header: where its film's pixels are, or should be."""
+    """Return the path of the pixels that belong to a header, existing or not; None for any other file."""
     return path.with_suffix(PIXELS) if path.suffix == HEADER else None
 
 
 def header_of(path: Path) -> Path | None:
-    """Of the pixels of a film: where its header is, or should be."""
+    """Return the path of the header that belongs to pixels, existing or not; None for any other file."""
     return path.with_suffix(HEADER) if path.suffix == PIXELS else None
 
 
@@ -135,9 +136,9 @@ def _of_folder(folder: Path, say: Callable[[str], None]) -> list[Path]:
     try:
         taken, left = measurements(folder)
     except OSError:
-        return [folder]  # may not be listed: the reader says so
+        return [folder]  # it cannot be listed: the reader reports the error
     if is_video(folder) and {path.suffix.lower() for path in taken} <= {*STACKS}:
-        return [folder]  # its images are the frames of one
+        return [folder]  # its images are the frames of one recording
     kinds = ", ".join(sorted(MEASUREMENTS))
     require(bool(taken), f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
     say(f"{folder}: {len(taken)} files" + (f"; {left} others left out" if left else ""))
@@ -146,7 +147,7 @@ def _of_folder(folder: Path, say: Callable[[str], None]) -> list[Path]:
 
 @cache
 def _standard_input() -> Path:
-    """A file with all that comes from standard input; its name is what people see."""
+    """Save standard input to a temporary file, whose name is shown to users."""
     path, size = Path(tempfile.mkdtemp(prefix="cavirheo-")) / "standard input", 0
     _temporary.add(path)
     atexit.register(tidy)
@@ -159,7 +160,7 @@ def _standard_input() -> Path:
 
 
 def tidy() -> None:
-    """Remove what standard input was kept in; called when the program ends."""
+    """Remove the temporary file of standard input; called when the program ends."""
     while _temporary:
         shutil.rmtree(_temporary.pop().parent, ignore_errors=True)
     _standard_input.cache_clear()

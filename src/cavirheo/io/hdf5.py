@@ -1,8 +1,8 @@
-"""HDF5: curves in groups, and the variables of MATLAB 7.3; what a file declares is checked before it is read.
+"""Read HDF5: curves in groups, and the variables of MATLAB 7.3; declared sizes are checked before data are read.
 
-A file of curves has one per group (at any depth, the root included) that holds two one-dimensional datasets of equal
-length named like CSV columns: `time_us` and `radius_um`, or `time` (s) and `radius` (m); optional `radius_std_um` or
-`radius_std`. Optional attribute of a group: `stretch` (R_max/R_0).
+A group (at any depth, the root included) is one curve if it holds a dataset of times and one of radii, both with one
+dimension and of equal length. They are named like CSV columns: `time_us` and `radius_um`, or `time` (s) and `radius`
+(m). Optional are a dataset `radius_std_um` or `radius_std`, and the attribute `stretch` (R_max/R_0) of the group.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from cavirheo.errors import require
 from cavirheo.io import limits
 from cavirheo.io.curves import CURVES, check_units, make_curve
 
-_REAL = "fiub"  # kinds of numpy's types
+_REAL = "fiub"  # numpy's dtype kinds of real numbers
 _EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
 
 
 def read(path: Path) -> list[RadiusCurve]:
-    """The curves of a file. Raises InputError: it has none, or more than is read."""
+    """Read the curves of a file. Raises InputError: the file has no curve, or exceeds a limit."""
     with h5py.File(path, "r") as file:
         groups, names_found = [file], []
 
@@ -47,7 +47,7 @@ def read(path: Path) -> list[RadiusCurve]:
 
 
 def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
-    """By kind of column: the dataset named so, not yet read, and its unit."""
+    """Return for each kind of column its dataset, not read yet, and its unit. Raises InputError: two of one kind."""
     arrays = {}
     for name in group:
         kind, unit, _ = CURVES.name_by_words(as_text(name))
@@ -76,7 +76,7 @@ def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve
 
 
 def read_variables(path: Path, names: Iterable[str]) -> tuple[dict[str, Any], list[str]]:
-    """As `matlab.read_variables`, of version 7.3: arrays are stored transposed, cells as references to them."""
+    """Do what `matlab.read_variables` does, for version 7.3, which stores arrays transposed and cells as references."""
     variables: dict[str, Any] = {}
     with h5py.File(path, "r") as file:
         all_names = [as_text(name) for name in file if name not in ("#refs#", "#subsystem#")]
@@ -98,15 +98,15 @@ def read_variables(path: Path, names: Iterable[str]) -> tuple[dict[str, Any], li
 
 
 def _real_numbers(item: Any) -> Floats:
-    """The numbers of a dataset; none where MATLAB wrote an empty array, or anything but real numbers."""
+    """Return the numbers of a dataset; none if it is an empty array of MATLAB, or holds anything but real numbers."""
     empty = np.asarray(item.attrs.get("MATLAB_empty", 0))
     no_numbers = item.dtype.kind not in _REAL or (empty.dtype.kind in _REAL and empty.any())
     return np.empty(0) if no_numbers else np.asarray(item[()], dtype=np.float64).T
 
 
 def check_sizes(items: Iterable[Any]) -> None:
-    """Raises InputError: datasets that are about to be read declare more samples than are read, chunks as large, or no
-    shape at all, or take their numbers from other files."""
+    """Check datasets before they are read. Raises InputError: they declare more samples in all, or in a chunk, than the
+    limit allows; or they have no shape, or take their numbers from other files."""
     total = 0
     for item in items:
         name = as_text(item.name)
@@ -121,13 +121,13 @@ def check_sizes(items: Iterable[Any]) -> None:
 
 
 def as_text(name: str | bytes) -> str:
-    """The name of a group or dataset; h5py gives bytes where it is not UTF-8, and it is read as Latin-1."""
+    """Return a group's or dataset's name as text; names that are not UTF-8, which h5py gives as bytes, are Latin-1."""
     return name.decode("latin-1") if isinstance(name, bytes) else name
 
 
 def local_item(group: Any, name: str | bytes) -> Any:
-    """group[name], None if there is nothing. Raises InputError: it would be read from another file."""
-    links, key = group.id.links, name if isinstance(name, bytes) else name.encode()  # get(getlink=True) wants UTF-8
+    """Return group[name], or None if it does not exist. Raises InputError: it is a link to another file."""
+    links, key = group.id.links, name if isinstance(name, bytes) else name.encode()  # get(getlink=True) needs UTF-8
     link = links.exists(key) and links.get_info(key).type == h5py.h5l.TYPE_EXTERNAL
     require(not link, f"{as_text(name)} is a link to another file; copy them into this one", "limits.elsewhere")
     return group.get(name)

@@ -1,7 +1,7 @@
-"""How much of a file is read: more than any recording holds, and little enough for seconds and a gigabyte.
+"""Limits on what is read from a file: above any real recording, and low enough for some seconds and a gigabyte.
 
-A damaged or hostile file may declare any shape, unpack to anything, or point at other files. Each limit is checked
-before the memory is taken.
+A damaged or hostile file may declare any shape, unpack to any size, or point to other files. Each limit is checked
+before the memory is allocated.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ LINE = 100_000  # characters
 FILE = 4_000_000_000  # bytes of any file
 TEXT = 100_000_000  # bytes of a text file
 SHEET = 60_000_000  # bytes of a workbook
-UNPACKED = 150_000_000  # bytes of all parts of a workbook
-WORKBOOK_CELLS = 1_000_000  # of the sheets of a workbook that are read, empty ones included
-INFLATED = 500_000_000  # bytes of all variables of a .mat, unpacked
+UNPACKED = 150_000_000  # bytes of all parts of a workbook, unpacked
+WORKBOOK_CELLS = 1_000_000  # cells of the sheets that are read of a workbook, empty cells included
+INFLATED = 500_000_000  # bytes of a .mat file and of all its variables, unpacked; bytes from standard input
 
 
 def few(count: int, most: int, what: str) -> None:
-    """Raises InputError where there are more of them than are read: "limits.lines" for lines, and so on."""
+    """Raise InputError if count > most. Its code has the first word of `what`: "limits.lines" for lines."""
     split = f"more than {most} are not read; split the file"
     require(count <= most, f"{count} {what}: {split}", f"limits.{what.split()[0]}")

@@ -1,17 +1,17 @@
-"""MATLAB files: BDT cells, IMR single shots, and the other layouts of the field, told apart by their variables.
+"""Read MATLAB files: BDT cells, IMR single shots, and other layouts of the field, recognised by their variables.
 
-| variables | what |
+| variables | content |
 |---|---|
 | R_nondim_All, t_nondim_All, RmaxList m, lambda_max_mean | BDT: cells of R/R_max and t/(R_max sqrt(rho/p)) |
 | Rnew, t | IMR: m and s; with deltax (m) and deltat (s): a circle fit in pixels, one row per frame |
-| R, t | one shot, units told from the size (um and s in the published file) |
+| R, t | one shot, units inferred from the size (um and s in the published file) |
 | Rmax um, shift_normRnew, t s | one shot per row of R/R_max over common frame times |
-| pIMR_array | collapse times: no radius histories, refused by name |
+| pIMR_array | collapse times, no radius histories: refused with advice |
 
 Versions 5 to 7 are read here and not by scipy.io, whose compiled reader (scipy 1.17) ends the whole process with a
 segmentation fault on some damaged files. Format: MathWorks, "MAT-File Format", level 5: a header of 128 bytes, then
-elements (type, length, data) on 8-byte borders; type 15 is a deflated element, type 14 an array made of elements for
-its flags, dimensions, name and numbers.
+elements (type, length, data) on 8-byte boundaries. Type 15 is a compressed element (deflate). Type 14 is an array; it
+consists of elements for its flags, dimensions, name and numbers.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ from cavirheo.messages import Message
 _CELL_ARRAYS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
 VARIABLES = (*_CELL_ARRAYS, *_ONE_EACH.split())
-HDF5 = b"\x89HDF\r\n\x1a\n"  # how its files begin, which those of version 7.3 are
-_LARGEST = 0.01  # m, of a bubble
-_HEAD = 1024  # bytes that hold the header of an array, its name at the end
+HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of an HDF5 file, the format of version 7.3
+_LARGEST = 0.01  # m, largest radius of a bubble
+_HEAD = 1024  # bytes that contain the header of an array, which ends with its name
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _DEFLATED = 14, 15
 _CELL, _NUMERIC = 1, range(6, 16)  # array classes
-_COMPLEX = 0x800  # a flag
+_COMPLEX = 0x800  # flag of a complex array
 _NOTHING = (0, b"")  # no element
 _DAMAGED, _CUT = "matfile.damaged", "matfile.cut"
-Variables = dict[str, Any]  # name -> (…,) float64, or a list of the flat cells of a cell array, empty if not numeric
+Variables = dict[str, Any]  # name -> (…,) float64, or a list of a cell array's flattened cells (not numeric: empty)
 
 
 def read_variables(path: Path, names: tuple[str, ...]) -> tuple[Variables, list[str]] | None:
-    """(the wanted variables, names of all) of a .mat of any version; None where the file is none.
+    """Return (the wanted variables, the names of all) of a .mat file of version 5 to 7.3; None for any other file.
 
-    Raises InputError: the file breaks its own format, or holds more than is read.
+    Raises InputError: the file violates its format, or exceeds a limit.
     """
     with path.open("rb") as file:
         head = file.read(128)
     if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(HDF5)):
-        from cavirheo.io import hdf5  # loads a library that takes a quarter of a second
+        from cavirheo.io import hdf5  # imports h5py, which takes a quarter of a second
 
         return hdf5.read_variables(path, names)
     five = head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
@@ -63,7 +63,7 @@ def read_variables(path: Path, names: tuple[str, ...]) -> tuple[Variables, list[
 
 
 def curves(variables: Variables, names: list[str], density: float, pressure: float) -> list[RadiusCurve]:
-    """The curves that the variables make; `names` of all that are in the file. Raises InputError: they make none."""
+    """Build the curves from the variables; `names`: of all variables in the file. Raises InputError: unknown layout."""
     cell_arrays = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELL_ARRAYS]
     message = f"{', '.join(cell_arrays)}: a cell array; expected an array of numbers, as cell2mat makes it"
     require(not cell_arrays, message, "matlab.cells")
@@ -111,7 +111,7 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         meta |= {"stretch": stretch, "stretch_std": spread}
         notes.append(f"the file states one stretch for all shots: {stretch:.4g} +- {spread or float('nan'):.2g}")
     max_radii = variables.get("RmaxList", np.empty(0)).ravel()
-    per_radius = float(np.sqrt(density / pressure))  # s per m of R_max and unit of t*
+    per_radius = float(np.sqrt(density / pressure))  # s/m: seconds per metre of R_max and unit of t*
 
     def curve(k: int, radius: Floats, time: Floats) -> RadiusCurve:
         cell, max_radius = f"cell {k + 1} of {count}", float(max_radii[k]) if k < len(max_radii) else np.nan
@@ -119,7 +119,7 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         if radius.size == 0 or time.size == 0:
             return unusable(f"{cell} is empty", meta, **fields)
         si: dict[str, Any] = {"time_unit": "s", "radius_unit": "m"} | fields
-        if not len(max_radii):  # time and radius both wait for the user's R_max
+        if not len(max_radii):  # the user's R_max will scale both time and radius
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
             unscaled = make_curve(time * per_radius, radius, meta=meta, time_unscaled=True, unscaled=reason, **si)
             return unscaled.labelled(notes=(*notes, reason))
@@ -134,7 +134,7 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
 
 
 def _density_warning(rate: float | None, density: float) -> list[Message]:
-    """Cameras run at round rates: a rate just off one tells the density with which the file was made dimensionless."""
+    """Return a warning if the density seems wrong: the rate is slightly off a round one, at which cameras run."""
     if rate is None:
         return []
     rounds = np.array([1.0, 2.0, 5.0])[:, None] * 10.0 ** np.arange(4, 8)
@@ -161,7 +161,7 @@ def _imr(variables: Variables) -> list[RadiusCurve]:
 
 
 def _shifted(variables: Variables) -> list[RadiusCurve]:
-    """Rows of R/R_max over the frame times t; shift_normTnew is t over R_max sqrt(rho/p) with rho = 1060: not used."""
+    """Read rows of R/R_max over the frame times t; shift_normTnew = t/(R_max sqrt(rho/p)), rho = 1060, is not used."""
     normal, largest = variables["shift_normRnew"], variables["Rmax"].ravel()
     fits = normal.ndim == 2 and len(normal) == len(largest)
     require(fits, f"Rmax has {len(largest)} values but shift_normRnew the shape {normal.shape}")
@@ -170,7 +170,7 @@ def _shifted(variables: Variables) -> list[RadiusCurve]:
 
 
 def _rows(time: Floats, radius: Floats, **options: Any) -> list[RadiusCurve]:
-    """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time."""
+    """Return one curve, or one per row (column) of a matrix whose rows (columns) are as long as the time."""
     if radius.ndim != 2 or min(radius.shape) <= 1:
         radius = radius.reshape(1, -1)
     elif radius.shape[1] != time.size:
@@ -179,7 +179,7 @@ def _rows(time: Floats, radius: Floats, **options: Any) -> list[RadiusCurve]:
 
 
 def _read_version5(path: Path, names_wanted: Container[str]) -> tuple[Variables, list[str]]:
-    """As `read_variables`."""
+    """Do what `read_variables` does, for versions 5 to 7."""
     limits.few(path.stat().st_size, limits.INFLATED, "bytes")
     content = path.read_bytes()
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128], "")
@@ -197,7 +197,7 @@ def _read_version5(path: Path, names_wanted: Container[str]) -> tuple[Variables,
         if name not in names_wanted:
             continue
         if kind == _DEFLATED:
-            data = head + inflate.decompress(inflate.unconsumed_tail, max(left, 1))  # 0 would be no limit
+            data = head + inflate.decompress(inflate.unconsumed_tail, max(left, 1))  # 0 would mean no limit
             left -= len(data)
             most = f"{name} unpacks to more than {limits.INFLATED} bytes in all"
             require(left >= 0 and not inflate.unconsumed_tail, most, "limits.unpacked")
@@ -209,11 +209,11 @@ def _read_version5(path: Path, names_wanted: Container[str]) -> tuple[Variables,
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """(type, data) of the elements one after the other."""
+    """Yield (type, data) of each element."""
     at = 0
     while at + 8 <= len(data):
         kind, length = struct.unpack_from(order + "II", data, at)
-        if kind >> 16:  # small element: both numbers share the first four bytes, the data fills the other four
+        if kind >> 16:  # small element: type and length share the first four bytes, the data fill the other four
             kind, length, start, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
             require(length <= 4, f"damaged at byte {at}: a small element of {length} bytes", _DAMAGED)
         else:
@@ -226,7 +226,7 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterator[tuple[int, bytes]]]:
-    """(class, shape, name, the elements that follow) of one array."""
+    """Return (class, shape, name, the elements that follow) of an array; class 0 stands for complex numbers."""
     parts = _elements(data, order)
     flags, shape, name = (next(parts, _NOTHING)[1] for _ in range(3))
     require(len(flags) >= 4 and len(shape) % 4 == 0, "an array without flags or dimensions", _DAMAGED)
@@ -236,9 +236,9 @@ def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterato
 
 
 def _value(data: bytes, order: str, name: str = "") -> Any:
-    """The numbers of an array or, in a list, of the cells of one with a name; None where it is neither."""
+    """Return the numbers of an array, or for a named cell array a list of those of its cells; None for other arrays."""
     if not data:
-        return np.empty(0)  # how an empty cell is written
+        return np.empty(0)  # an empty cell has no data
     array_class, shape, _, parts = _header(data, order)
     if array_class == _CELL and name:
         arrays: list[Any] = []

@@ -1,4 +1,4 @@
-"""Files -> the shots of one run: each counted once, named apart, in the groups that files and folders make."""
+"""Read the shots of one run from files: each recording once, with a unique name, in groups by file or folder."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from cavirheo.io.tables import Name, Term, Vocabulary, kind_of, read_columns
 from cavirheo.parameters import RADIUS
 from cavirheo.video.frames import is_video
 
-SIZE = "R_max"  # the word
-LOG_SIZE = "log10(R_max/µm)"  # the column that it stands for
-_LISTED = 5  # names in a message
+SIZE = "R_max"  # given instead of the path of a table
+LOG_SIZE = "log10(R_max/µm)"  # title of the column that `SIZE` stands for
+_LISTED = 5  # most names in a message
 _DECLARED = Vocabulary(
     {"any": Term("")},
     "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
@@ -33,7 +33,7 @@ _DECLARED = Vocabulary(
 Chosen = str | Iterable[int] | None  # which shots of a file: "1,4-7", numbered from 1 in the order of the file
 Item = TypeVar("Item")
 GROUPINGS = ("auto", "file", "folder", "name", "none")
-# the number of a shot at the end of a name, with what stands before it; a decimal number is no shot's
+# the shot number at the end of a name, with the separator before it; a decimal number is no shot number
 _NUMBER = re.compile(r"(?:[^\w.,]|_)*(?<![.,])\d+(?: \(\d+\))?[)\]]?$")
 _EXPECTED = (
     "expected .mat (R_nondim_All + t_nondim_All + RmaxList, or Rnew + t), .csv or .txt (columns time_us,radius_um), "
@@ -56,27 +56,27 @@ def read_curves(
     exposure: float | None = None,
     exclude: str | Iterable[int] | None = None,
 ) -> list[RadiusCurve]:
-    """Every radius history of a file.
+    """Read every radius history of a file.
 
     Args:
         path: a table, a .mat or HDF5 file, or a recording (docs/how-to/your-shots.md).
-        density: kg/m3. It and `pressure` turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files with
-            times in seconds do not depend on them.
+        density: kg/m3. It and `pressure` turn dimensionless times into seconds, t = t* R_max sqrt(rho/p), and check
+            the units of a table without a header. They do not change times in seconds.
         pressure: Pa.
         frame_rate_hz: 1/s, of a recording, and of a table that has frame numbers and no times.
-        shots: only these, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file.
+        shots: the curves to return, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file; None: all.
         um_per_px: micrometres per pixel of a recording, which is measured (`cavirheo.measure`).
         exposure: s, of a frame of a recording.
         exclude: frames of a recording to leave out, "12,40-45" or a list, from 1.
 
     Returns:
-        The curves in the order of the file, (n,) times in s and radii in m. One that cannot be used (empty cell, three
-        samples, all NaN) is returned with its reason; its `max_radius` raises it. What was recognised, converted or
-        left out stands in each curve's `notes`, input warnings in its `warnings` too.
+        The curves in the order of the file, with (n,) times in s and radii in m. A curve that cannot be used (empty
+        cell, three samples, all NaN) is returned too; its `max_radius` raises InputError with the reason. The `notes`
+        of a curve say what was recognised, converted or left out; its `warnings` are the input warnings.
 
     Raises:
-        InputError: the file cannot be found or read, or holds no radius history, or not so many; the message says what
-            was found.
+        InputError: the file cannot be found or read, has no radius history, or fewer than `shots` asks for; the message
+            says what was found.
     """
     path = as_path(path)
     if is_video(path):
@@ -101,7 +101,7 @@ def read_curves(
 
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
-    """The curves of a file that begins with `head`."""
+    """Read the curves of a file that begins with the bytes `head`."""
     from cavirheo.io import curves, matlab
 
     if variables := matlab.read_variables(path, matlab.VARIABLES):
@@ -115,7 +115,7 @@ def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: 
 
 
 def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
-    """The curve with the notes that need its maximum."""
+    """Return the curve with notes on its growth and on outlying frames, unless it has no maximum."""
     try:
         start, spikes = curve.time_of_max, curve.spikes()
     except InputError:
@@ -128,12 +128,12 @@ def with_maximum_notes(curve: RadiusCurve) -> RadiusCurve:
 
 
 def shot_numbers(shots: Chosen) -> list[int] | None:
-    """Sorted, each once; None for all. Raises InputError: no such list, or a number below 1."""
+    """Return the numbers, sorted and each once; None for all. Raises InputError: no valid list, or a number below 1."""
     return None if shots is None else numbered(shots, "shots", "option.shots")
 
 
 def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
-    """Those with these numbers, in their order. Raises InputError: as `shot_numbers`, or there are not so many."""
+    """Return the items with these numbers, ascending. Raises InputError: as `shot_numbers`, or too large a number."""
     if (numbers := shot_numbers(shots)) is None:
         return list(items)
     missing = ", ".join(str(number) for number in numbers if number > len(items))
@@ -143,8 +143,8 @@ def selected(items: Sequence[Item], shots: Chosen) -> list[Item]:
 
 
 class CurveSet(NamedTuple):
-    """The curves of all files in their order; why files could not be read; which recordings were given twice and how
-    they were scaled; and what of scales and constants should be known, a line for all groups that it concerns."""
+    """The curves of all files, in order. problems: why files could not be read. remarks: which recordings were given
+    twice, and how radii were scaled. hints: what to know of scales and constants, each in one line with its groups."""
 
     curves: list[RadiusCurve]
     problems: list[str]
@@ -155,20 +155,20 @@ class CurveSet(NamedTuple):
 def read_shots(
     files: Sequence[str | Path | RadiusCurve], *, max_radius: float | None = None, group: str = "auto", **options: Any
 ) -> CurveSet:
-    """All curves of all files; `options` are those of `read_curves`. A curve stands for a file that was read.
+    """Read all curves of all files; `options` are those of `read_curves`. A RadiusCurve among the files is used as is.
 
-    A recording that is given again (the same samples, in whichever file) is left out with a remark. Names that several
-    curves share get their folders before them.
+    A recording that is given twice (the same samples, in any file) is used once, with a remark. If several curves have
+    the same name, their folders are put before it.
 
     Args:
-        max_radius: m, the true R_max: rescales every curve, by one factor.
-        group: whose shots are one material: "file" (of one file), "folder" (of all files of a folder), "name" (of
-            the files of a folder whose names differ in the number at their end), "none" (each by itself), "auto" (of
-            one file; single-shot files of one folder together).
+        max_radius: m, the true R_max, to which all curves are scaled by the same factor.
+        group: which shots are one material: "file" (those of a file), "folder" (of all files of a folder), "name" (of
+            the files of a folder whose names differ only in the number at their end), "none" (each shot alone),
+            "auto" (those of a file, but the single-shot files of a folder together).
 
     Raises:
-        InputError: `max_radius` is no radius of a bubble, or would scale curves by different factors; or `group` is
-            none of these.
+        InputError: `max_radius` is no plausible radius, or would scale the curves by different factors; or `group` is
+            unknown.
     """
     require(group in GROUPINGS, f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
     check_max_radius(max_radius)
@@ -193,13 +193,13 @@ def read_shots(
 
 
 def samples_of(curve: RadiusCurve) -> bytes:
-    """A hash of the samples, equal in every file that holds the recording; without samples, of the curve's origin."""
+    """Return a hash of the samples, equal in every file with this recording; without samples, of the curve's origin."""
     content = curve.time.tobytes() + curve.radius.tobytes()
     return hashlib.sha256(content or f"{curve.source}: {curve.name}: {curve.unusable}".encode()).digest()
 
 
 def _without_copies(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
-    """The curves without those whose samples were there before, and a remark on each of these."""
+    """Return (the curves without repeated recordings, a remark on each repetition)."""
     first: dict[bytes, RadiusCurve] = {}
     remarks: list[str] = []
     for curve in curves:
@@ -210,7 +210,7 @@ def _without_copies(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[
 
 
 def _with_unlike_names(curves: list[RadiusCurve]) -> list[RadiusCurve]:
-    """The curves with unlike names: those that several files share get the file's ending, or folders, or a number."""
+    """Return the curves with unique names: a shared name gets folders before it, or the file's ending or a number."""
     sharing: dict[str, list[int]] = {}
     for k, curve in enumerate(curves):
         sharing.setdefault(curve.name, []).append(k)
@@ -246,12 +246,12 @@ def _grouped(curves: list[RadiusCurve], group: str) -> list[RadiusCurve]:
 
 
 def stem_of(file: str) -> str:
-    """'soft' of soft_1.csv, soft 02.csv and soft_1 (2).csv; "" of 7.csv."""
+    """Return a file name without ending and shot number: "soft" for soft_1.csv and soft_1 (2).csv, "" for 7.csv."""
     return _NUMBER.sub("", Path(file).stem)
 
 
 def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCurve], list[str]]:
-    """The curves with this R_max, and by which factor their radii are scaled. Raises InputError: there are several."""
+    """Return (the curves scaled to this R_max, a remark on the factor). Raises InputError: the factors differ."""
     scaled, factors = list(curves), dict[str, float]()
     for k, curve in enumerate(curves):
         with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
@@ -269,7 +269,7 @@ def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCu
 
 
 def check_max_radius(max_radius: float | None) -> None:
-    """Raise InputError unless it is None, or a radius (m) that a bubble has."""
+    """Raise InputError unless `max_radius` (m) is None or a plausible radius of a bubble."""
     if max_radius is not None:
         low, high = (1e6 * end for end in RADIUS[:2])
         message = f"the true R_max must be a radius in micrometres, {low:g} to {high:g}, got {1e6 * max_radius:.6g}"
@@ -277,9 +277,9 @@ def check_max_radius(max_radius: float | None) -> None:
 
 
 def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
-    """The curves, each with its value: of a table (`read_column`), or, for the word `SIZE`, its own R_max.
+    """Return the curves, each with its value from a table (`read_column`), or log10 of its R_max if `path` is `SIZE`.
 
-    Raises InputError: no such table, it names what is not there or gives a curve no value, or each group has only one.
+    Raises InputError: no such table, a name without a curve, a curve without a value, or no group with several values.
     """
     if is_size(path):
         title, labelled = LOG_SIZE, with_size(curves)
@@ -303,14 +303,14 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
 
 
 def is_size(path: str | Path) -> bool:
-    """Whether the R_max of each shot is meant, and no table. Raises InputError: there is a file of that name."""
+    """Whether `path` means the R_max of each shot, not a table. Raises InputError: a file of this name exists."""
     message = f"{SIZE} stands for the R_max of each shot, but a file has this name: rename the file (to {SIZE}.csv)"
     require(str(path) != SIZE or not Path(path).is_file(), message, "column.size")
     return str(path) == SIZE
 
 
 def with_size(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
-    """The curves, with log10 of their R_max in um as far as they have one."""
+    """Return the curves; each one with an R_max has log10 of it (in um) as its value."""
     labelled = list(curves)
     for k, curve in enumerate(curves):
         with suppress(InputError):  # no scale, or no maximum
@@ -321,12 +321,12 @@ def with_size(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
 def with_values(
     curves: Sequence[RadiusCurve], title: str, values: Mapping[str, float]
 ) -> tuple[list[RadiusCurve], list[str], list[str]]:
-    """The curves, with their values as far as there are any; names that no curve has; curves without a value."""
+    """Return (the curves, with their values if any; names that no curve has; the names of curves without a value)."""
     names_of_curves: set[str] = set()
     labelled, without = [], []
     for curve in curves:
         source = Path(curve.source)
-        names = [curve.name, source.name, source.stem, curve.group]  # by which a line may name it, the closest first
+        names = [curve.name, source.name, source.stem, curve.group]  # names for it in a table, most specific first
         names_of_curves.update(names)
         value = next((values[name] for name in names if name in values), None)
         labelled.append(curve if value is None else curve.labelled(column={title: value}))
@@ -335,13 +335,13 @@ def with_values(
 
 
 def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
-    """The title of the numbers, and the number of each name, of a table such as
+    """Return (the title of the numbers, the number for each name) of a table such as
 
         shot,concentration_percent
         gel_1.csv,0.5
         gel_2.csv,1.0
 
-    A line names a curve, else a file (with or without its ending), else a group. Raises InputError: no such table.
+    A name is that of a curve, a file (with or without its ending) or a group. Raises InputError: no such table.
     """
     path = Path(path)
     with guarded(path):
@@ -359,6 +359,6 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
 
 
 def listed(names: Sequence[str]) -> str:
-    """The first of them, for a message."""
+    """Return the first names, and how many more there are, for a message."""
     unlike = list(dict.fromkeys(names))
     return (", ".join(unlike[:_LISTED]) or "nothing") + f" and {len(unlike) - _LISTED} more" * (len(unlike) > _LISTED)

@@ -1,6 +1,6 @@
-"""Files read in a process of its own: one that exhausts time or memory, or ends the process, ends nothing else.
+"""Read files in child processes: a file that exhausts time or memory, or crashes its reader, affects nothing else.
 
-It is asked and answers by arrays and JSON: nothing that comes from there is executed, whatever a file makes of it.
+Requests and answers are arrays and JSON: nothing that a child sends is executed, whatever a file does to the child.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ Report = Callable[[float, str], Any]
 
 
 class Reader:
-    """Child processes that read files, so many calls at a time. They stay warm from call to call, and one that fails is
-    replaced."""
+    """Child processes that read files, each one call at a time. They stay alive between the calls, and a process that
+    fails is replaced."""
 
     def __init__(self, seconds: float, *, processes: int = 1, at_once: bool = True) -> None:
-        """seconds: that a call may take. at_once: one begins to load, so that the first file need not wait."""
+        """seconds: time limit of a call. at_once: start one process now, so that the first file need not wait."""
         self.seconds, self._processes = seconds, processes
-        self._free: LifoQueue[_Child | None] = LifoQueue()  # the one that was used last is warm; None: not begun
+        self._free: LifoQueue[_Child | None] = LifoQueue()  # the process used last comes first; None: not started
         for k in range(processes):
             self._free.put(_Child() if at_once and k == processes - 1 else None)
 
     def read(self, files: Sequence[Path | RadiusCurve], **options: Any) -> tuple[list[RadiusCurve], list[str]]:
-        """(the curves, why files could not be read and other remarks) of `read_shots`, without the names of folders.
+        """Return (the curves, all problems, remarks and hints) of `read_shots`, without the names of folders.
 
-        Raises InputError: reading took too long or too much memory, or broke the process.
+        Raises InputError: reading took too long or too much memory, or crashed the process.
         """
         paths = [Path(file.source) if isinstance(file, RadiusCurve) else file for file in files]
         contents = [str(file) if isinstance(file, Path) else file for file in files]
@@ -65,13 +65,13 @@ class Reader:
         return curves, remarks
 
     def measure(self, path: Path, images: Path, most: float, say: Report, **options: Any) -> Measurement:
-        """As `cavirheo.measure`; the frames, at most so many bytes, are left in the file `images` (.npy) and mapped."""
+        """Measure as `cavirheo.measure`; the frames, `most` bytes at most, are saved in `images` (.npy) and mapped."""
         measurement = self.ask([path], (_measure, str(path), str(images), most, options), say)
         footage = replace(measurement.recording, frames=np.load(images, mmap_mode="r"))
         return replace(measurement, recording=footage)
 
     def ask(self, paths: Sequence[Path], call: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
-        """What `call` gives there: a function of a module, and its arguments after the first, the pipe to this process.
+        """Return the result of `call`, (function, *arguments), in a child, which puts its pipe before the arguments.
 
         Raises InputError: as `read`.
         """
@@ -85,10 +85,10 @@ class Reader:
             child.pipe.send_bytes(encode((function.__module__, function.__name__, *arguments)))
             end, answer = monotonic() + self.seconds, 0.0
             while isinstance(answer, float):
-                say(answer, "of the frames")  # the share that is measured
+                say(answer, "of the frames")  # the share measured so far
                 require(child.pipe.poll(max(end - monotonic(), 0.0)), slow, "app.reading_too_slow")
                 answer = decode(child.pipe.recv_bytes(), KINDS)
-        except BaseException as error:  # whatever ended the call, Ctrl-C too, the process is in no known state
+        except BaseException as error:  # after any error, Ctrl-C included, the state of the process is unknown
             if child is not None:
                 child.end()
             child = _Child()
@@ -103,7 +103,7 @@ class Reader:
         return answer
 
     def close(self) -> None:
-        """End the processes, each after the call that it works on."""
+        """End the processes, each after its current call."""
         for _ in range(self._processes):
             if child := self._free.get():
                 child.end()
@@ -125,7 +125,7 @@ class _Child:
 
 
 def _serve(pipe: Connection) -> None:
-    with suppress(ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
+    with suppress(ImportError, ValueError, OSError):  # no such limit on this system: only the time limit holds
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
@@ -138,7 +138,7 @@ def _serve(pipe: Connection) -> None:
                 answer = encode(error)
             except MemoryError:
                 answer = encode(InputError("the file needs more memory than is allowed here", "app.out_of_memory"))
-            except Exception as error:  # libraries raise nearly anything of a damaged file, and the next is to be read
+            except Exception as error:  # libraries raise nearly anything for a damaged file; the child must survive it
                 answer = encode(InputError(f"the file cannot be read ({type(error).__name__}: {error})"))
             pipe.send_bytes(answer)
 

@@ -1,16 +1,16 @@
-"""The one reader of tables: text of every dialect or a workbook goes in with a vocabulary, columns in SI come out.
+"""Read tables: a text of any dialect, or a workbook, becomes columns in SI, named by a vocabulary of quantities.
 
-Text: tab, semicolon, comma or spaces separate the cells; a quoted cell may hold the separator; where commas do not
-separate, they may be decimal. UTF-8, UTF-16 with its mark, else Latin-1. Lines that begin with # or % are comments,
-except the titles over columns of numbers (numpy.savetxt writes them so).
+Text: the cells are separated by tabs, semicolons, commas or spaces; a quoted cell may contain the separator. Commas
+that do not separate cells may be decimal. The encoding is UTF-8, UTF-16 with its byte order mark, or else Latin-1.
+Lines that begin with # or % are comments, except the titles above columns of numbers (as numpy.savetxt writes them).
 Workbooks: .xlsx, .xls, .xlsb, .ods; the visible sheets in the order of their tabs.
 
-What a comma means is decided once for all rows of numbers in a sheet: `1,5` and `0,123` have decimal commas. Where all
-may be thousands (`1,234` alone), or numbers with a comma stand beside others with a point, they are refused.
+The meaning of a comma is decided once for all rows of numbers in a sheet: `1,5` and `0,123` have decimal commas. The
+numbers are refused if every comma may separate thousands (`1,234` alone), or if other numbers have a decimal point.
 
-A vocabulary holds the quantities that columns may have, the words that name each, as people write them (`R [um]`,
-`Zeit / µs`), and its units. Titles are found below whatever stands above them, with units in them or in the row below.
-Everything that is left out or recognised is counted in `notes`; rows of means, sums and the like are refused.
+A vocabulary lists the quantities that columns may hold, with the words for each, as people write them (`R [um]`,
+`Zeit / µs`), and its units. Other lines may stand above the titles; the units are in the titles or in the row below.
+The `notes` count what is left out or recognised. A table whose last row is a mean, a sum or the like is refused.
 """
 
 from __future__ import annotations
@@ -46,27 +46,27 @@ _WORDS_OF_UNITS = {
 }
 _UNITS_BY_WORD = {word: unit for unit, words in _WORDS_OF_UNITS.items() for word in words.split()}
 _SEPARATORS = ("\t", ";", ",", None)  # None: spaces
-_UTF16 = (b"\xff\xfe", b"\xfe\xff")  # its marks
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")  # byte order marks
 _MISSING = {"nan", "na", "n/a", "null", "none", "#n/a"}
 _WITH_COMMA = re.compile(r"[+-]?\d+,\d*(e[+-]?\d+)?", re.I)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _WITH_POINT = re.compile(r"[+-]?(\d+\.\d*|\.\d+)(e[+-]?\d+)?", re.I)
-_LONGEST = 120  # characters of a title; more is a sentence, and takes time
-# of rows that are no measurements, as `plain_title` writes them
+_LONGEST = 120  # characters of a title; a longer text is a sentence, and slow to match
+# words that mark a row which is no measurement, in the form of `plain_title`
 _SUMMARIES = "mean average avg median sum total std sd stdev stddev min max mittel mittelwert summe moyenne media"
-_LISTED = 8  # titles in a message
+_LISTED = 8  # most titles in a message
 
 
 class Row(NamedTuple):
-    """One row that is not empty; `number`: of its line in the file or row in the sheet, from 1."""
+    """One row that is not empty. number: of its line in the file, or of its row in the sheet, from 1."""
 
     number: int
     texts: list[str]
 
 
 class Name(NamedTuple):
-    """What a title names. kind: of the vocabulary, "" for none. unit: as the vocabulary has it, as written where it
-    stands in brackets and is not known, None where there is none. number: "2" of R2, else ""."""
+    """What a title names. kind: a key of the vocabulary's terms, or "". unit: as the vocabulary spells it, as written
+    if it is unknown and in brackets, None if there is none. number: "2" for R2, else ""."""
 
     kind: str = ""
     unit: str | None = None
@@ -75,39 +75,39 @@ class Name(NamedTuple):
 
 @dataclass(frozen=True)
 class Term:
-    """What a column may hold."""
+    """A quantity that a column may hold."""
 
-    words: str  # titles that name it, separated by spaces, as `plain_title` writes them
-    units: Mapping[str, float] = field(default_factory=dict)  # factor to SI of each; NaN: known, but cannot be used
-    unit: str | None = None  # of a title that names none; None where it must name one
+    words: str  # its titles, separated by spaces, in the form of `plain_title`
+    units: Mapping[str, float] = field(default_factory=dict)  # factor of each to SI; NaN: known, but not usable
+    unit: str | None = None  # the unit of a title without one; None: the title must name a unit
     label: str = ""  # its name in messages
-    hint: str = ""  # how to write its unit, where it is missing
-    twice: str = "keep the one that counts"  # how to mend a table with two columns of it
+    hint: str = ""  # how to write a missing unit
+    twice: str = "keep the one that counts"  # how to mend a table with two such columns
 
 
 @dataclass(frozen=True, eq=False)
 class Vocabulary:
-    """What the columns of a table may hold, by kind. With sections a file holds several tables, each under its own
-    titles."""
+    """The quantities that the columns of a table may hold, by kind. With `sections` a file holds several tables, each
+    below its own titles."""
 
     terms: Mapping[str, Term]
-    expected: str  # in a table, for messages
-    need: Sequence[str]  # columns whose titles are a header, "time|frame" for one of two
-    codes: Mapping[str, str] = field(default_factory=dict)  # of errors, where they are not "tabular.…"
-    fallback: Callable[[str], Name] | None = None  # what a title names that no term does
+    expected: str  # what a table should contain, for messages
+    need: Sequence[str]  # kinds of column that a header must name, "time|frame" for one of two
+    codes: Mapping[str, str] = field(default_factory=dict)  # error code by mistake, if not "tabular.<mistake>"
+    fallback: Callable[[str], Name] | None = None  # interprets a title that no term names
     sections: bool = False
     bare: bool = False  # whether numbers without titles are a table, too
 
     @lru_cache(4096)  # noqa: B019  a vocabulary lives as long as the program
     def name(self, title: str) -> Name:
-        """What a title such as `time_us`, `R [um]`, `Shear Strain (%)` or `omega in rad/s` names."""
+        """Return what a title such as `time_us`, `R [um]`, `Shear Strain (%)` or `omega in rad/s` names."""
         if is_number(title):
             return Name()
         name = self.name_by_words(title)
         return self.fallback(title) if self.fallback and not name.kind else name
 
     def name_by_words(self, title: str) -> Name:
-        """As `name`, by the words of the vocabulary alone."""
+        """Do what `name` does, but only by the words of the vocabulary, without `fallback`."""
         if len(title) > _LONGEST:
             return Name()
         text, with_foreign_unit = _plain(title).strip(), Name()
@@ -124,20 +124,20 @@ class Vocabulary:
         return Name(kind) if kind else with_foreign_unit
 
     def is_header(self, texts: list[str]) -> bool:
-        """Whether a row has the titles of all columns that a table needs; one of numbers is none."""
+        """Whether a row has the titles of all columns that a table needs, and not only numbers."""
         return not all(map(is_number, texts)) and not self.missing(texts)
 
     def missing(self, texts: list[str]) -> list[str]:
-        """The columns that a table needs and these titles do not name."""
+        """Return the columns that a table needs but these titles do not name."""
         kinds = {self.name(cell).kind for cell in texts}
         return [kind for kind in self.need if kinds.isdisjoint(kind.split("|"))]
 
     def term(self, title: str) -> Term:
-        """What a title names; one without units of what is not known."""
+        """Return the term that a title names, or an empty term without units."""
         return self.terms.get(self.name(title).kind, Term(""))
 
     def error(self, mistake: str, message: str) -> InputError:
-        """With the code of the vocabulary."""
+        """Return an InputError with the code that the vocabulary has for this mistake."""
         return InputError(message, self.codes.get(mistake, f"tabular.{mistake}"))
 
     @cached_property
@@ -147,28 +147,28 @@ class Vocabulary:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column of a table; what is in its cells is read when it is asked for."""
+    """One column of a table; its cells are interpreted only when they are used."""
 
     table: Table
-    at: int  # its place, from 0
-    title: str  # as it is written, with a unit from the row below
+    at: int  # its index, from 0
+    title: str  # as it is written, with the unit from the row below, if any
     name: Name
     term: Term
 
     @property
     def unit(self) -> str | None:
-        """That the title names, else that of the vocabulary for a title without one; None where it must name one."""
+        """The unit in the title, else the default unit of the term; None if there is neither."""
         return self.name.unit if self.name.unit is not None else self.term.unit
 
     @property
     def text(self) -> list[str]:
-        """(rows,) cells; "" where there is none."""
+        """(rows,) cells; "" for a missing one."""
         return [texts[self.at] if self.at < len(texts) else "" for _, texts in self.table.rows]
 
     @cached_property
     def numbers(self) -> Floats:
-        """(rows,) in the unit of the column; NaN where a cell is missing. Raises InputError: a cell is no number, or
-        one with a comma of unknown meaning."""
+        """(rows,) numbers in the unit of the column; NaN for a missing one. Raises InputError: a cell is no number, or
+        has a comma of unknown meaning."""
         return np.array([self._number(*pair) for pair in zip(self.table.rows, self.text, strict=True)], dtype=float)
 
     def _number(self, row: Row, cell: str) -> float:
@@ -186,12 +186,12 @@ class Column:
 
     @property
     def si(self) -> Floats:
-        """(rows,) in SI. Raises InputError as `numbers` and `factor`."""
+        """(rows,) numbers in SI. Raises InputError as `numbers` and `factor`."""
         return self.numbers * self.factor
 
     @property
     def factor(self) -> float:
-        """From the unit of the column to SI. Raises InputError: the unit is missing or not known."""
+        """Factor from the unit of the column to SI. Raises InputError: the unit is missing, unusable or unknown."""
         units, unit, vocabulary = self.term.units, self.unit, self.table.vocabulary
         if not units:
             return 1.0
@@ -206,25 +206,25 @@ class Column:
 
     @property
     def assumed(self) -> list[str]:
-        """A note where the vocabulary says the unit, and the title none."""
+        """A note, in a list, if the unit is not from the title but from the vocabulary; else empty."""
         message = f"{self.title!r} has no unit: taken to be in {self.term.unit}"
         return [message] if self.name.unit is None and self.term.unit else []
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table below its titles; or all that is in a text or a sheet, without titles."""
+    """A table below its titles; or all rows of a text or a sheet, without titles."""
 
-    vocabulary: Vocabulary  # that it is read with
+    vocabulary: Vocabulary  # used to read it
     rows: list[Row]  # of data
     notes: list[str]  # what was left out or recognised
     sheet: str = ""  # its name in a workbook
     titles: list[str] = field(default_factory=list)  # as they are written, with units from the row below
-    line: int = 1  # number of that of the titles
+    line: int = 1  # number of the line with the titles
 
     @cached_property
     def columns(self) -> list[Column]:
-        """Those that the vocabulary knows."""
+        """The columns whose titles the vocabulary knows."""
         name, term = self.vocabulary.name, self.vocabulary.term
         titles = [(at, title) for at, title in enumerate(self.titles) if name(title).kind]
         return [Column(self, at, title, name(title), term(title)) for at, title in titles]
@@ -233,11 +233,11 @@ class Table:
         return [column for column in self.columns if column.name.kind == kind]
 
     def only(self, kind: str) -> Column | None:
-        """The one column of a kind, if there is any. Raises InputError: there are two."""
+        """Return the only column of a kind, or None. Raises InputError: there are several."""
         return self.single(self.all(kind))
 
     def single(self, columns: Sequence[Column]) -> Column | None:
-        """The one of these columns of one kind, if there is any. Raises InputError: there are two."""
+        """Return the only one of these columns of one kind, or None. Raises InputError: there are several."""
         if len(columns) > 1:
             two, term = " and ".join(repr(column.title) for column in columns[:2]), columns[0].term
             message = f"two columns for {term.label or columns[0].name.kind}: {two}; {term.twice}"
@@ -245,24 +245,24 @@ class Table:
         return columns[0] if columns else None
 
     def column(self, kind: str) -> Column:
-        """The one column of a kind that the table must have. Raises InputError: there are two."""
+        """Return the only column of a kind that the table must have. Raises InputError: there are several."""
         column = self.only(kind)
         assert column is not None
         return column
 
     def part(self, rows: list[Row]) -> Table:
-        """The same with these rows alone."""
+        """Return the table with these rows only."""
         return replace(self, rows=rows)
 
 
 def read_columns(path: Path, vocabulary: Vocabulary) -> list[Table]:
-    """The table of a text file or of a workbook's first sheet; with sections all tables of all sheets. There is at
-    least one, and no row has more cells than there are titles.
+    """Read the table of a text file or of a workbook's first sheet; with `sections`, all tables of all sheets. There is
+    at least one table, and in a table with titles no row has more cells than titles.
 
     Raises:
-        InputError: the file is larger than is read (limits.py), damaged, or neither text nor a workbook ("binary"); has
-            no such titles ("columns") or nothing below them ("rows", where the vocabulary has that code), a row is
-            wider than the titles ("width"), or a column has two units ("units"); with the codes of the vocabulary.
+        InputError: the file exceeds a limit (limits.py), is damaged, or is neither text nor a workbook. Or, with the
+            codes of the vocabulary: no rows ("empty"), no header ("columns"), nothing below it ("rows", if there is
+            such a code), cells without titles or the reverse ("width"), two units ("units"), a mean ("summary").
     """
     sheets = _read_sheets(path, vocabulary)
     tables = [table for sheet in sheets for table in _tables(sheet)]
@@ -277,7 +277,7 @@ def read_columns(path: Path, vocabulary: Vocabulary) -> list[Table]:
 
 
 def _no_titles(rows: list[list[str]], vocabulary: Vocabulary) -> InputError:
-    """That no row is a header: the row that is closest to one, and what it lacks."""
+    """Return the error that no row is a header; its message shows the closest row and what is missing in it."""
     if not rows:
         return vocabulary.error("empty", f"no rows of data; {vocabulary.expected}")
     closest = max(rows, key=lambda row: len({vocabulary.name(cell).kind for cell in row} - {""}))
@@ -289,7 +289,7 @@ def _no_titles(rows: list[list[str]], vocabulary: Vocabulary) -> InputError:
 
 
 def _tables(sheet: Table) -> Iterator[Table]:
-    """The tables of a sheet: the first one, or with sections each one. Raises InputError as `read_columns`."""
+    """Yield the first table of a sheet, or with `sections` every table. Raises InputError as `read_columns`."""
     vocabulary = sheet.vocabulary
     headers = (k for k, row in enumerate(sheet.rows) if vocabulary.is_header(row.texts))
     starts = list(headers if vocabulary.sections else islice(headers, 1))
@@ -318,13 +318,13 @@ def _tables(sheet: Table) -> Iterator[Table]:
 
 
 def _begins_section(row: Row) -> bool:
-    """Whether a row ends a table: "[step]", "Result:", "Frequency sweep - 2"."""
+    """Whether a row begins another section, such as "[step]", "Result:" or "Frequency sweep - 2"."""
     filled = [cell for cell in row.texts if cell]
     return filled[0].startswith("[") or filled[0].endswith(":") or not any(map(is_number, filled))
 
 
 def _with_units(titles: list[str], rows: list[Row], vocabulary: Vocabulary) -> tuple[list[str], list[Row]]:
-    """(the titles with the units of the rows of words below them, these rows). Raises InputError: they contradict."""
+    """Return (titles with units from the rows of words below, these rows). Raises InputError: the units contradict."""
     titles, below = list(titles), list(takewhile(lambda row: _are_words(titles, row.texts, vocabulary), rows))
     for _, texts in below:
         for k, (title, cell) in enumerate(zip(titles, texts, strict=False)):
@@ -355,7 +355,7 @@ def _are_words(titles: list[str], texts: list[str], vocabulary: Vocabulary) -> b
 
 
 def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Table]:
-    """The table of a text file, or the sheets of a workbook, the first alone where there are no sections."""
+    """Read the table of a text file, or the sheets of a workbook (only the first if there are no sections)."""
     with path.open("rb") as file:
         kind = kind_of(file.read(1024))
     require(kind != "binary", "neither text nor a workbook", "tabular.binary")
@@ -376,14 +376,14 @@ def _read_sheets(path: Path, vocabulary: Vocabulary) -> list[Table]:
 
 
 def kind_of(head: bytes) -> Literal["text", "workbook", "binary"]:
-    """What a file is that begins with these bytes."""
+    """Return the kind of a file that begins with these bytes."""
     if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")):
         return "workbook"
     return "text" if head.startswith(_UTF16) or b"\x00" not in head else "binary"
 
 
 def _decoded(content: bytes) -> str:
-    """UTF-16, UTF-8 or Latin-1, without its mark."""
+    """Decode UTF-16, UTF-8 or Latin-1, without the byte order mark. Raises InputError: damaged UTF-16."""
     for encoding in ["utf-16"] if content.startswith(_UTF16) else ["utf-8-sig", "latin-1"]:
         with suppress(UnicodeDecodeError):
             return content.decode(encoding)
@@ -391,8 +391,8 @@ def _decoded(content: bytes) -> str:
 
 
 def _text_table(text: str, vocabulary: Vocabulary) -> Table:
-    """The rows of a text, by the first separator with which one is a header, else that all of the first twenty lines
-    hold. A comment is a row (without its mark) if it is a header over rows that are none."""
+    """Split a text into rows by the first separator that makes one row a header, else by the first one that all of the
+    first twenty lines contain. Comments are rows (without # or %) only if no other line is a header."""
     text, invisible = without_unseen(text)
     lines = text.splitlines()
     limits.few(len(lines), limits.ROWS, "lines")
@@ -409,7 +409,7 @@ def _text_table(text: str, vocabulary: Vocabulary) -> Table:
 
 
 def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | None:
-    """The rows by the first separator that makes a header of one of them, over rows as wide; None where none does."""
+    """Return the rows by the first separator that makes one a header above a fitting row; None if no separator does."""
     with_words = [line for line in lines if re.search(r"[^\W\d]", line)]
     unclear = False
     for separator in _SEPARATORS:
@@ -419,7 +419,7 @@ def _rows_with_header(lines: list[str], vocabulary: Vocabulary) -> list[Row] | N
         rows = list(_split(lines, separator))
         at = next(k for k, row in enumerate(rows) if vocabulary.is_header(row.texts))
         titles, below = rows[at].texts, rows[at + 1 : at + 2]
-        if len(titles) == 1:  # nothing separates columns
+        if len(titles) == 1:  # a single column, without separators
             return [*rows[: at + 1], *(Row(row.number, [" ".join(row.texts)]) for row in rows[at + 1 :])]
         if not below or len(below[0].texts) >= (len(titles) if separator is None else 2):
             return rows
@@ -450,10 +450,10 @@ def _replace_signs(sheet: Table) -> None:
     rows = [row.texts for row in sheet.rows]
     for texts in rows:
         texts[:] = [cell.replace("−", "-") if re.match(r"−\d", cell) else cell for cell in texts]
-    data = [texts for texts in rows if all(map(is_number, texts))] or rows  # what stands above a table says nothing
+    data = [texts for texts in rows if all(map(is_number, texts))] or rows  # lines above a table do not count
     values = {cell for texts in data for cell in texts}
     commas = filter(_WITH_COMMA.fullmatch, values)
-    # commas are decimal where no number has a point, and one of them is none between thousands
+    # commas are decimal if no number has a point and at least one comma cannot separate thousands
     if not any(map(_WITH_POINT.fullmatch, values)) and not all(map(_THOUSANDS.fullmatch, commas)):
         count = sum(bool(_WITH_COMMA.fullmatch(cell)) for texts in rows for cell in texts)
         sheet.notes.append(f"{count} decimal commas")
@@ -462,26 +462,26 @@ def _replace_signs(sheet: Table) -> None:
 
 
 def is_number(cell: str) -> bool:
-    """A number, or what stands for a missing one: nothing, a word such as nan, signs such as ---."""
+    """Whether a cell is a number or marks a missing one: it is empty, a word such as nan, or signs such as ---."""
     missing = cell.strip().lower() in _MISSING or not re.search(r"\w", cell)
     return missing or is_float(cell) or bool(_WITH_COMMA.fullmatch(cell))
 
 
 def _plain(text: str) -> str:
-    """Without accents; every prime is ', every double one ''; the micro sign is the letter mu."""
+    """Return the text without accents, with ' for primes, '' for double primes, a plain minus, and mu for micro."""
     text = unicodedata.normalize("NFKD", text)
     text = "".join(c for c in text if not unicodedata.combining(c)).replace("−", "-")
     return re.sub("[′’‘´`]", "'", re.sub('["”“″]', "''", text))
 
 
 def plain_title(text: str) -> str:
-    """Small letters, digits and primes; no spaces, brackets or points."""
+    """Return a title in lower case, without accents, spaces, brackets and most punctuation."""
     return re.sub(r"[\s_\-.,:;=/^()\[\]{}]+", "", _plain(text).lower())
 
 
 def unit_of(written: str, units: Mapping[str, float]) -> str | None:
-    """The one of these units that is written so; None for another. `rad/s` is rads, `s^-1` s-1, `µm` um; capitals
-    stay: mPa is not MPa."""
+    """Return the unit of `units` that is written, or None. `rad/s` is read as rads, `s^-1` as s-1, `µm` as um; capitals
+    count if only they differ: mPa is not MPa."""
     unit = re.sub(r"[\s/·⋅.*^_()\[\]{}]+", "", _plain(written).replace("μ", "u"))
     spellings = (unit, unit.lower(), _UNITS_BY_WORD.get(unit), _UNITS_BY_WORD.get(unit.lower()))
     return next((spelling for spelling in spellings if spelling in units), None)

@@ -1,4 +1,4 @@
-"""Videos -> RadiusCurves, guarded as other files are; and what a person types of their camera."""
+"""Measure recordings as RadiusCurves, guarded like other files; and parse what a user types about the camera."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from cavirheo.video.measurement import measure as measure_frames
 
 
 def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:
-    """R(t) of the bubble in a recording: .mp4, .avi, .mkv, .mov, .tif, .cine, .mraw + .cihx, or a folder of images.
+    """Measure R(t) in a recording: .mp4, .avi, .mkv, .mov, .tif, .cine, .mraw + .cihx, or a folder of images.
 
     Args:
         path: the recording.
-        options: `frame_rate` (1/s; needed where no camera says it), `um_per_px` (without it the curve has no scale),
-            `exposure` (s), `polarity` ("auto", "dark", "bright"), `roi` (x, y, width, height in px),
-            `reference_frame`, `span` (first, last frame), `exclude` (frames to leave out, "12,40-45" or a list);
-            frames are counted from 1.
+        options: `frame_rate` (1/s; needed unless the camera's file states it), `um_per_px` (without it, unless the file
+            states it, the curve has no scale), `exposure` (s), `polarity` ("auto", "dark", "bright"), `roi` (x, y,
+            width, height in px), `reference_frame`, `span` (first, last frame), `exclude` (frames to leave out,
+            "12,40-45" or a list); frames are counted from 1.
 
     Returns:
-        (n,) times in s, radii and their standard deviations in m. Frames that cannot be measured are NaN;
-        `curve.meta["flags"]` says of each frame why.
+        A curve: (n,) times in s, radii and their standard deviations in m. Frames that cannot be measured are NaN;
+        `curve.meta["flags"]` has the reason for each frame.
 
     Raises:
-        InputError: not readable, no frame rate, no bubble.
+        InputError: the recording cannot be read, its frame rate is not known, or no bubble is found.
 
     Source: docs/method/video.md.
     """
@@ -40,7 +40,7 @@ def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:
 def examine(
     path: str | Path, *, sheet: bool = False, **options: Unpack[MeasureOptions]
 ) -> tuple[Measurement, RadiusCurve]:
-    """The measurement and its curve, as `measure`; with `sheet` the curve carries the contact sheet for a report."""
+    """Return (the measurement, its curve), as `measure`; with `sheet` the curve's `meta` has the contact sheet."""
     path = as_path(path)
     with guarded(path, "expected a recording of a bubble", folder=True):
         measurement = measure_frames(path, **options)
@@ -48,7 +48,7 @@ def examine(
 
 
 def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> RadiusCurve:
-    """The curve of a measurement, with what the file says of it. Raises InputError."""
+    """Return the curve of a measurement, with its name and the file it comes from. Raises InputError."""
     digest = None if path.is_dir() else sha256(path)
     origin = {"name": path.stem, "group": path.stem, "source": file_label(path), "source_sha256": digest}
     if sheet:
@@ -59,7 +59,7 @@ def history(measurement: Measurement, path: Path, *, sheet: bool = False) -> Rad
 
 
 class Camera(NamedTuple):
-    """Frames per s, um per pixel, exposure in us; None: not given."""
+    """The settings of a camera: frames per s, um per pixel, exposure in us; None: not given."""
 
     frame_rate: float | None = None
     um_per_px: float | None = None
@@ -67,14 +67,14 @@ class Camera(NamedTuple):
 
     @property
     def options(self) -> str:
-        """Of `cavirheo infer`, that mean the same."""
+        """The same settings as options of `cavirheo infer`."""
         values = zip(("fps", "um-per-px", "exposure-us"), self, strict=True)
         return "".join(f" --{name} {value:.10g}" for name, value in values if value is not None)
 
 
 def parse_camera(texts: Sequence[str], ending: str, *, unscaled: bool = False) -> tuple[Camera, list[str]]:
-    """The camera that these texts say; why a recording with this ending cannot be measured so, field by field, empty
-    where it can. unscaled: its file is known to state no scale."""
+    """Return (the camera in these texts; for each field, why a recording with this ending cannot be measured with it,
+    or ""). unscaled: the file is known to state no scale."""
     played = "missing: type the rate of the camera; the file states only how fast it is played"
     scale = "missing: type how many micrometres a pixel shows"
     wrong = ["" if ending in CAMERAS else played, scale if unscaled or ending not in STACKS else "", ""]

@@ -1,9 +1,9 @@
-"""The sheets of a workbook (.xlsx, .xls, .xlsb, .ods) as rows of text, read by calamine in a process of its own.
+"""Read the sheets of a workbook (.xlsx, .xls, .xlsb, .ods) as rows of text, by calamine in a child process.
 
-A workbook of a few kilobytes may unpack to gigabytes, or name a cell so far out that the grid up to it is larger than
-any memory, which ends the process that reads it. So a child reads it, with a limit on its memory and its time; what the
-file declares is checked before it is unpacked, and rows are handed on one by one. This file is also the child's
-program, and then knows no other module of the package.
+A workbook of a few kilobytes may unpack to gigabytes, or contain a cell so far out that the grid up to it exceeds any
+memory; the process that reads it then crashes. Therefore a child process with limits on memory and time reads it. The
+declared sizes are checked before unpacking, and the rows are passed on in chunks. This file is also the program of the
+child, which imports no other module of the package.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from contextlib import suppress
 from itertools import chain, islice
 from pathlib import Path
 
-MEMORY = 400_000_000  # bytes
+MEMORY = 400_000_000  # bytes of address space of the child
 _SECONDS = 30.0
-_TOO_MUCH, _NO_BOOK = 3, 4  # exit status of the child; what it then says begins with the code of the limit
-_PARTS = ("[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml")  # a workbook has one of them
+_TOO_MUCH, _NO_BOOK = 3, 4  # exit statuses of the child; after the first, its message begins with the limit's code
+_PARTS = ("[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml")  # a zipped workbook has one of them
 
 
 def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[tuple[int, list[str]]]]]:
-    """(name, [(number of the row from 1, its cells)]) of the first `most` visible sheets, in the order of their tabs,
-    without their empty rows.
+    """Return (name, [(row number from 1, cells)]) for each of the first `most` visible sheets (None: all), in the order
+    of their tabs, without empty rows.
 
     Raises:
-        InputError: no workbook, damaged, another archive ("tabular.archive"), or larger than is read ("limits.bytes",
-            "limits.unpacked", "limits.cells", "limits.text", "limits.memory", "limits.time").
+        InputError: no workbook, or damaged ("tabular.workbook"); another archive ("tabular.archive"); beyond a limit
+            ("limits.bytes", "limits.unpacked", "limits.cells", "limits.text", "limits.memory", "limits.time").
     """
     from cavirheo.errors import InputError, require, without_unseen
     from cavirheo.io import limits
@@ -45,7 +45,7 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
     if child.returncode == _TOO_MUCH:
         code, _, message = answer.partition(" ")
         raise InputError(f"the workbook {message} are not read; save the table alone as CSV", code)
-    # killed, or "MemoryError", "memory allocation ... failed"
+    # killed by a signal, or a message such as "MemoryError" or "memory allocation ... failed"
     memory_ended = child.returncode < 0 or b"emory" in child.stderr
     require(not memory_ended, "the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
     damaged = f"the workbook cannot be read, it may be damaged ({answer[:300]})"
@@ -61,12 +61,12 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
 
 
 def _write_rows(path: str, most: int, size: int, unpacked: int, most_cells: int, text: int) -> None:
-    """What the child says: lines of JSON, each a list of (number of a row, its cells); (0, [name]) begins a sheet."""
+    """Print the sheets, in the child: lines of JSON, each a list of (row number, cells); (0, [name]) begins a sheet."""
     import zipfile
 
     from python_calamine import CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
 
-    with open(path, "rb") as file:  # not by its path: then the ending would decide
+    with open(path, "rb") as file:  # given the path, calamine would decide by the ending
         with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
             names = archive.namelist()
             if not set(names) & set(_PARTS):
@@ -110,7 +110,7 @@ def _text(cell: object) -> str:
 
 if __name__ == "__main__":
     _most, _memory, *_limits = map(int, sys.argv[2:])
-    with suppress(ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
+    with suppress(ImportError, ValueError, OSError):  # no such limit on this system: only the time limit holds
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

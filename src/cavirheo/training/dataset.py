@@ -1,9 +1,9 @@
-"""Training sets: simulated curves of a problem in files of HDF5, the same bytes however they were made.
+"""Training sets: simulated curves of a problem in HDF5 files, whose bytes do not depend on how they were made.
 
 Curve i depends on (problem, seed, i) alone and a file holds a fixed range of i: processes or machines can share the
-work, and a killed run goes on where it stopped. A file gets its name when it is complete, and is read within limits. In
-a set on a grid of times a failed simulation keeps its row (NaN where nothing was computed) with the solver's message:
-leaving it out would silently change the prior.
+work, and a killed run can be continued. A file gets its name when it is complete. Its size is checked before it is
+read. In a set on a grid of times a failed simulation keeps its row (NaN where nothing was computed) with the solver's
+message, because without these rows the distribution of the parameters would not be the prior.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from cavirheo.writing.terminal import bar
 Indices = NDArray[np.int64]
 
 SHARD, CURVES = 500, 1000  # curves in a file of a set on a grid, and of a posterior network
-CHUNK = 50  # curves of a unit of work: about half a second
-SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do not sort the split by a parameter
-WIDE = ("time", "radius")  # columns that may be on the disk
+CHUNK = 50  # curves of a unit of work, which takes about half a second
+SPLIT_STREAM = 1  # not the stream of the prior: with equal seeds, a parameter would decide the split
+WIDE = ("time", "radius")  # columns whose values may stay on the disk
 PACKING: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "fletcher32": True}  # with a checksum
 
 
@@ -54,28 +54,28 @@ PACKING: Any = {"compression": "gzip", "compression_opts": 4, "shuffle": True, "
 class Layout:
     """How the curves of a problem are simulated, and how they lie in files."""
 
-    prefix: str  # beginning of the files' names
-    attribute: str  # of a file, that holds the problem
-    problem: str  # as JSON
+    prefix: str  # beginning of the names of the files
+    attribute: str  # name of the attribute of a file that holds the problem
+    problem: str  # the problem as JSON
     per_file: int  # curves in a file
-    columns: Mapping[str, tuple[Any, tuple[int, ...]]]  # kind of the numbers and shape of a row; "status": texts
-    simulate: Callable[[int, range], Columns]  # of (seed, block); no "status": failed ones are left out
-    summary: Sequence[str]  # what the curves are of, in lines
+    columns: Mapping[str, tuple[Any, tuple[int, ...]]]  # dtype and shape of a row; texts in "status"
+    simulate: Callable[[int, range], Columns]  # from (seed, block); without a column "status" failed curves have no row
+    summary: Sequence[str]  # lines that describe what is simulated
 
     def name(self, number: int) -> str:
-        """Of a file, counted from 0."""
+        """Name of a file; files are numbered from 0."""
         return f"{self.prefix}-{number:05d}.h5"
 
     def check_space(self, n: int, free: int, place: str) -> None:
-        """Raises InputError: n curves, which are not packed, need more bytes than are free."""
+        """Raises InputError: n uncompressed curves need more bytes than are free."""
         need = n * sum((np.dtype(kind).itemsize * prod(shape) for kind, shape in self.columns.values()), 8)
         message = f"the set ({n} curves) needs {need / 1e9:.3g} GB {place}, and there are {free / 1e9:.3g} GB"
         require(need <= free, f"{message}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
 
     def write(self, head: Mapping[str, Any], path: Path, block: range, parts: Sequence[Columns]) -> None:
-        """The file of the curves `block`, of what `simulate` gave for its parts, whole or not at all.
+        """Write the file of the curves `block`, completely or not at all; parts: outputs of `simulate` for its parts.
 
-        It is made in memory: on a full disk HDF5 itself would end the process. Nothing in it depends on the date.
+        The file is made in memory, because HDF5 would end the process on a full disk. It does not contain the date.
         """
         values = {
             name: np.concatenate([np.asarray(part[name], kind) for part in parts])
@@ -94,8 +94,8 @@ class Layout:
 
 
 def layout_of(problem: TrainingProblem | PosteriorTable) -> Layout:
-    """Of curves on the problem's grid of times (theta: in the prior's scale, radius: over the reference R_max); or of
-    those of a posterior network (recordings.py), of which failed ones are left out: 1.2 kB each, from 2.1."""
+    """Layout of curves on the problem's grid of times (theta: in the prior's scale, radius: over the reference R_max),
+    or of the curves of a posterior network (recordings.py): without failed ones, 1.2 kB each, uncompressed 2.1 kB."""
     if isinstance(problem, TrainingProblem):
         prior, frames = problem.prior, problem.grid.frames
         ranges = zip(prior.names, prior.low, prior.high, strict=True)
@@ -124,10 +124,10 @@ def _simulated(problem: TrainingProblem, seed: int, block: range) -> Columns:
 
 @dataclass(frozen=True)
 class Generated:
-    """What a call of `generate` did; failures count the curves of all its files, old and new, by status."""
+    """Summary of a call of `generate`. failures: number of failed curves by status, in old and new files together."""
 
     curves: int
-    written: int  # files
+    written: int  # files that were written
     skipped: int  # files that were complete already
     failures: dict[str, int]
     seconds: float
@@ -136,33 +136,33 @@ class Generated:
 
 @dataclass(frozen=True)
 class Survey:
-    """What the files of a training set hold, read one after the other; `lacking`: files that are still to be made."""
+    """Summary of the files of a training set, which are read one by one; lacking: number of files still to be made."""
 
     made_by: str  # version of cavirheo
     seed: int
-    total: int  # curves when it is complete
-    summary: Sequence[str]  # lines: what it is of
-    statuses: Mapping[str, int]  # curves that are there, by how their simulation ended
+    total: int  # curves of the complete set
+    summary: Sequence[str]  # lines that describe the set
+    statuses: Mapping[str, int]  # number of curves by status of the simulation
     files: int
     lacking: int
     size: int  # bytes
-    sha256: str  # of the SHA-256 of all files in their order
+    sha256: str  # of the SHA-256 digests of all files in their order
 
     @property
     def curves(self) -> int:
-        """How many are there, failed ones included."""
+        """Number of simulated curves, failed ones included."""
         return sum(self.statuses.values())
 
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """A whole training set; its radii may be on the disk.
+    """A complete training set; its radii may be on the disk.
 
     Attributes:
-        problem: what its curves are drawn from and simulated with.
-        seed: of the draws.
-        made_by: version of cavirheo.
-        theta: (curves, parameters) in the prior's scale.
+        problem: prior and physics of the curves.
+        seed: seed of the draws from the prior.
+        made_by: version of cavirheo that made the set.
+        theta: (curves, parameters) true values in the prior's scale.
         radius: (curves, frames) R/R_max at the reference R_max.
         status: (curves,) "ok" or the reason of the failure.
     """
@@ -176,28 +176,28 @@ class Dataset:
 
     @property
     def ok(self) -> Bools:
-        """(curves,) whether the simulation reached its end."""
+        """Mask (curves,) of the simulations that succeeded."""
         return self.status == "ok"
 
     @property
     def failures(self) -> dict[str, int]:
-        """How many curves failed, by status."""
+        """Number of failed curves by status."""
         return dict(Counter(self.status[~self.ok].tolist()))
 
     @cached_property
     def sha256(self) -> str:
-        """Identity of the content, whatever the shards."""
+        """SHA-256 of the content, which does not depend on the division into files."""
         digest = hashlib.sha256(f"{self.problem.id} {self.seed} {' '.join(self.status)}".encode())
         for values in (self.theta, self.radius):
             digest.update(np.ascontiguousarray(values).data)
         return digest.hexdigest()
 
     def truth(self, names: Sequence[str]) -> Floats:
-        """(curves, names) of theta."""
+        """Columns of theta (curves, names) for the parameters `names`."""
         return self.theta[:, [self.problem.prior.names.index(name) for name in names]]
 
     def split(self, seed: int) -> dict[str, Indices]:
-        """80/10/10: indices of the usable curves of "train", "validation" and "test".
+        """Indices of the usable curves of "train" (80 %), "validation" (10 %) and "test" (10 %).
 
         The part of curve i depends on (curves, seed, i), not on which curves failed.
         """
@@ -220,7 +220,7 @@ def generate(
 ) -> Generated:
     """Simulate curves 0..n-1 into `out_dir`; shard = (i, N) makes the i-th of N parts, i from 1.
 
-    executor: where they are simulated; default: on so many threads (`workers`) of this machine.
+    executor: where the curves are simulated; default: on `workers` threads of this machine.
     Complete files are kept. Nothing in a file depends on `workers`, `executor`, `shard` or the date.
 
     Raises InputError: the folder holds files of another problem, seed, number of curves or version.
@@ -248,9 +248,9 @@ def generate(
 
 
 def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
-    """The training set in a folder; with the folder `scratch` its radii are in a nameless file there, else in memory.
+    """Load the training set in a folder. Its radii are in an unnamed file in the folder `scratch`, else in memory.
 
-    Raises InputError: no shards, a missing or damaged shard, files of different sets, or more than fits there.
+    Raises InputError: no files, a missing or damaged file, files of different sets, or too little disk or memory.
     """
     first, columns = _load(data_dir, "shard", {}, scratch)
     problem = TrainingProblem.from_dict(json.loads(first.layout.problem))
@@ -258,16 +258,16 @@ def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
 
 
 def load_curves(problem: PosteriorTable, data_dir: str | Path, scratch: Path) -> Columns:
-    """The curves of a posterior network in a folder, unpacked in a nameless file in the folder `scratch`, 2 kB each.
+    """Load the curves of a posterior network from a folder, unpacked in unnamed files in the folder `scratch`.
 
-    Raises InputError: none, some missing or damaged, or made with another recipe.
+    Raises InputError: no files, a missing or damaged one, another recipe or version, or too little disk (2 kB a curve).
     """
     expected = {"posterior": layout_of(problem).problem, "made_by": version("cavirheo")}
     return _load(data_dir, "curves", expected, scratch)[1]
 
 
 def survey(data_dir: str | Path) -> Survey:
-    """What is there of a set that may still grow. Raises InputError: nothing, or damaged files, or of several sets."""
+    """Survey of a set that may be incomplete. Raises InputError: no files, damaged files, or files of several sets."""
     paths = _paths(data_dir, "curves" if any(Path(data_dir).glob("curves-*.h5")) else "shard")
     statuses, digest = Counter[str](), hashlib.sha256()
     for path, shard in zip(paths, _shards(paths, {}), strict=True):
@@ -282,7 +282,7 @@ def survey(data_dir: str | Path) -> Survey:
 def _load(
     data_dir: str | Path, prefix: str, expected: Mapping[str, Any], scratch: Path | None
 ) -> tuple[Shard, dict[str, Any]]:
-    """The first file of a complete set, and all columns; with the folder `scratch` those that are wide are there."""
+    """The first file of a complete set, and all columns; with a folder `scratch` the WIDE ones are in files there."""
     paths = _paths(data_dir, prefix)
     first = read_shard(paths[0], expected)
     layout, total, present = first.layout, first.head["total"], {path.name for path in paths}
@@ -297,7 +297,7 @@ def _load(
         files = {name: TemporaryFile(dir=scratch) for name in wide}  # noqa: SIM115  gone with the arrays mapped to it
     elif hasattr(os, "sysconf"):  # all but Windows
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        layout.check_space(2 * total, memory, "of memory")  # read, and joined
+        layout.check_space(2 * total, memory, "of memory")  # the parts and the joined arrays
     parts: dict[str, list[Any]] = {name: [] for name in layout.columns if name not in files}
     for shard in _shards(paths, expected):
         for name, values in shard.columns.items():
@@ -316,7 +316,7 @@ def _load(
 
 
 def _paths(data_dir: str | Path, prefix: str) -> list[Path]:
-    """The files of a set in their order. Raises InputError: there is none, or one with a name that none of them has."""
+    """The files of a set in their order. Raises InputError: there is none, or a name is not that of a file of a set."""
     paths = sorted(Path(data_dir).glob(f"{prefix}-*.h5"))
     message = f"{data_dir} holds no training set ({prefix}-*.h5); make one with `cavirheo generate`"
     require(bool(paths), message, "dataset.none")
@@ -326,7 +326,7 @@ def _paths(data_dir: str | Path, prefix: str) -> list[Path]:
 
 
 def _shards(paths: Sequence[Path], expected: Mapping[str, Any]) -> Iterator[Shard]:
-    """The files of one set. Raises InputError: one is of another."""
+    """Read the files of one set one by one. Raises InputError: a file belongs to another set."""
     for path in paths:
         shard = read_shard(path, expected)
         expected = {key: shard.head[key] for key in (shard.layout.attribute, "seed", "total", "made_by")}
@@ -334,7 +334,7 @@ def _shards(paths: Sequence[Path], expected: Mapping[str, Any]) -> Iterator[Shar
 
 
 class Shard(NamedTuple):
-    """A file of a training set. head: its attributes. statuses: how many curves ended how."""
+    """A file of a training set. head: its attributes. statuses: number of curves by status."""
 
     head: Mapping[str, Any]
     layout: Layout
@@ -343,9 +343,9 @@ class Shard(NamedTuple):
 
 
 def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
-    """A file of a set. Raises InputError: damaged, attributes other than expected, or columns that these do not say."""
+    """Read a file of a set. Raises InputError: it is damaged, or its attributes or columns are not those expected."""
     try:
-        require(path.is_file(), "it is no file", "dataset.unreadable")  # a pipe would be waited for
+        require(path.is_file(), "it is no file", "dataset.unreadable")  # reading a pipe would wait for ever
         with h5py.File(path, "r") as file:
             attribute = "posterior" if "posterior" in file.attrs else "problem"
             types = {attribute: str, "seed": int, "total": int, "made_by": str}
@@ -378,7 +378,7 @@ def read_shard(path: Path, expected: Mapping[str, Any]) -> Shard:
     except InputError as error:
         hint = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
         raise InputError(f"{path}: {error}{hint}", error.code) from error
-    except Exception as error:  # libraries raise nearly anything of a damaged file
+    except Exception as error:  # libraries raise nearly any error for a damaged file
         message = f"{path} cannot be read as a training set ({error}); delete it and generate again"
         raise InputError(message, "dataset.unreadable") from error
 
@@ -390,10 +390,10 @@ def fill(
     executor: Executor,
     advance: Callable[[int], None],
 ) -> None:
-    """`write(path, block, parts)` for each path, where parts are what `simulate` gave for the chunks of its block.
+    """Call `write(path, block, parts)` for each path; parts are the outputs of `simulate` for chunks of its block.
 
-    No more is held than the files that are begun. `simulate` may be sent to another machine: a function of a module, or
-    a `partial` of one.
+    Only the chunks of unfinished files are in memory. `simulate` must be a function of a module, or a `partial` of one,
+    because it may be sent to another machine.
     """
     units = [(path, block[k : k + CHUNK]) for path, block in todo.items() for k in range(0, len(block), CHUNK)]
     unfinished: dict[Path, dict[int, Columns]] = {}

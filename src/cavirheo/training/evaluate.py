@@ -1,4 +1,4 @@
-"""How good an exported model is on curves whose truth is known: numbers, tables and pictures. No torch here."""
+"""How good an exported model is on curves with known true values: numbers, tables, pictures. Torch is not needed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURE = "predicted.png"
-BINS = 4  # of a parameter whose prior is not logarithmic; the others are cut by decades
+BINS = 4  # of a parameter whose prior is not logarithmic; a logarithmic one has a bin for each decade
 _ROW = {  # heading and format of each column
     "low": ("from", "g"),
     "high": ("to", "g"),
@@ -96,16 +96,16 @@ class TrainingRun(Document):
 def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, **head: Any) -> dict[str, Any]:
     """Judge an exported model (.onnx with its card) on a set; tables and the paper's figure go into `out_dir`.
 
-    On the set that it was trained on, or one of the same draws made anew, only the test part counts; on any other,
-    every usable curve. head: `command` and `date` of the document.
+    Of the training set of the model, or of a set of the same draws that was simulated again, only the test part is
+    used; of any other set every usable curve. head: `command` and `date` of the document.
 
     Returns:
-        What `out_dir`/metrics.json holds.
+        The content of `out_dir`/metrics.json.
 
     Raises:
-        InputError: the set is of another problem than the model (law, parameters, medium, grid of times, R_max), other
-            ranges of its prior apart; it shares draws with the training set without being the whole of it; fewer than
-            2 curves.
+        InputError: the set is of another problem than the model (law, parameters, medium, grid of times, R_max), where
+            other ranges of the prior are allowed; it has the draws of the training set, but another number of curves;
+            or it has fewer than 2 curves.
     """
     outputs = Outputs(out_dir, "metrics.json", "evaluation.md", PICTURE) if out_dir is not None else None
     network, data = Network(model), load(data_dir)
@@ -136,14 +136,14 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, **head: A
 
 
 def _problem(whole: Mapping[str, Any]) -> dict[str, Any]:
-    """Of a problem what a model cannot do without: all but the ranges of the prior and the name of the medium."""
+    """The part of a problem that must be the model's: all but the ranges of the prior and the name of the medium."""
     return dict(whole) | {"prior": sorted(whole["prior"]), "medium": whole["medium"] | {"name": ""}}
 
 
 def _trained_on(network: Network, data: Dataset) -> bool:
-    """Whether the set holds the draws of the model's training set, by whichever version of the solver.
+    """Whether the set has the draws of the model's training set, whatever the version of the solver.
 
-    Raises InputError: a set of another problem, or some of those draws only.
+    Raises InputError: the set is of another problem, or has these draws with another number of curves.
     """
     trained, problem, needed = network.card["data"], data.problem.to_dict(), network.problem.to_dict()
     if change := difference(_problem(problem), _problem(needed)):
@@ -160,7 +160,7 @@ def _trained_on(network: Network, data: Dataset) -> bool:
 
 
 def _other_ranges(network: Network, data: Dataset, theta: Floats) -> list[str]:
-    """What is to be said where the set is drawn from other ranges than those that the model was trained in."""
+    """A list with a note if the set is drawn from other ranges than the model's training set; else an empty list."""
     trained, prior = network.problem.prior, data.problem.prior
     ranges, outside = [], np.zeros(len(theta), dtype=bool)
     for name, values in zip(prior.names, theta.T, strict=True):
@@ -172,7 +172,7 @@ def _other_ranges(network: Network, data: Dataset, theta: Floats) -> list[str]:
 
 
 def markdown(result: Mapping[str, Any]) -> str:
-    """Tables of an `evaluate` result: metrics, and where the squared error sits."""
+    """Tables of an `evaluate` result: metrics, and the squared error by bins of the true values."""
     outputs = {name: label(name) for name in result["outputs"]}
     which = "the test part of its own training set" if result["part"] == "test" else "a set it was not trained on"
     text = [f"# {result['model']} on {result['curves']} curves, {which}", ""]
@@ -187,7 +187,7 @@ def markdown(result: Mapping[str, Any]) -> str:
 
 
 def draw(outputs: Mapping[str, Mapping[str, float]], truth: Floats, predicted: Floats) -> Figure:
-    """Predicted over true values, (curves, outputs) in the prior's scale, of outputs with their metrics."""
+    """Plot predicted over true values (curves, outputs), in the prior's scale. outputs: metrics of each output."""
     figure = style.new_figure(4.4, 4.3 * len(outputs))
     figure.set_layout_engine("constrained")
     panels = figure.subplots(1, len(outputs), squeeze=False)[0]
@@ -207,7 +207,7 @@ def draw(outputs: Mapping[str, Mapping[str, float]], truth: Floats, predicted: F
 
 
 def label(name: str, symbol: str = "") -> str:
-    """A name in the prior's scale for people: log10_viscosity -> log10 viscosity (Pa s)."""
+    """Readable form of a name in the prior's scale: log10_viscosity -> log10 viscosity (Pa s)."""
     words, unit = natural_name(name).replace("_", " "), parameter_of(name).unit
     return "log10 " * name.startswith(LOG10) + words + f" {symbol}" * bool(symbol) + f" ({unit})" * (unit != "1")
 
@@ -215,7 +215,7 @@ def label(name: str, symbol: str = "") -> str:
 def _table(
     first: str, columns: Mapping[str, Sequence[Any]], rows: Sequence[tuple[str, Mapping[str, Any]]]
 ) -> list[str]:
-    """Lines of a Markdown table whose columns also stand under each other in a terminal."""
+    """Lines of a Markdown table whose columns are aligned, so that it can be read in a terminal, too."""
     texts = [[first, *(heading for heading, *_ in columns.values())]]
     for name, values in rows:
         numbers = ["-" if values[key] is None else format(values[key], form) for key, (_, form, *_) in columns.items()]
@@ -228,12 +228,12 @@ def _table(
 
 
 def print_metrics(document: Metrics) -> None:
-    """The tables of evaluation.md."""
+    """Print the tables of evaluation.md."""
     print(markdown(document.model_dump()))
 
 
 def print_run(document: TrainingRun) -> None:
-    """How long it took, and how good it is on its test part."""
+    """Print the duration of the training and the errors on the test part."""
     print(f"{document.epochs} epochs in {document.seconds:.0f} s on {document.device}; best: {document.best_epoch}")
     for name, score in document.metrics.items():
         print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
@@ -259,11 +259,11 @@ def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dic
 
 
 def breakdown(outputs: Sequence[str], prior: Prior, theta: Floats, error: Floats) -> dict[str, Any]:
-    """The errors (curves, outputs) of predictions over the true theta (curves, parameters), in the prior's scale.
+    """Errors (curves, outputs) by bins of the true theta (curves, parameters), in the prior's scale.
 
     Returns:
-        Of each output and parameter a row for each bin of the truth: {"low", "high", "curves", "bias", "rmse",
-        "share"}, the last being its part of all squared error of the output. Numbers of an empty bin are None.
+        By output and parameter, a row for each bin of the true value: {"low", "high", "curves", "bias", "rmse",
+        "share"}; share: part of the sum of squared errors of the output. bias and rmse of an empty bin are None.
     """
     result: dict[str, Any] = {output: {} for output in outputs}
     for name, low, high, values in zip(prior.names, prior.low, prior.high, theta.T, strict=True):
@@ -282,7 +282,7 @@ def breakdown(outputs: Sequence[str], prior: Prior, theta: Floats, error: Floats
 
 
 def _r2(truth: Floats, predicted: Floats) -> float:
-    """Coefficient of determination: 1 - sum of squared errors over that of the mean as predictor."""
+    """Coefficient of determination: 1 - sum of squared errors / sum of squared deviations from the mean."""
     return float(1.0 - np.sum((predicted - truth) ** 2) / np.sum((truth - truth.mean()) ** 2))
 
 

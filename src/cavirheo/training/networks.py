@@ -1,4 +1,4 @@
-"""The two networks, and their .onnx files, which are all that inference needs beside their cards.
+"""The two networks and their .onnx files; inference needs these files and their cards alone.
 
 The Bubble Dynamics Transformer (Bu et al. 2025, arXiv:2506.11936) gives one value per output:
 
@@ -10,12 +10,13 @@ The Bubble Dynamics Transformer (Bu et al. 2025, arXiv:2506.11936) gives one val
            mean over the tokens, dense, softplus, one linear unit         (batch, 1)
 
 The paper's feed-forward layers have softplus, too; those of the shipped networks have ReLU (`activation` of a recipe).
-What the description leaves open, chosen here: eight numbers per attention head (64 = 8 x 8), dropout on both residual
-paths but not on the attention weights, and Keras' initial weights (Glorot uniform, zero biases, embeddings uniform
-within 0.05). Its .onnx file maps (batch, frames) to the prior's scale, (batch, outputs): log10 of SI values.
+The paper leaves some choices open. Those of this module: eight numbers per attention head (64 = 8 x 8), dropout on both
+residual paths but not on the attention weights, and Keras' initial weights (Glorot uniform, zero biases, embeddings
+uniform within 0.05). Its .onnx file maps radii (batch, frames) to outputs (batch, outputs) in the prior's scale: SI
+values or their log10.
 
-The posterior network gives draws and densities (`SequentialDraws`): a residual network reads the bins, a chain of
-mixtures answers coordinate by coordinate. The weights of its file have half precision, and it computes at single.
+The posterior network gives draws and densities (`SequentialDraws`): a residual network reads the bins, and a chain of
+mixtures gives the coordinates one by one. Its weights are stored at half precision; it computes at single precision.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from cavirheo.prior import Prior
 from cavirheo.training.recipe import NetworkTable, PosteriorNetworkTable
 
 OPSET = 18
-_HALVED = 1000  # numbers in an array, from which it is stored at half precision
+_HALVED = 1000  # arrays of at least so many numbers are stored at half precision
 LOG_2PI = math.log(2.0 * math.pi)
 
 
@@ -73,7 +74,7 @@ class EncoderLayer(nn.Module):
 
 
 class Branch(nn.Module):
-    """The way to one output."""
+    """The layers of one output."""
 
     def __init__(self, size: NetworkTable) -> None:
         super().__init__()
@@ -87,7 +88,7 @@ class Branch(nn.Module):
 
 
 class BubbleTransformer(nn.Module):
-    """(batch, tokens) R/R_max -> (batch, outputs) standardised targets."""
+    """Map R/R_max (batch, tokens) to standardised targets (batch, outputs)."""
 
     def __init__(self, size: NetworkTable, tokens: int, outputs: int) -> None:
         super().__init__()
@@ -110,7 +111,7 @@ class BubbleTransformer(nn.Module):
 
 
 class Standardised(nn.Module):
-    """The network with the scaling of its targets undone: outputs in the prior's scale, log10 of SI."""
+    """The network with the scaling of its targets undone: outputs in the prior's scale, SI values or their log10."""
 
     mean: Tensor
     std: Tensor
@@ -126,7 +127,7 @@ class Standardised(nn.Module):
 
 
 def scaling(prior: Prior, outputs: tuple[str, ...]) -> tuple[Tensor, Tensor]:
-    """Mean and standard deviation (outputs,) of the prior, by which targets are standardised."""
+    """Mean and standard deviation (outputs,) of the prior, which standardise the targets."""
     columns = [prior.names.index(name) for name in outputs]
     low, high = prior.low[columns], prior.high[columns]
     mean, std = torch.from_numpy((low + high) / 2), torch.from_numpy((high - low) / math.sqrt(12))
@@ -143,10 +144,10 @@ class _Residual(nn.Module):
 
 
 class PosteriorNetwork(nn.Module):
-    """Density of the slots z of one of `kinds` laws and bubbles, given a recording's bins.
+    """Density of the slots z of a recording, given its bins and one of `kinds` pairs of law and bubble.
 
-    Slot k is a mixture of `parts` Gaussians whose shares, means and widths a small network makes of what the encoder
-    read, the kind, and the slots before it. One encoder reads for all kinds.
+    Slot k has a mixture of `parts` Gaussians. A small network computes their shares, means and widths from the features
+    of the encoder, the kind, and the slots before k. All kinds share one encoder.
     """
 
     def __init__(self, kinds: int, size: PosteriorNetworkTable) -> None:
@@ -170,7 +171,7 @@ class PosteriorNetwork(nn.Module):
         self.register_buffer("earlier", torch.tril(torch.ones(d, d), -1)[:, :, None])
 
     def encode(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
-        """(m, 9, hidden) of inputs (m, SIZE), and (m, kinds) log odds of the kinds."""
+        """Features (m, 9, hidden) and logits of the kinds (m, kinds) for inputs (m, SIZE)."""
         x = self.first(inputs)
         for block in self.blocks:
             x = block(x)
@@ -178,16 +179,16 @@ class PosteriorNetwork(nn.Module):
         return self.read(x).unflatten(1, (len(COORDINATES), -1)), self.guess(x)
 
     def mixtures(self, read: Tensor, kind: Tensor, z: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Log shares, means and log widths, each (m, 9, parts), of each slot given the slots before it in z (m, 9);
-        read (m, 9, hidden), kind (m,)."""
-        before = self.before * self.earlier  # [k, j]: of slot j for slot k
+        """Log shares, means and log widths, each (m, 9, parts), of each slot given the slots before it in z (m, 9).
+        read: features (m, 9, hidden). kind: (m,) indices."""
+        before = self.before * self.earlier  # [k, j]: weights of slot j for slot k
         hidden = read + self.kind[kind] + torch.einsum("mj,kjh->mkh", z.clamp(-6.0, 6.0), before)
         hidden = functional.silu(hidden)
         hidden = hidden + functional.silu(torch.einsum("mkh,khg->mkg", hidden, self.middle) + self.bias)
         return _parts(torch.einsum("mkh,kho->mko", hidden, self.out) + self.out_bias)
 
     def slot(self, k: int, read: Tensor, earlier: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-        """`mixtures` of slot k alone, (draws, parts), from what was read for it and its kind (1, hidden)."""
+        """`mixtures` of slot k alone, (draws, parts). read: features (draws, hidden) of the slot, plus the kind's."""
         hidden = read
         for j, z in enumerate(earlier):
             hidden = hidden + z.clamp(-6.0, 6.0)[:, None] * self.before[k, j]
@@ -196,30 +197,30 @@ class PosteriorNetwork(nn.Module):
         return _parts(hidden @ self.out[k] + self.out_bias[k])
 
     def log_density(self, read: Tensor, kind: Tensor, z: Tensor) -> Tensor:
-        """(m, 9) of each slot in z, given those before it."""
+        """Log density (m, 9) of each slot in z (m, 9), given the slots before it."""
         return log_mixture(*self.mixtures(read, kind, z), z)
 
 
 def log_mixture(share: Tensor, mean: Tensor, width: Tensor, z: Tensor) -> Tensor:
-    """Log density at z (...) of mixtures (..., parts)."""
+    """Log density at z (...) of mixtures (..., parts) with log shares, means and log widths."""
     off = (z[..., None] - mean) * torch.exp(-width)
     return torch.logsumexp(share - width - 0.5 * (off**2 + LOG_2PI), dim=-1)
 
 
 def _parts(out: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Log shares, means and log widths of the components."""
+    """Log shares, means and log widths (..., parts) from outputs (..., 3 parts)."""
     share, mean, width = out.chunk(3, dim=-1)
     return torch.log_softmax(share, dim=-1), mean, 7.0 * torch.tanh(width / 7.0)
 
 
 class SequentialDraws(nn.Module):
-    """Draws of one recording, slot by slot, or stated ones, and their density: what an .onnx file computes.
+    """Draws for one recording, slot by slot, or stated values, with their density: what an .onnx file computes.
 
-    bins: (1, SIZE). kind: (1, kinds), zeros and a one. has: (9,) 1 for the slots of that kind, else 0. counted: (9,) 1
-    for the slots whose density is asked for. choice: (draws, 9, parts) from Gumbel's distribution and normal: (draws,
-    9) from the standard normal one, of which draws are made. stated: (draws, 9), taken instead where `take` (9,) is 1.
-    Returns z (draws, 9), log density of the counted slots given those before them (draws,), and log odds of the kinds
-    (1, kinds).
+    bins: (1, SIZE). kind: (1, kinds), one-hot. has: (9,) 1 for the slots of that kind, else 0. counted: (9,) 1 for the
+    slots whose density is wanted. Random numbers of the draws: choice (draws, 9, parts) from Gumbel's distribution and
+    normal (draws, 9) from the standard normal. stated: values (draws, 9) that are used where `take` (9,) is 1.
+    Returns z (draws, 9), log density (draws,) of the counted slots given the slots before them, and log probabilities
+    of the kinds (1, kinds).
     """
 
     def __init__(self, network: PosteriorNetwork) -> None:
@@ -253,13 +254,13 @@ class SequentialDraws(nn.Module):
 
 
 def write_onnx(model: Standardised, frames: int, path: Path) -> None:
-    """A self-contained file with a free batch size."""
+    """Write a self-contained .onnx file with a free batch size."""
     free = {"radius": {0: torch.export.Dim("batch", min=1)}}
     onnx.save_model(_onnx(model, (torch.ones(2, frames),), ["radius"], ["theta"], free), path)
 
 
 def write_posterior(network: PosteriorNetwork, path: Path) -> None:
-    """The same with a free number of draws; it computes what was trained, but for its weights' precision."""
+    """Write a self-contained .onnx file with a free number of draws; large weights are rounded to half precision."""
     d, kinds = len(COORDINATES), len(network.kind)
     random = torch.zeros(5, d, network.parts), torch.zeros(5, d), torch.zeros(5, d), torch.zeros(d)
     example = torch.zeros(1, SIZE), torch.zeros(1, kinds), torch.ones(d), torch.ones(d), *random
@@ -275,13 +276,13 @@ def write_posterior(network: PosteriorNetwork, path: Path) -> None:
 def _onnx(
     model: nn.Module, example: tuple[Any, ...], inputs: Sequence[str], outputs: Sequence[str], free: Any
 ) -> onnx.ModelProto:
-    """A model without the exporter's notes of where our code lies."""
-    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # else it tells of operators that we do not use
+    """The ONNX form of a model, without the exporter's notes, which contain paths of the source code."""
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # else it reports operators that are not used
     how: dict[str, Any] = {"input_names": list(inputs), "output_names": list(outputs), "dynamic_shapes": free}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # deprecations inside the exporter, not ours to mend
+        warnings.simplefilter("ignore")  # deprecations inside the exporter
         program = torch.onnx.export(model, example, opset_version=OPSET, dynamo=True, verbose=False, **how)
-    assert program is not None  # it is None only where a file is asked for
+    assert program is not None  # None only if a file is asked for
     content = program.model_proto
     for item in (*content.graph.node, *content.graph.value_info, *content.functions, content.graph, content):
         item.ClearField("doc_string")
@@ -290,7 +291,7 @@ def _onnx(
 
 
 def _halve(graph: onnx.GraphProto) -> None:
-    """Large arrays at half precision, cast back where they are used."""
+    """Store large arrays at half precision, with nodes that cast them to single precision."""
     casts = []
     for array in graph.initializer:
         values, name = numpy_helper.to_array(array), array.name

@@ -1,9 +1,9 @@
-"""Recipe: one TOML file that says how a shipped model is made, from the problem to the name of the export.
+"""Recipe: one TOML file that states how a model is made, from the problem to the name of the export.
 
-A recipe with the section [posterior] is of a posterior network (`PosteriorRecipe`), any other of a network that gives
+A recipe with the section [posterior] is for a posterior network (`PosteriorRecipe`), any other for a network that gives
 one value (`Recipe`); its sections are the fields. [prior] holds one [low, high] for each parameter of the material and
-for the stretch; `medium` is a name, or a table whose values replace those of the `name` in it (`unusual = true` accepts
-values that no liquid or gel has); [network] may be left out.
+for the stretch. `medium` is a name, or a table with a `name` and the values that replace those of this medium
+(`unusual = true` accepts values that no liquid or gel has). [network] may be left out.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from cavirheo.prior import FrameGrid, Prior, TrainingProblem
 
 LARGEST = 50_000  # bytes of a recipe
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
-Size = Annotated[int, Field(gt=0, le=4096)]  # of one part of a network
+Size = Annotated[int, Field(gt=0, le=4096)]  # of a dimension of a network
 Range = Annotated[tuple[float, float], Field(strict=False)]  # [low, high] in the file
 
 
@@ -54,10 +54,10 @@ class NetworkTable(Section):
 
     # names in the prior's scale; empty: all parameters but the stretch
     outputs: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    position: Size = 64  # learned embedding of the sample's place in the curve
+    position: Size = 64  # width of the learned embedding of a sample's place in the curve
     width: Size = 64
     heads: Size = 8
-    head_width: Size = 8  # open: 64 over 8 heads; 64 per head is the other reading
+    head_width: Size = 8  # left open: 64 shared by 8 heads; the alternative is 64 per head
     feed_forward: Size = 128
     activation: Literal["relu", "softplus", "gelu"] = "relu"  # of the feed-forward layers; the paper: softplus
     layers: Annotated[int, Field(gt=0, le=100)] = 2
@@ -72,10 +72,10 @@ class TrainingTable(Section):
     seed: Seed = 0
     schedule: Literal["constant", "cosine"] = "constant"  # of the learning rate; cosine falls to 0 at the end
     warmup_steps: NonNegativeInt = 0
-    dropout_epochs: PositiveInt | None = None  # without dropout afterwards; None leaves answers 3 to 7 % off scale
+    dropout_epochs: PositiveInt | None = None  # with dropout; None: all, which gives answers 3 to 7 % off scale
 
     def learning_rate(self, step: int, steps: int) -> float:
-        """Adam's step size at a step of so many, from 0: linear warm-up, then constant or half a cosine to 0."""
+        """Learning rate of Adam at `step` (from 0) of `steps`: linear warm-up, constant or half a cosine to 0."""
         rate = self.lr * min(1.0, (step + 1) / max(1, self.warmup_steps))
         return rate * (0.5 * (1.0 + math.cos(math.pi * step / steps))) if self.schedule == "cosine" else rate
 
@@ -94,7 +94,7 @@ class Recipe(Section):
 
     @cached_property
     def problem(self) -> TrainingProblem:
-        """Raises InputError where the physics does not accept the values."""
+        """The training problem. Raises InputError: the physics does not accept the values."""
         table = self.problem_table
         constants = {"name": table.medium} if isinstance(table.medium, str) else {"name": "water"} | table.medium
         names = [*(field.name for field in fields(Medium)), "unusual"]
@@ -112,7 +112,7 @@ class Recipe(Section):
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """What the network answers, in the order of its outputs. Raises InputError: one without a prior."""
+        """Names of the network's outputs in their order. Raises InputError: one is repeated or has no prior."""
         names = self.network.outputs
         fine = len({*names}) == len(names) and {*names} <= {*self.prior}
         message = f"[network] outputs: each once and of the prior ({', '.join(self.prior)}), got {', '.join(names)}"
@@ -120,7 +120,7 @@ class Recipe(Section):
         return names or tuple(name for name in self.prior if name != "stretch")
 
     def settings(self) -> dict[str, Any]:
-        """All that decides the trained weights apart from the data: plain data for JSON."""
+        """All settings that decide the trained weights, apart from the data, in types that JSON can hold."""
         return {
             "problem": self.problem.to_dict(),
             "outputs": list(self.outputs),
@@ -129,7 +129,7 @@ class Recipe(Section):
         }
 
     def check(self) -> None:
-        """Raises InputError: a problem that the physics does not accept, or an output without a prior."""
+        """Raises InputError: the physics does not accept the problem, or an output is repeated or has no prior."""
         _ = self.problem, self.outputs
 
 
@@ -142,7 +142,7 @@ class PosteriorTable(Section):
 
     @property
     def kinds(self) -> list[tuple[str, str, float]]:
-        """(law, bubble, share) in the network's order."""
+        """(law, bubble, share) of each kind, in the network's order."""
         laws, bubbles = self.laws.items(), self.bubbles.items()
         return [(law, bubble, share * of_bubble) for law, share in laws for bubble, of_bubble in bubbles]
 
@@ -155,8 +155,8 @@ class PosteriorNetworkTable(Section):
 
 
 class PosteriorTrainingTable(Section):
-    """samples: recordings that are shown in all, `batch` at a step. rate: of AdamW, after `warm_up` steps; it falls to
-    nearly nothing in the last part `falling` of them."""
+    """samples: recordings of the whole training, `batch` at a step. rate: learning rate of AdamW after `warm_up` steps;
+    it falls to 0.3 % of this in the last part `falling` of all steps."""
 
     samples: PositiveInt
     batch: PositiveInt = 256
@@ -171,7 +171,7 @@ class PosteriorTrainingTable(Section):
         return max(self.samples // self.batch, 1)
 
     def learning_rate(self, step: int, steps: int) -> float:
-        """At a step of so many, from 0. It falls at the end, so that a part of a training can be continued."""
+        """Learning rate at `step` (from 0) of `steps`. It falls late: an unfinished training can be lengthened."""
         left = (steps - step) / max(self.falling * steps, 1.0)
         return self.rate * min(1.0, (step + 1) / self.warm_up) * min(1.0, max(left, 0.0) + 0.003)
 
@@ -184,7 +184,7 @@ class PosteriorRecipe(Section):
     export: ExportTable
 
     def settings(self) -> dict[str, Any]:
-        """All that decides the trained weights, apart from the number of curves and of steps."""
+        """All settings of the curves and of the network, without the number of curves and the training."""
         return self.problem.model_dump(mode="json", exclude_none=True) | self.network.model_dump()
 
     def check(self) -> None:
@@ -202,9 +202,9 @@ class PosteriorRecipe(Section):
 
 
 def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
-    """The recipe in a TOML file.
+    """Read the recipe in a TOML file.
 
-    Raises InputError: not readable, not TOML, an unknown key, or a value missing or refused; the first few are named.
+    Raises InputError: the file is not readable or not TOML, has an unknown key, or a value is missing or not accepted.
     """
     content = read_bytes(path, LARGEST)
     kind: type[Recipe | PosteriorRecipe] = Recipe
@@ -225,7 +225,7 @@ def read_recipe(path: str | Path) -> Recipe | PosteriorRecipe:
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """The first entry in which two nested settings differ, in words; empty if none does."""
+    """Text on the first entry of `new` that differs from `old`, both nested; empty if none differs."""
     for key in new:
         before, after = old.get(key), new[key]
         if isinstance(before, dict) and isinstance(after, dict):

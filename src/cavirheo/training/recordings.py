@@ -1,11 +1,11 @@
-"""What a posterior network is trained on: curves that are simulated once, and recordings of them, another each time.
+"""Training data of a posterior network: curves that are simulated once, and new recordings of them at each step.
 
-A curve is stored as R/R_max at 512 of 2,401 regular times to t* = 6, most of them where it bends. Each time that it is
-shown, another camera films it: 20 to 400 frames at 0.1 to 10 us, any phase of the clock, exposures of up to a frame, a
-scale that is wrong by half a per cent, noise of 0.1 to 5 % of R_max (or hardly any), in half of them a slow discrepancy
-of radius and clock (inference/noise.py), frames that are missing, growth recorded or not (then R_max lies up to a frame
-from the first one), and any end after the first collapse. R_max is as it is read off the frames. Compiled, for it takes
-place before every step of the training.
+A curve is stored as R/R_max at 512 of 2,401 regular times to t* = 6, dense where it bends. For each use a new camera is
+drawn: 20 to 400 frames at 0.1 to 10 us, any phase of the clock, exposures of up to a frame, a scale with an error of
+half a per cent, noise of 0.1 to 5 % of R_max (or hardly any), in half of the recordings a slow discrepancy of the
+radius, often also of the clock (inference/noise.py), lost frames, growth recorded or not (then R_max lies up to a frame
+from the first one), and an end at any time after the first collapse. R_max is determined from the frames. The code is
+compiled, because it runs before every step of the training.
 """
 
 # ruff: noqa: NPY002  compiled code has a generator of its own, which each call seeds
@@ -43,25 +43,25 @@ from cavirheo.prior import uniforms
 from cavirheo.training.recipe import PosteriorTable
 
 NODES = 512
-STEPS = 2400  # regular times
-TOP = 1.1  # R/R_max of the largest number that is stored
-FEWEST, MOST = 20, 400  # frames
-FASTEST, SLOWEST = 1e-7, 1e-5  # s between them
+STEPS = 2400  # intervals of the regular times
+TOP = 1.1  # R/R_max that is stored as the largest integer
+FEWEST, MOST = 20, 400  # frames from R_max to the end
+FASTEST, SLOWEST = 1e-7, 1e-5  # s between frames
 _ROOM = 3 * MOST
 
 
-Columns = Mapping[str, Any]  # (n, ...) of many curves, by name
-COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {  # kind of the numbers and shape of a row
-    "time": (np.uint16, (NODES,)),  # whole numbers, perhaps on the disk
+Columns = Mapping[str, Any]  # arrays (n, ...) of many curves, by name
+COLUMNS: dict[str, tuple[Any, tuple[int, ...]]] = {  # dtype and shape of a row
+    "time": (np.uint16, (NODES,)),  # indices of the regular times; may be on the disk
     "radius": (np.uint16, (NODES,)),
     "z": (np.float32, (len(COORDINATES),)),
-    "kind": (np.uint8, ()),  # index of law and bubble
+    "kind": (np.uint8, ()),  # index of the pair of law and bubble
     "max_radius": (np.float32, ()),  # m
 }
 
 
 def simulated_curves(table: PosteriorTable, seed: int, block: range) -> dict[str, Any]:
-    """Columns of those of these curves whose simulation did not fail."""
+    """Columns of the curves `block`, without those whose simulation failed."""
     curves = [curve for index in block if (curve := simulated_curve(table, seed, index)) is not None]
     rows = np.array(curves, dtype=[(name, *column) for name, column in COLUMNS.items()])
     return {name: rows[name] for name in COLUMNS}
@@ -102,13 +102,13 @@ def simulated_curve(table: PosteriorTable, seed: int, index: int) -> tuple[Any, 
 
 
 def nodes(radius: Floats) -> NDArray[np.int64]:
-    """(NODES,) indices, ascending and different, of a curve (STEPS + 1,) between which straight lines follow it."""
+    """Ascending indices (NODES,) of points of a curve (STEPS + 1,); straight lines between them follow the curve."""
     bend = np.zeros(STEPS + 1)
     bend[1:-1] = np.abs(np.diff(radius, 2))
     bend = np.maximum(bend, np.maximum(np.roll(bend, 1), np.roll(bend, -1)))
     density = np.sqrt(bend)
     density /= np.sum(density) + 1e-12
-    # never more than one of a time: what is above is given to the others
+    # at most one node at each time: the excess is given to the other times
     share = 0.3 / (STEPS + 1) + 0.7 * density
     for _ in range(6):
         share = np.minimum(share, 1.0 / NODES)
@@ -124,7 +124,7 @@ def nodes(radius: Floats) -> NDArray[np.int64]:
 
 
 class Filmed(NamedTuple):
-    """inputs: (m, SIZE). z: (m, 9). kind: (m,). discrepancy: (m,) 0 or 1. noise: (m,) true size of the white part."""
+    """inputs: (m, SIZE). z: (m, 9). kind: (m,). discrepancy: (m,) 0 or 1. noise: (m,) true white noise over R_max."""
 
     inputs: NDArray[np.float32]
     z: NDArray[np.float32]
@@ -134,7 +134,8 @@ class Filmed(NamedTuple):
 
 
 def film(shots: Columns, index: NDArray[np.int64], seed: int) -> Filmed:
-    """Recordings of curves `index` (m,), the same for equal seeds; those without a readable R_max are left out."""
+    """Recordings of curves `index` (m,), the same for equal seeds; those without a readable R_max, or with an R_max or
+    clock outside its prior, are left out."""
     m = len(index)
     rng = np.random.default_rng(seed)
     top = shots["max_radius"][index].astype(float)
@@ -142,7 +143,7 @@ def film(shots: Columns, index: NDArray[np.int64], seed: int) -> Filmed:
     nodes, radii = nodes * (END / STEPS), radii * (TOP / 65535.0)
     middle = radii[:, 1:-1]
     low = (middle < radii[:, :-2]) & (middle <= radii[:, 2:]) & (middle < 0.9 * radii[:, :1])
-    collapse = np.where(low.any(axis=1), nodes[np.arange(m), np.argmax(low, axis=1) + 1], 1.5)  # t*, of the first one
+    collapse = np.where(low.any(axis=1), nodes[np.arange(m), np.argmax(low, axis=1) + 1], 1.5)  # t* of the first one
     camera = _cameras(rng, collapse, WATER.time_scale(1.0) * top)
     time, radius, summary = np.empty((m, _ROOM)), np.empty((m, _ROOM)), np.zeros((m, 5))
     _film(nodes, radii, camera, int(rng.integers(2**31)), time, radius, summary)
@@ -165,9 +166,9 @@ def film(shots: Columns, index: NDArray[np.int64], seed: int) -> Filmed:
 
 
 def _cameras(rng: np.random.Generator, collapse: Floats, t_c: Floats) -> Any:
-    """A camera and its losses for each of m curves, as a record array; times in t* of the true R_max, lengths in R_max.
+    """Camera, noise and lost frames for each of m curves, as a record array; times in t*, lengths over the true R_max.
 
-    collapse: (m,) t* of the first one. t_c: (m,) s.
+    collapse: (m,) t* of the first collapse. t_c: (m,) s, unit of t*.
     """
 
     def uniform(low: Any = 0.0, high: Any = 1.0) -> Floats:
@@ -194,11 +195,11 @@ def _cameras(rng: np.random.Generator, collapse: Floats, t_c: Floats) -> Any:
         "exposure": in_share(0.3, frame * uniform()),
         "scale": 1.0 + SCALE * ndtri(uniform(ndtr(-3.0), ndtr(3.0))),
         "white": in_share(0.12, 1e-4, log_uniform(1e-3, 5e-2)),
-        "slow": slow,  # discrepancy of the radius
-        "late": slow * rng.choice((0.0, 0.5, 2.0), len(t_c)),  # and of the clock
-        "tau": rng.choice((0.1, 0.5, 2.0), len(t_c)),  # their correlation time
-        "lost": in_share(0.3, uniform(0.0, 0.2)),  # part of the frames
-        "smallest": np.maximum(in_share(0.2, uniform(0.05, 0.25)), 0.003),  # radius that is measured
+        "slow": slow,  # size of the discrepancy of the radius
+        "late": slow * rng.choice((0.0, 0.5, 2.0), len(t_c)),  # size of the discrepancy of the clock
+        "tau": rng.choice((0.1, 0.5, 2.0), len(t_c)),  # correlation time of both
+        "lost": in_share(0.3, uniform(0.0, 0.2)),  # part of the frames that is lost
+        "smallest": np.maximum(in_share(0.2, uniform(0.05, 0.25)), 0.003),  # smallest radius that is measured
         "gap": gap,
         "gap_end": gap + uniform(0.0, 0.5),
     }
@@ -207,8 +208,8 @@ def _cameras(rng: np.random.Generator, collapse: Floats, t_c: Floats) -> Any:
 
 @compiled
 def _maximum(time: Any, radius: Any) -> tuple[float, float, float]:
-    """(time, radius, 1 if no growth is seen) of the maximum as landmarks.fit_maximum reads it, without skew; radius 0
-    if there is none."""
+    """(time, radius, 1 if no growth is seen) of the maximum, computed as in landmarks.fit_maximum without skew; radius
+    0 if there is no maximum."""
     n = len(time)
     before, after = np.append(radius[1:2], radius[:-1]), np.append(radius[1:], radius[-2:-1])
     smooth = np.maximum(np.minimum(before, after), np.minimum(np.maximum(before, after), radius))
@@ -258,7 +259,7 @@ def _maximum(time: Any, radius: Any) -> tuple[float, float, float]:
 
 @compiled
 def _drifting(rho: float, n: int) -> Any:
-    """(n,) of a stationary Gaussian process of variance 1 with the correlation `rho` from one to the next."""
+    """Values (n,) of a stationary Gaussian process of variance 1, with correlation `rho` between neighbours."""
     values = np.random.normal(0.0, 1.0, n)
     for i in range(1, n):
         values[i] = rho * values[i - 1] + np.sqrt(1.0 - rho * rho) * values[i]
@@ -267,10 +268,10 @@ def _drifting(rho: float, n: int) -> Any:
 
 @compiled
 def _film(nodes: Any, radii: Any, cameras: Any, seed: int, out_time: Any, out_radius: Any, summary: Any) -> None:
-    """Film each curve by its camera into a row of `out_time` (t* of the read R_max) and `out_radius`.
+    """Film each curve with its camera into a row of `out_time` (t* of the measured R_max) and `out_radius`.
 
-    summary: frames, time and size of R_max as they are read, in t* and parts of the true one, noise from frame to
-    frame, and 1 where no growth is seen; a row that stays 0 could not be read.
+    summary: number of frames; time (t*) and size (over the true R_max) of the measured R_max; noise from frame to
+    frame; 1 where no growth is seen. The row of a recording whose R_max cannot be read stays 0.
     """
     np.random.seed(seed)
     for m in range(len(cameras)):

@@ -1,13 +1,13 @@
-"""Training and export: a recipe and a training set in, the weights of its network and one .onnx file with its card out.
+"""Training and export: from a recipe and a training set to a network's weights and one .onnx file with its card.
 
-Everything follows from (seed, step): a run that was cut off ends at the weights it would have had.
+All random numbers follow from (seed, step): a run that is interrupted and continued ends with the same weights.
 
-Files in the run's folder, each written whole or not at all; tensors have a JSON note, and nothing is pickled:
+Files in the run's folder, each written completely or not at all; tensors have a JSON note, and nothing is pickled:
     last.safetensors   weights and optimiser at the last validation, settings, history
-    best.safetensors   weights that are exported: of the lowest validation loss, or of a posterior network the average
+    best.safetensors   weights to export: of the lowest validation loss; for a posterior network the averaged ones
     history.jsonl      one line per validation: losses of the training and the validation part, seconds
-    test.npz           curves, truth and predictions of the test part, which is looked at once, at the end
-    result.json        what came out, and of what: becomes the card of the exported model (inference/model.py)
+    test.npz           curves, true values and predictions of the test part, which is used once, at the end
+    result.json        settings and results of the run, for the card of the exported model (inference/model.py)
 """
 
 from __future__ import annotations
@@ -53,26 +53,26 @@ AVERAGED = 0.999
 NOTE = "cavirheo"
 LARGEST = 200_000_000  # bytes of a result.json
 EVALUATION_BATCH = 512
-VALIDATION = 0.03  # of the curves of a posterior network, which no step sees
-MOST_HELD = 4000  # of them: all of these are in memory, as the network reads them
-FEWEST_VALIDATED = 100  # recordings of them, of which some have no readable R_max
-KIND_LOSS = 0.1  # weight of the loss of law and bubble
-DRAWS = 300  # of each recording, by which the coverage is counted
+VALIDATION = 0.03  # part of the curves of a posterior network that is held out for validation
+MOST_HELD = 4000  # largest number of held-out curves, whose recordings are all in memory
+FEWEST_VALIDATED = 100  # smallest number of their recordings, including some without a readable R_max
+KIND_LOSS = 0.1  # weight of the loss of the classification of law and bubble
+DRAWS = 300  # of each recording, from which the coverage is computed
 # Largest difference between the exported model and the trained one, in the prior's scale: rounding to single precision
 # alone moves an answer by up to 1e-4 of a decade
 TOLERANCE = 5e-4
 
 
 class Training(ABC, Generic[Network]):
-    """One training in one folder, taken up where it stopped. `history` has a line for each validation."""
+    """One training in one folder, which continues where it stopped. `history` has a line for each validation."""
 
-    network: Network  # that learns
-    average: Network | None = None  # of its weights, which is exported; None: those of the lowest validation loss
+    network: Network  # the network that is trained
+    average: Network | None = None  # with averaged weights, to export; None: export those of the lowest validation loss
     optimiser: torch.optim.Optimizer  # of the network's weights
-    steps: int  # of the whole training
+    steps: int  # number of steps of the whole training
     every: int  # steps from one validation, and checkpoint, to the next
     clip: float = math.inf  # largest norm of a gradient
-    identity: dict[str, Any]  # of the data, which like the recipe's settings must not change within a run
+    identity: dict[str, Any]  # identifies the data, which must not change within a run, like the settings
 
     def __init__(self, recipe: Recipe | PosteriorRecipe, folder: Path, device: torch.device) -> None:
         self.name, self.schedule, self.settings = recipe.export.name, recipe.training, recipe.settings()
@@ -81,18 +81,18 @@ class Training(ABC, Generic[Network]):
 
     @abstractmethod
     def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
-        """Loss of the recordings of a step, losses (n,) that are reported, and their weight in the reported mean."""
+        """Loss of a step, losses (n,) that are reported, and their weight in the reported mean."""
 
     @abstractmethod
     def line(self, losses: Sequence[float]) -> dict[str, Any]:
-        """A line of the history: a validation, beside the means of `losses` since the line before it."""
+        """A line of the history: results of a validation, and `losses`, mean training losses since the last line."""
 
     @abstractmethod
     def result(self) -> dict[str, Any]:
-        """What is to be said of the weights that are exported, for result.json."""
+        """Entries of result.json on the exported weights."""
 
     def run(self, progress: bool) -> dict[str, Any]:
-        """Train to the end and write the result; what result.json holds."""
+        """Train to the end, write result.json, and return its content."""
         path, best = self.folder / "result.json", self.folder / "best.safetensors"
         self._resume(path)
         if self.step < self.steps or not path.exists():
@@ -134,7 +134,7 @@ class Training(ABC, Generic[Network]):
         return nn.ModuleDict(networks if self.average is None else networks | {"mean": self.average})
 
     def _to_validation(self, advance: Callable[..., None]) -> None:
-        """The steps to the next validation, this, and a checkpoint."""
+        """Take the steps to the next validation, validate, and write a checkpoint."""
         began, summed, weights = time.perf_counter(), torch.zeros(1, device=self.device), 0
         while True:
             for group in self.optimiser.param_groups:
@@ -167,7 +167,7 @@ class Training(ABC, Generic[Network]):
         write_text(self.folder / "history.jsonl", "".join(json.dumps(entry) + "\n" for entry in self.history))
 
     def _resume(self, result: Path) -> None:
-        """Take up the last checkpoint, if there is one. Raises InputError: it is of another run, or damaged."""
+        """Load the last checkpoint, if there is one. Raises InputError: it is damaged, of another run, or lost."""
         path = self.folder / "last.safetensors"
         if not path.exists():
             message = f"{self.folder} holds a result but not the run's {path.name}: use another folder"
@@ -190,8 +190,8 @@ class Training(ABC, Generic[Network]):
 
 
 class PointTraining(Training[BubbleTransformer]):
-    """Of the mean squared error on a set of curves on a grid, epoch by epoch: all randomness of an epoch (order of the
-    curves, dropout) follows from (seed, epoch). Raises InputError: a set of another problem, or with too few curves."""
+    """Training by the mean squared error on curves on a grid of times. All random numbers of an epoch (order of curves,
+    dropout) follow from (seed, epoch). Raises InputError: the set is of another problem, or has too few curves."""
 
     def __init__(self, recipe: Recipe, data: Dataset, folder: Path, device: torch.device) -> None:
         super().__init__(recipe, folder, device)
@@ -219,7 +219,7 @@ class PointTraining(Training[BubbleTransformer]):
             schedule = self.recipe.training
             torch.manual_seed(int(np.random.SeedSequence([schedule.seed, epoch]).generate_state(1)[0]))
             self.batches = torch.randperm(len(curves)).split(schedule.batch)
-            self.network.train(epoch < (schedule.dropout_epochs or schedule.epochs))  # only dropout heeds it
+            self.network.train(epoch < (schedule.dropout_epochs or schedule.epochs))  # switches only dropout
         batch = self.batches[place]
         loss = functional.mse_loss(self.network(self._radius(curves[batch.numpy()])), target[batch.to(self.device)])
         return loss, loss[None], len(batch)
@@ -229,7 +229,7 @@ class PointTraining(Training[BubbleTransformer]):
         return {"epoch": self.step // self.every, "train": losses[0], "validation": validation}
 
     def result(self) -> dict[str, Any]:
-        """The test part is looked at here, and nowhere else."""
+        """Entries of result.json; the test part is used here alone."""
         data, (curves, target) = self.data, self.parts["test"]
         truth, predicted = ((t * self.std + self.mean).numpy() for t in (target.cpu(), self._predict("test").cpu()))
         with whole(self.folder / "test.npz") as temporary, temporary.open("wb") as file:
@@ -243,7 +243,7 @@ class PointTraining(Training[BubbleTransformer]):
         }
 
     def _radius(self, curves: Indices) -> Tensor:
-        """(curves, frames) of these."""
+        """Radii (curves, frames) of these curves."""
         return torch.from_numpy(self.data.radius[curves]).to(self.device)
 
     @torch.inference_mode()
@@ -255,8 +255,8 @@ class PointTraining(Training[BubbleTransformer]):
 
 
 class PosteriorTraining(Training[PosteriorNetwork]):
-    """Of the plain negative log density of the truth, of another recording each time; weights are averaged along the
-    way. Everything follows from (seed, step)."""
+    """Training by the negative log density of the true values, on new recordings at each step; the weights are
+    averaged over the steps. All random numbers follow from (seed, step)."""
 
     every, clip = 800, 2.0
 
@@ -277,7 +277,7 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         self.identity = {"curves": n}
         first_held = max(min(round((1.0 - VALIDATION) * n), n - 1), n - MOST_HELD)
         self.train, self.held = np.arange(first_held), np.arange(first_held, n)
-        repeated = np.resize(self.held, max(len(self.held), FEWEST_VALIDATED))  # each several times where they are few
+        repeated = np.resize(self.held, max(len(self.held), FEWEST_VALIDATED))  # each several times if they are few
         self.validation = film(curves, repeated, 2**31 - 1)
 
     def loss(self, step: int) -> tuple[Tensor, Tensor, int]:
@@ -290,7 +290,7 @@ class PosteriorTraining(Training[PosteriorNetwork]):
         return loss + KIND_LOSS * kind_loss, torch.stack([loss, kind_loss]).double(), 1
 
     def _batch(self, step: int) -> Filmed:
-        """As many recordings as a step shows."""
+        """The recordings of a step."""
         rng = np.random.default_rng([self.schedule.seed, step])
         size, parts = self.schedule.batch, list[Filmed]()
         while (count := sum(len(part.z) for part in parts)) < size:
@@ -300,7 +300,7 @@ class PosteriorTraining(Training[PosteriorNetwork]):
 
     @torch.inference_mode()
     def line(self, losses: Sequence[float]) -> dict[str, Any]:
-        """With losses of the averaged weights on recordings of curves that were never shown."""
+        """A line of the history, with losses of the averaged weights on recordings of held-out curves."""
         kind, inputs, z = (torch.from_numpy(getattr(self.validation, name)) for name in ("kind", "inputs", "z"))
         encoded, kind_score = self.exported.encode(inputs)
         density = self.exported.log_density(encoded, kind, z) * self.mask[kind]
@@ -319,8 +319,8 @@ class PosteriorTraining(Training[PosteriorNetwork]):
 
     @torch.inference_mode()
     def result(self) -> dict[str, Any]:
-        """With the coverage: shares of the recordings whose truth is in the central 50 and 90 % of the network's draws,
-        by slot."""
+        """Entries of result.json, with the coverage by slot: the shares of recordings whose true value lies in the
+        central 50 and 90 % of the network's draws."""
         recordings, one_hot, nothing = self.validation, torch.eye(len(self.kinds)), torch.zeros(len(COORDINATES))
         rng, sequential = torch.Generator().manual_seed(0), networks.SequentialDraws(self.exported.eval())
         below = np.full(recordings.z.shape, np.nan)
@@ -346,7 +346,7 @@ class PosteriorTraining(Training[PosteriorNetwork]):
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, Any]) -> None:
-    """Put tensors and what is to be known about them into one file."""
+    """Write tensors and a note on them into one file."""
     content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     with whole(path) as temporary:
         try:
@@ -356,9 +356,9 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, 
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """The tensors and the note of `write_tensors`. Raises InputError if the file is not one of ours."""
+    """Read the tensors and the note of `write_tensors`. Raises InputError: the file does not hold them."""
     with of_run(path):
-        if not path.is_file():  # a pipe would be waited for
+        if not path.is_file():  # reading a pipe would wait for ever
             raise OSError("no file")
         with safe_open(path, framework="pt") as file:
             note: dict[str, Any] = json.loads(file.metadata()[NOTE])
@@ -367,19 +367,19 @@ def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
 
 @contextmanager
 def of_run(path: Path) -> Iterator[None]:
-    """Around the use of what was read from it. Raises InputError: it holds something else."""
+    """Context in which the content of `path` is used; turns any error into an InputError on this file."""
     try:
         yield
     except InputError:
         raise
-    except Exception as error:  # libraries raise nearly anything of a damaged file
+    except Exception as error:  # libraries raise nearly any error for a damaged file
         reason = str(error).partition("\n")[0]
         message = f"{path} is damaged or not of this run ({reason}); delete its folder, or use another, and train anew"
         raise InputError(message, "training.checkpoint") from error
 
 
 def read_result(run: Path) -> dict[str, Any]:
-    """The result.json of a finished run. Raises InputError."""
+    """Content of the result.json of a finished run. Raises InputError: there is none, or it is damaged."""
     try:
         return read_object(run / "result.json", LARGEST)
     except InputError as error:
@@ -388,7 +388,7 @@ def read_result(run: Path) -> dict[str, Any]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Put text into a file that is never seen half-written."""
+    """Write text into a file, completely or not at all."""
     with whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -402,7 +402,7 @@ def train(
     threads: int | None = None,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Train the recipe's network, or go on with the run in `out_dir`; the content of its result.json.
+    """Train the recipe's network, or continue the run in `out_dir`; returns the content of its result.json.
 
     `device` is torch's name ("cpu", "cuda"; default: cuda if there is one, and the processor for a posterior network).
 
@@ -427,7 +427,7 @@ def train(
 def export(
     recipe: Recipe | PosteriorRecipe, run_dir: str | Path, out_dir: str | Path, *, on: date | None = None
 ) -> Path:
-    """Write NAME.onnx and NAME.json for a finished run; the path of the former. `on` is the date on the card.
+    """Write NAME.onnx and NAME.json for a finished run; returns the path of NAME.onnx. on: date on the card.
 
     Raises:
         InputError: the run is not finished, or is not of this recipe.
@@ -457,15 +457,15 @@ def export(
             }
             card.model_validate(content)
         text = json.dumps(content, indent=2)
-        # a list of numbers or words on one line
+        # put each list of numbers or words on one line
         text = re.sub(r"\[\s+([^][{}]+?)\s+\]", lambda match: f"[{' '.join(match[1].split())}]", text)
         write_text(target.with_suffix(".json"), text + "\n")
     return target
 
 
 def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
-    """Write the model; what the card says of the file, its largest difference from the trained network among it: in the
-    prior's scale, on the curves of the test part, which are fed together and one alone."""
+    """Write the model; returns the card's entries on the file, with its largest difference from the trained network: in
+    the prior's scale, on the test curves as one batch and on the first of them alone."""
     with of_run(run / "best.safetensors"):
         model = load_model(run / "best.safetensors")
     with of_run(run / "test.npz"), np.load(run / "test.npz") as test:
@@ -477,12 +477,12 @@ def _export_point(recipe: Recipe, run: Path, path: Path) -> dict[str, Any]:
     deviation = float(max(np.abs(together - expected).max(), np.abs(single - expected[:1]).max()))
     if not deviation <= TOLERANCE:
         raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {TOLERANCE:g}")
-    check_graph(path.read_bytes())  # else nobody could use it
+    check_graph(path.read_bytes())  # inference would refuse such a file
     return {"opset": networks.OPSET, "largest_difference_from_torch": deviation}
 
 
 def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[str, Any]:
-    """Write the model, of whose file the card says no more."""
+    """Write the model; returns no further entries for the card."""
     with of_run(run / "best.safetensors"):
         network = PosteriorNetwork(len(recipe.problem.kinds), recipe.network)
         network.load_state_dict(read_tensors(run / "best.safetensors")[0])
@@ -491,7 +491,7 @@ def _export_posterior(recipe: PosteriorRecipe, run: Path, path: Path) -> dict[st
 
 
 def load_model(checkpoint: Path) -> Standardised:
-    """The network of a best.safetensors with its scaling, ready to answer."""
+    """The network of a best.safetensors with its scaling, in evaluation mode."""
     weights, note = read_tensors(checkpoint)
     problem, outputs = TrainingProblem.from_dict(note["problem"]), tuple(note["outputs"])
     network = BubbleTransformer(NetworkTable(**note["network"]), problem.grid.frames, len(outputs))
@@ -500,7 +500,7 @@ def load_model(checkpoint: Path) -> Standardised:
 
 
 def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
-    """What a network that gives one value is, and what it was made of."""
+    """Entries of the card on a network that gives one value, and on its training."""
     problem = recipe.problem
     meaning = "R/R_max at R_max and at equal steps after it; the step is grid_step(R_max, medium)"
     training = {key: result[key] for key in ("best_epoch", "best_validation_loss", "seconds", "device")}
@@ -514,7 +514,7 @@ def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
         "outputs": [{"name": name, "unit": parameter_of(name).unit, "scale": scale} for name, scale in scales.items()],
         "network": result["network"] | {"parameters": result["parameters"]},
         "training": result["training"] | training,
-        # of the figure of the losses; more digits than can be seen would be most of the card
+        # for the figure of the losses; with all their digits they would be most of the card
         "history": {part: [float(f"{loss:.5g}") for loss in losses] for part, losses in result["history"].items()},
         "data": result["data"],
         "metrics": result["metrics"],  # of the test part
@@ -522,7 +522,7 @@ def _point_card(recipe: Recipe, result: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _posterior_card(recipe: PosteriorRecipe, result: Mapping[str, Any]) -> dict[str, Any]:
-    """What a posterior network is, and what it was made of."""
+    """Entries of the card on a posterior network, and on its training."""
     low, high = recipe.problem.max_radius_um
     ranges = {
         "max_radius_um": (1.2 * low, high / 1.08),

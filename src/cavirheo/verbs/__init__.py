@@ -1,4 +1,4 @@
-"""The command line: one file per group of verbs; what they share is in `options` and `run`."""
+"""The command line: one file per group of verbs; `options` and `run` are shared by all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _VERBS: tuple[tuple[Any, str], ...] = (  # in the order of --help: a class, or a
     (documents, "models"),
     (machine, "generate train Evaluate cluster"),
 )
-_Usage: Any = typer.BadParameter.__base__  # every mistake in the words of a call; typer has no public name for it
+_Usage: Any = typer.BadParameter.__base__  # UsageError: an error in the call; typer has no public name for it
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -67,11 +67,11 @@ def main() -> None:
         sys.exit(_command(prog_name="cavirheo", standalone_mode=False))
     except _Usage as error:
         message = error.format_message().replace("Value error, ", "")  # pydantic's
-        if "\n" in message.strip():  # no words at all: the help
+        if "\n" in message.strip():  # no arguments at all: show the help
             error.show()
         else:
             where = error.ctx.command_path if error.ctx else "cavirheo"
-            errors = getattr(error.__cause__, "errors", None)  # pydantic's, which tell what was given
+            errors = getattr(error.__cause__, "errors", None)  # pydantic's, with the invalid input
             got = f", got {elide(repr(errors()[0]['input']), 60)}" if errors else ""
             say(f"error: {message.rstrip('.')}{got}; see {where} --help")
         sys.exit(2)
@@ -81,19 +81,19 @@ def main() -> None:
 
 
 def _open_streams() -> None:
-    """All are open, also those of processes that are started: a closed one goes nowhere, and what the encoding of an
-    output does not have is escaped."""
+    """Open every closed standard stream, for child processes too, on os.devnull; outputs escape characters that their
+    encoding lacks."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if not (stream := getattr(sys, name)):
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest that is free: this one
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # os.open takes the lowest free number: this one
             setattr(sys, name, open(number, "w" if number else "r", closefd=False))  # noqa: SIM115  # until the end
         elif number:
             stream.reconfigure(errors="backslashreplace")
 
 
 def entry() -> None:
-    """`main` as a program: leaves at once, for tearing down the compiled libraries takes a third of a second, and
-    threads that still compute would be waited for."""
+    """Run `main` as a program, and exit at once by os._exit: a normal exit takes a third of a second for the compiled
+    libraries, and waits for threads that still compute."""
     _open_streams()
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
@@ -106,7 +106,7 @@ def entry() -> None:
         status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
     except KeyboardInterrupt:
         status = 130
-    except BrokenPipeError:  # who reads has gone, as `head` does
+    except BrokenPipeError:  # the reader of stdout has ended, as `head` does
         status = 1
     except OSError as error:
         print(f"error: what was to be printed cannot be written: {error.strerror}", file=sys.stderr)
@@ -124,7 +124,7 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if
 
 
 def _stop(number: int, frame: object) -> None:
-    """The first Ctrl-C, SIGTERM or end of the terminal ends the work, so that what was answered is written; the second
+    """Handle Ctrl-C, SIGTERM and SIGHUP: the first signal ends the work, and finished answers are written; the second
     ends the process."""
     for each in _SIGNALS:
         signal.signal(each, _leave)
@@ -133,5 +133,5 @@ def _stop(number: int, frame: object) -> None:
 
 def _leave(number: int, frame: object) -> None:
     if sys.stderr.isatty():
-        os.write(2, b"\033[?25h")  # the cursor, which a bar hides
+        os.write(2, b"\033[?25h")  # show the cursor again, which a progress bar hides
     os._exit(130)

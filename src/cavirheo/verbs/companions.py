@@ -1,4 +1,4 @@
-"""`cavirheo compare`, `rheometer`, `collapse-time` and `design`: what stands beside answers of bubbles."""
+"""`cavirheo compare`, `rheometer`, `collapse-time` and `design`: other methods beside `infer`, and the next shot."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _OTHER_BUBBLE = "look at the field's bubble beside the real one, or the other wa
 
 @dataclass(kw_only=True)
 class _Report(options.Measured):
-    """The curves of files answered by one analysis, with a report."""
+    """Answer the curves of files by one analysis, and write a report."""
 
     def __call__(self, run: Run) -> None:
         from cavirheo.reporting import DOCUMENTS, outputs, write_report

@@ -1,5 +1,5 @@
-"""`cavirheo show`, `cite` and `models`: what a file holds, how a paper describes a result, what a network is; and what
-a bug report needs to say (`cavirheo --version --verbose`)."""
+"""`cavirheo show`, `cite` and `models`: content of a file, methods and references of a result, summaries of networks;
+and the installation for a bug report (`cavirheo --version --verbose`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import platform
 import re
 import sys
 from importlib.metadata import distributions, requires
-from os.path import exists  # False of a name that is too long
+from os.path import exists  # returns False for a name that is too long
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +20,7 @@ from cavirheo.writing import digits, terminal
 
 _FILE = "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped "
 _FILE += "network"
-_VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # beginnings of those that change speed or answers
+_VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # prefixes of variables that change speed or answers
 
 
 def show(
@@ -68,7 +68,7 @@ def _show_document(path: Path, json: bool) -> None:
 
 
 def _show_training_set(path: Path) -> None:
-    """File by file: it may be larger than the memory, and still grow."""
+    """Print the summary of a training set, read file by file: it may be larger than memory, and may still grow."""
     from cavirheo.training import dataset
 
     survey = dataset.survey(path)
@@ -84,7 +84,7 @@ def _show_training_set(path: Path) -> None:
 
 
 def _show_curves(path: Path, shots: str | None) -> None:
-    """What `infer` would read: a row per curve, then what was recognised, and the input warnings."""
+    """Print what `infer` would read: a row per curve, then the input warnings, and remarks on how it was read."""
     from cavirheo.io import read_curves
     from cavirheo.reporting.table import curve_warnings, notes, summary_cells
 
@@ -124,8 +124,8 @@ def models() -> None:
 
 
 def _summary(name: str, content: dict[str, Any]) -> list[str]:
-    """What a model answers, for which recordings, and how well, by its card. Raises KeyError, TypeError, ValueError:
-    the card lacks something that every card has."""
+    """Return lines on what a model answers, for which recordings, and how well, from its card. Raises KeyError,
+    TypeError, ValueError: the card is incomplete or invalid."""
     if content["kind"] == "posterior":
         from cavirheo.inference.model import PosteriorCard
         from cavirheo.inference.posterior_network import describe
@@ -143,8 +143,8 @@ def _summary(name: str, content: dict[str, Any]) -> list[str]:
 
 
 def _explain(path: Path) -> None:
-    """Print a model's summary, who made it with what, and its files. Raises InputError: no model, or its card lacks
-    what every card has."""
+    """Print a model's summary, date, libraries, license, files and checksum. Raises InputError: no model, or an
+    incomplete card."""
     from cavirheo.inference.model import card
 
     content = card(path)
@@ -165,7 +165,7 @@ def _explain(path: Path) -> None:
 
 
 def _checksum(path: Path) -> str:
-    """Of a model, and a word if it is not the file that its card describes. Raises InputError: it is too large."""
+    """Return the SHA-256 of a model, with a remark if its card has another. Raises InputError: file too large."""
     import hashlib
 
     from cavirheo.errors import read_bytes
@@ -177,12 +177,12 @@ def _checksum(path: Path) -> str:
 
 
 def report() -> str:
-    """Versions, extras, the compiled solver and the shipped models of this installation, a line for each."""
+    """Return lines on versions, machine, libraries, compiled solver, models and variables of this installation."""
     import cavirheo
     from cavirheo.inference.model import shipped
     from cavirheo.physics import cache, solver
 
-    folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # it is not compiled for that
+    folders = {str(file.parent) for file in cache.stored_files(solver.integrate)}  # does not compile it
     compiled = f"compiled, kept in {', '.join(sorted(folders))}"
     variables = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_VARIABLES)]
     lines = [
@@ -198,7 +198,7 @@ def report() -> str:
 
 
 def required() -> dict[str, list[str]]:
-    """Names of the libraries that the package needs (under "") and that each extra brings, of users' extras alone."""
+    """Return names of the libraries that the package needs (key "") and that each extra adds, except dev and docs."""
     names: dict[str, list[str]] = {"": []}
     for line in requires("cavirheo") or ():
         extra = re.search(r"""extra == ["'](\w+)["']""", line)
@@ -209,6 +209,6 @@ def required() -> dict[str, list[str]]:
 
 
 def _installed(names: list[str]) -> str:
-    """'numpy 2.1, no dask'"""
+    """Return the installed versions as text: 'numpy 2.1, no dask'."""
     versions = {name: next((library.version for library in distributions(name=name)), "") for name in names}
     return ", ".join(f"{name} {number}" if number else f"no {name}" for name, number in versions.items())

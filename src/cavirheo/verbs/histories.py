@@ -60,7 +60,7 @@ class Measure(options.Printing):
         from cavirheo.video.measurement import describe, write_csv
         from cavirheo.writing.document import Outputs
 
-        need("PIL")  # the pictures' library, of the extra [video]
+        need("PIL")  # pillow, from the extra [video]
         from cavirheo.video import picture
 
         names = ("um_per_px", "polarity", "exclude", "reference_frame")
@@ -165,7 +165,7 @@ class Simulate(options.Verb, options.Liquid):
                 fields=self.fields,
                 accuracy=PRECISE if self.precise else DEFAULT,
             )
-        except SolverError as error:  # of the file that drives it, if one does
+        except SolverError as error:  # name the driving file, if there is one
             raise SolverError(f"{driving}: {error}" if driving else str(error)) from None
         for name, writer in writers.items():
             outputs.write(name, writer, simulation)
@@ -173,7 +173,7 @@ class Simulate(options.Verb, options.Liquid):
         run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES}")
 
     def bubble(self) -> Bubble:
-        """That of the options. Raises InputError, in their words."""
+        """Return the bubble of the options. Raises InputError, with the names of options."""
         from cavirheo.physics.bubble import ACCOMMODATION, Bubble, Damage
 
         idle = self.accommodation is not None and self.contents != "kinetic"
@@ -190,7 +190,7 @@ class Simulate(options.Verb, options.Liquid):
             raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
 
     def law(self) -> Material:
-        """A name whose parameters are options of the command, or a sum of laws that holds its own."""
+        """Return the material: a name, with parameters from the options, or a sum of laws with its own parameters."""
         from inspect import signature
 
         from cavirheo.physics.materials import LAWS, MATERIALS, parse
@@ -219,7 +219,7 @@ def _numbers(option: str, text: str | None, count: int) -> tuple[int, ...] | Non
 
 
 def _write_frames(path: Path, run: Simulation) -> None:
-    """CSV, a row per frame."""
+    """Write simulation.csv, a row per frame."""
     import numpy as np
 
     rows, header = np.stack([*run.columns.values()], axis=1), ",".join(run.columns)
@@ -228,8 +228,8 @@ def _write_frames(path: Path, run: Simulation) -> None:
 
 
 def _write_fields(path: Path, run: Simulation) -> None:
-    """HDF5: time_s (n,), radius_m (n,), position (m,), temperature_K and vapour_mass_fraction (n, m)."""
-    import h5py  # a quarter of a second that other uses need not wait for
+    """Write HDF5: time_s (n,), radius_m (n,), position (m,), temperature_K and vapour_mass_fraction (n, m)."""
+    import h5py  # its import takes a quarter of a second
 
     assert run.contents is not None
     with h5py.File(path, "w") as file:

@@ -1,4 +1,4 @@
-"""The options of the command line, each written once: a panel is a dataclass, and a verb inherits those that it has.
+"""The options of the command line, each defined once: a dataclass per group of options, which the verbs inherit.
 
 The annotations are objects, not text (no `from __future__ import annotations`): typer reads them in the module of the
 verb. Options without a panel are on the first screen of `--help`.
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
     from cavirheo.physics.media import Medium
     from cavirheo.verbs.run import Run
 
-_MODELS = Path(__file__).parents[1] / "models"  # their files: to read their cards takes longer than a key should
+_MODELS = Path(__file__).parents[1] / "models"  # completion lists its files: reading the cards is too slow
 INPUT, MATERIAL, BUBBLE = "Input", "Constants of the material", "Bubble, for experts"
 INTERVAL, OUTPUT, CLUSTER = "Interval", "Output", "Cluster"
 
 
 def argument(metavar: str, help: str, **how: Any) -> Any:
-    """A positional argument."""
+    """Return a positional argument."""
     return Argument(metavar=metavar, help=help, **how)
 
 
 def option(help: str, panel: str | None = None, *names: str, **how: Any) -> Any:
-    """An option in a panel of `--help`; without one it is on the first screen."""
+    """Return an option in a panel of `--help`; without a panel, it is on the first screen."""
     return Option(*names, help=help, rich_help_panel=panel, **how)
 
 
 def number(help: str, panel: str | None = None, *words: str, kind: Callable[[str], Any] = float) -> Any:
-    """An option that is a number, or one of these words; without words a number above 0."""
+    """Return an option that takes a number or one of these words; without words, a number above 0."""
 
     def parsed(text: str) -> Any:
         with suppress(ValueError):
@@ -54,7 +54,7 @@ def number(help: str, panel: str | None = None, *words: str, kind: Callable[[str
 
 
 def folder(help: str) -> Any:
-    """`-o`."""
+    """Return the option `-o` or `--out`, which takes a folder."""
 
     def named(text: object) -> Path:
         if not str(text).strip():
@@ -64,11 +64,11 @@ def folder(help: str) -> Any:
     return option(help, None, "-o", "--out", parser=named, metavar="FOLDER")
 
 
-# What a shell offers for the value of an option; nothing here imports a compiler, a network or the solver.
+# Shell completion of the values of options; nothing here imports a compiler, a network or the solver.
 
 
 def _completing(words: Callable[[], Iterable[str]], between: str = "") -> Callable[[str], list[str]]:
-    """The words that continue what is typed; where several may be given, from what follows the last separator."""
+    """Return a completion by these words; if several may be given, it completes the text after the last separator."""
 
     def complete(incomplete: str) -> list[str]:
         start = max((incomplete.rfind(mark) for mark in between), default=-1) + 1
@@ -81,7 +81,7 @@ def _completing(words: Callable[[], Iterable[str]], between: str = "") -> Callab
 
 
 def _fitted() -> list[str]:
-    """`ABLE` of inference/assumptions, which takes a second to import: parameters have a range or a default."""
+    """Return the laws whose parameters have a range or a default: `ABLE` of inference/assumptions, slow to import."""
     from cavirheo.parameters import PARAMETERS, inferred_as
     from cavirheo.physics.materials import LAWS
 
@@ -103,12 +103,12 @@ many_law_names = _completing(_fitted, "+,")
 
 
 def law_names(incomplete: str) -> list[str]:
-    """Laws that can be fitted, also as the next part of a sum, and auto."""
+    """Complete the laws that can be fitted, also as the next part of a sum, and auto."""
     return [*sum_names(incomplete), *_completing(lambda: ["auto"])(incomplete)]
 
 
-Out = Annotated[Path, folder("folder for the results")]  # of documents: a run holds it, and --replace goes with it
-Growing = Annotated[Path, folder("folder, which may hold a part")]  # of work that another call goes on with
+Out = Annotated[Path, folder("folder for the results")]  # for documents: a run locks it; --replace belongs to it
+Growing = Annotated[Path, folder("folder, which may hold a part")]  # for work that a later call continues
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
 _MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
 ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=model_names)]
@@ -148,13 +148,13 @@ _VERIFY += "map: maximum of the posterior; none: network alone"
 
 
 def shared(options: object, kind: Any) -> dict[str, Any]:
-    """The values of those options that have the names of fields of a dataclass."""
+    """Return the values of the options that have the name of a field of the dataclass `kind`."""
     return {field.name: getattr(options, field.name) for field in fields(kind) if hasattr(options, field.name)}
 
 
 @dataclass(kw_only=True)
 class FileSettings:
-    """What is known of measured files besides what they hold. Raises InputError: --shots is no list of numbers."""
+    """Options that add to or select from measured files. Raises InputError: --shots is no list of numbers."""
 
     trust_input: TrustInput = False
     fps: Annotated[Any, number("frames per second, of videos and of files that number their frames")] = None
@@ -174,7 +174,7 @@ class FileSettings:
 
 @dataclass(kw_only=True)
 class Liquid:
-    """The constants of what surrounds the bubble."""
+    """Options for the constants of the medium around the bubble."""
 
     trust_input: TrustInput = False
     medium: Annotated[str, option(_MEDIUM, autocompletion=medium_names)] = "water"
@@ -186,7 +186,7 @@ class Liquid:
 
     @property
     def liquid(self) -> "Medium":
-        """Raises InputError: no such medium, or a constant that cannot be."""
+        """The medium of the options. Raises InputError: no such medium, or an impossible constant."""
         from cavirheo.physics.media import Medium, medium
 
         return medium(self.medium, unusual=self.trust_input, **shared(self, Medium))
@@ -194,7 +194,7 @@ class Liquid:
 
 @dataclass(kw_only=True)
 class OneBubble:
-    """One bubble, or auto, and what is assumed of it where it differs from the named one."""
+    """Options for the bubble: a named one, or auto, and values that replace those of the named one."""
 
     contents: Annotated[Literal["equilibrium", "kinetic"] | None, option(CONTENTS, BUBBLE)] = None
     accommodation: Annotated[Any, number(_ACCOMMODATION, BUBBLE, "free")] = None
@@ -207,9 +207,9 @@ class OneBubble:
 
     @property
     def bubbles(self) -> "tuple[Bubble, ...] | None":
-        """Those of the names, each with each damage and the values; None where nothing is asked for.
+        """The named bubbles, each with each damage and the given values; None if no option is given.
 
-        Raises InputError: a word that is none, or values that cannot be.
+        Raises InputError: an unknown name, or impossible values.
         """
         from cavirheo.physics.bubble import DAMAGES, Bubble, bubbles_of
 
@@ -228,15 +228,15 @@ class OneBubble:
 
 @dataclass(kw_only=True)
 class Verb:
-    """A command that writes documents into a folder, which it holds, with all that was typed; its arguments are its
-    fields, those of the last base first."""
+    """A command that writes documents into a folder, which it locks. Its fields are the values of its arguments and
+    options; those of the last base class come first."""
 
     out: Out = Path("cavirheo-result")
     replace: Annotated[bool, option("write over the answers of another run in that folder", None, "--replace")] = False
     quiet: Quiet = False
 
     def __call__(self, run: "Run") -> None:
-        """Do it. Raises InputError, and typer.Exit with the status."""
+        """Run the command. Raises InputError, and typer.Exit with the exit status."""
         raise NotImplementedError
 
 
@@ -249,12 +249,12 @@ class Printing(Verb):
 
 @dataclass(kw_only=True)
 class Pictures:
-    """Pictures in the documents."""
+    """The option for pictures in the documents."""
 
     pictures: Annotated[bool, option(_PICTURES, OUTPUT, "--pictures/--no-pictures")] = True
 
     def drawing(self, run: "Run") -> bool:
-        """Whether pictures are drawn; where they are asked for and cannot be, a note of the run says so."""
+        """Whether pictures are drawn; if they are requested without matplotlib, a note is added to the run."""
         from cavirheo.writing import style
 
         able = style.available()
@@ -264,19 +264,19 @@ class Pictures:
 
 @dataclass(kw_only=True)
 class Answering(Printing, Pictures, Liquid, FileSettings, OneBubble):
-    """What all verbs share that answer measured curves."""
+    """Options of all verbs that answer measured curves."""
 
     seed: Seed = 0
 
     def requested(self, files: Iterable[Path], **settings: Any) -> "Analysis":
-        """What is asked of each curve, where it is one analysis: the options that are settings of it by their names,
-        and others. Raises InputError: settings that cannot be, or do not go together."""
+        """Return the analysis of each curve, from the options with names of its fields and from `settings`. Raises
+        InputError: settings that are impossible, alone or together."""
         from cavirheo.inference.analysis import Analysis
 
         return Analysis(**shared(self, Analysis) | {"bubble": self.bubbles, "medium": self.liquid} | settings)
 
     def recordings(self, files: list[Path], exclude: str | None = None) -> "CurveSet":
-        """`read_shots` with these settings."""
+        """Read the files by `read_shots` with these options. Raises InputError."""
         from cavirheo.io.shots import read_shots
 
         message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
@@ -292,7 +292,7 @@ class Answering(Printing, Pictures, Liquid, FileSettings, OneBubble):
 
 @dataclass(kw_only=True)
 class Measured(Answering):
-    """Files that are given by name, figures as files, too, and where the work is done."""
+    """Options of verbs that answer given files: files, excluded frames, figure files, and the scheduler."""
 
     files: Annotated[list[Path], argument("FILE...", _FILES, readable=False)]
     exclude: Exclude = None
@@ -301,7 +301,7 @@ class Measured(Answering):
 
     @property
     def figure_kinds(self) -> tuple[str, ...]:
-        """Of figures that are asked for as files. Raises InputError: another word, or no matplotlib."""
+        """The requested formats of figure files. Raises InputError: an unknown format, or no matplotlib."""
         kinds = tuple(dict.fromkeys(word.strip() for word in (self.figures or "").split(",") if word.strip()))
         if kinds:
             from cavirheo.reporting.pictures import check_figures
@@ -312,8 +312,8 @@ class Measured(Answering):
         return kinds
 
     def read(self, run: "Run", files: list[Path]) -> "list[RadiusCurve]":
-        """All curves of the files, with what a declared column says of them, and the solver loaded. Raises InputError:
-        there is none, or the column is not theirs."""
+        """Return all curves of the files, with their values of --column, and load the solver. Raises InputError: no
+        curve, or a column that does not match the curves."""
         from cavirheo.physics.simulate import load_solver
 
         recordings = self.recordings(files, self.exclude)
@@ -331,7 +331,7 @@ class Measured(Answering):
 
 @dataclass(kw_only=True)
 class Inference(Answering):
-    """What `infer` and `watch` share."""
+    """Options that `infer` and `watch` share."""
 
     material: Material = None
     stretch: Annotated[Any, number(_STATED, None, "free")] = None
@@ -341,8 +341,8 @@ class Inference(Answering):
     exact_law: ExactLaw = False
 
     def requested(self, files: Iterable[Path], **settings: Any) -> "Analysis":
-        """As `Answering.requested`, before hours are spent. Raises InputError, too: an option changes nothing; videos
-        among the files use the exposure without a verification, too."""
+        """As `Answering.requested`. Raises InputError also if an option has no effect without verification:
+        --exact-law, and --exposure-us (which videos among the files use in any case)."""
         from cavirheo.video.frames import is_video
 
         exposed = self.exposure_us is not None and not any(map(is_video, files))

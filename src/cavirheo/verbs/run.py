@@ -1,5 +1,5 @@
-"""How a verb becomes a command (help in panels, finite numbers, the folder that it holds), and one run of it: the files
-that it read, what it says, the time that it took, its exit status."""
+"""How a verb becomes a command (help in panels, check for finite numbers, lock of its folder), and one run of it: input
+files, messages, duration and exit status."""
 
 from __future__ import annotations
 
@@ -28,41 +28,41 @@ if TYPE_CHECKING:
 
 # options that change no answer
 _SHOWING = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
-# of the first screen, with all others in the middle; and of the panels
+# order of the options on the first screen ("" stands for all others), and of the panels
 _ORDER = ("material", "laws", "stretch", "verify", "bubble", "", "out", "replace", "json", "quiet", "help")
 _PANELS = ("Arguments", "Options", INPUT, MATERIAL, BUBBLE, INTERVAL, OUTPUT, CLUSTER)
 
 
 def has_problems(result: Result) -> bool:
-    """Whether a curve of it failed, or its input has a warning."""
+    """Whether a curve of the result failed, or has an input warning as its verdict."""
     return any(record.verdict in ("failed", "check_input") for record in result.curves)
 
 
 class Run:
-    """Begins when it is made. `command`, which is what was typed, and `date` are as documents have them."""
+    """One run of a command, timed from its creation. `command` (what was typed) and `date` are as in documents."""
 
     def __init__(self, *, json: bool = False, quiet: bool = False) -> None:
         self.began = time.perf_counter()
         self.command = shlex.join(["cavirheo", *sys.argv[1:]])
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-        self.unreadable = 0  # files, which `notes` name
+        self.unreadable = 0  # number of unreadable files, which `notes` name
         self.notes: list[str] = []  # on the run as a whole
-        self.refusals: list[str] = []  # those that stderr has
+        self.refusals: list[str] = []  # the notes that are already printed on stderr
         self.json, self.quiet = json, quiet or json
 
     @property
     def head(self) -> dict[str, Any]:
-        """What a document says of the run."""
+        """The fields of a document that describe the run."""
         return {"command": self.command, "date": self.date, "notes": [*self.notes]}
 
     def bar(
         self, what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
     ) -> AbstractContextManager[Callable[..., None]]:
-        """`terminal.bar`, if anything is to be seen."""
+        """Return a `terminal.bar`, not visible in a quiet run."""
         return terminal.bar(what, total, visible=visible and not self.quiet, unit=unit)
 
     def files(self, patterns: list[Path]) -> list[Path]:
-        """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""
+        """Return the files of the folders, patterns and `-` (standard input); one without any file is refused alone."""
         from cavirheo.errors import sha256
         from cavirheo.io.files import expand
         from cavirheo.writing.document import CLAIM
@@ -79,7 +79,7 @@ class Run:
         return list(dict.fromkeys(files))
 
     def refuse(self, problems: list[str]) -> None:
-        """Say on stderr which files cannot be read, and count them."""
+        """Print on stderr which files cannot be read, note and count them."""
         self.unreadable += len(problems)
         for problem in problems:
             self.refusals.append(f"not read: {problem}")
@@ -87,13 +87,13 @@ class Run:
             terminal.say(f"error: {problem}")
 
     def need(self, items: Sequence[Any], what: str) -> None:
-        """Ends the run where nothing could be read; why not is said already, if files were refused."""
+        """End the run if there are no items. Raises typer.Exit(2) if files were refused before, else InputError."""
         require(bool(items) or self.unreadable > 0, f"no {what} could be read", "run.nothing")
         if not items:
             raise typer.Exit(2)
 
     def show(self, document: Document, table: Callable[[Any], None] | None = None) -> None:
-        """The result on stdout: by `table`, else as `cavirheo show`; or the document as it is in its file (--json)."""
+        """Print the document: by `table`, else as `cavirheo show` does; or, with --json, as it is in its file."""
         if self.json:
             from cavirheo.writing.document import as_json
 
@@ -104,7 +104,7 @@ class Run:
             (table or print_table)(document)
 
     def deliver(self, outputs: Outputs, document: Document) -> None:
-        """The last file of a run, KIND.json, and the same on stdout."""
+        """Write KIND.json, the last file of a run, and print the document on stdout."""
         from cavirheo.writing.document import write_json
 
         outputs.write(f"{document.kind}.json", write_json, document)
@@ -112,18 +112,18 @@ class Run:
         self.show(document)
 
     def say(self, text: str) -> None:
-        """One line on stderr, if it may."""
+        """Print one line on stderr, unless the run is quiet."""
         if not self.quiet:
             terminal.say(text)
 
     def stop(self, message: str, written: Path | None) -> NoReturn:
-        """The last line of a run that was interrupted, and its exit status."""
+        """Print the last line of an interrupted run, and exit with status 130."""
         terminal.say(f"{message}: {written}" if written else message)
         raise typer.Exit(130)
 
     def end(self, done: str, failed: bool = False, places: str = "") -> None:
-        """The last line on stderr: what is done, in which time, and where it is; status 2: unreadable files, 1:
-        `failed`."""
+        """Print the last line on stderr: what is done, the duration and `places`. Exit with status 2 if files were
+        unreadable, or 1 if `failed`."""
         self.say(f"{done} in {time.perf_counter() - self.began:.1f} s{places}")
         if self.unreadable or failed:
             raise typer.Exit(2 if self.unreadable else 1)
@@ -133,14 +133,14 @@ class Command(TyperCommand):
     """A verb of the command line."""
 
     def invoke(self, ctx: Any) -> None:
-        """Raises InputError: a number that is not finite. An interrupt where nothing is to be saved is status 130."""
+        """Run the verb with its Claim. Raises InputError: a number is not finite; typer.Exit(130): interrupted."""
         for name, value in ctx.params.items():
             for number in value if isinstance(value, tuple) else (value,):
                 fine = not isinstance(number, float) or isfinite(number)
                 require(fine, f"--{name.replace('_', '-')} must be a finite number, got {number}", "option.finite")
         try:
             verb = super().invoke(ctx)
-            if isinstance(verb, Verb):  # two calls that ask for the same answers make the same claim, from anywhere
+            if isinstance(verb, Verb):  # calls for the same answers make the same claim, in any current folder
                 from cavirheo.writing.document import Claim
 
                 run = Run(json=getattr(verb, "json", False), quiet=verb.quiet)
@@ -153,7 +153,7 @@ class Command(TyperCommand):
             raise typer.Exit(130) from None
 
     def panels(self, ctx: Any) -> Mapping[str, list[tuple[str, str]]]:
-        """(argument or option, its help) of each panel, by title."""
+        """Return the rows (argument or option, its help) of each panel, by title."""
         panels: dict[str, list[tuple[str, str]]] = {title: [] for title in _PANELS}
         places = {name: place for place, name in enumerate(_ORDER)}
         for parameter in sorted(self.get_params(ctx), key=lambda parameter: places.get(parameter.name, places[""])):
@@ -164,16 +164,16 @@ class Command(TyperCommand):
         return {title: rows for title, rows in panels.items() if rows}
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """'[OPTIONS] FILE...'"""
+        """Return the pieces of the usage line: [OPTIONS] FILE..."""
         arguments = (parameter for parameter in self.params if parameter.param_type_name == "argument")
         return ["[OPTIONS]", *(str(parameter.metavar) for parameter in arguments)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """A section for each panel."""
+        """Write a section for each panel."""
         for title, rows in self.panels(ctx).items():
             with formatter.section(title):
                 formatter.write_dl(rows)
 
     def get_short_help_str(self, limit: int = 0) -> str:
-        """The first paragraph, whole."""
+        """Return the first paragraph of the help, not shortened."""
         return " ".join((self.help or "").partition("\n\n")[0].split())

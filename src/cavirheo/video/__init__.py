@@ -1,1 +1,1 @@
-"""Recordings -> radius histories, and rendered recordings with a known one (`synthetic`)."""
+"""Measure radius histories in recordings, and render recordings with a known history (`synthetic`)."""

@@ -1,6 +1,6 @@
-"""Recordings -> frames in memory, with what the file itself knows of time and scale.
+"""Read the frames of recordings into memory, with the time and scale that the file itself states.
 
-A container's frame rate is that of playing, never of recording, and is not read. Pixels keep their bits.
+The frame rate of a video container is for playback and is never taken as the camera's. Pixels have 8 or 16 bits.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import islice
-from os.path import isdir  # of a name that none can have, too
+from os.path import isdir  # also works for names that no file can have
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -29,15 +29,15 @@ Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
 MOVIES = (".mp4", ".avi", ".mkv", ".mov", ".gif", ".webm")
 STACKS = (".tif", ".tiff")
 IMAGES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm")  # a folder of them is a recording
-PIXELS, HEADER = ".mraw", ".cihx"  # of one film, beside each other
+PIXELS, HEADER = ".mraw", ".cihx"  # the two files of one film, in one folder
 CAMERAS = (".cine", PIXELS, HEADER)
 ENDINGS = frozenset((*MOVIES, *STACKS, *CAMERAS))
 LARGEST = 2_500_000_000  # bytes of all frames in memory
-_HEADER = 50_000_000  # bytes of a camera's header
-_STEADY = 0.1  # of a frame: stamps that are so close to even ones are even
-_COLOURED = 12  # levels of 255 between the channels of a grey picture after compression
+_HEADER = 50_000_000  # most bytes of a camera's header
+_STEADY = 0.1  # of a frame interval; time stamps this close to even spacing are made evenly spaced
+_COLOURED = 12  # of 255 levels; after compression the channels of a grey picture differ by up to this
 _IN_COLOUR = "a colour recording: its brightness is measured"
-_FFMPEG = {  # no playlist, that would open other files
+_FFMPEG = {  # without playlists, which would open other files
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine",
     "protocol_whitelist": "file",
 }
@@ -46,10 +46,11 @@ _LENGTHS = {"micron": 1.0, "um": 1.0, "µm": 1.0, "\\u00B5m": 1.0, "mm": 1e3, "c
 
 @dataclass(frozen=True, eq=False)
 class Footage:
-    """frames: (n, height, width). time: (n,) s, the camera's stamps from the first frame on. frame_rate: 1/s and
-    exposure: s, of a camera's header. damaged: (n,) frames that came in pieces. All but the frames may be missing.
+    """The frames of a recording, and what its file states; all but `frames` may be missing.
 
-    `notes` tell what was found, `warnings` what is wrong with the file.
+    frames: (n, height, width). time: (n,) s since the first frame, by the camera's stamps. frame_rate (1/s) and
+    exposure (s): of the camera's header. damaged: (n,) whether a frame is incomplete. notes: what was found. warnings:
+    what is wrong with the file.
     """
 
     frames: Pixels
@@ -63,14 +64,14 @@ class Footage:
 
 
 def is_video(path: Path) -> bool:
-    """Whether the name is that of a recording: a video, or a folder with images."""
+    """Whether a path is a recording: a folder of images, or a file with the ending of a video."""
     return bool(_images(path)) if isdir(path) else path.suffix.lower() in ENDINGS
 
 
 def read(path: Path) -> Footage:
-    """The frames of a file or a folder of images.
+    """Read the frames of a file or a folder of images.
 
-    Raises InputError, or whatever the libraries raise of a damaged file.
+    Raises InputError, or any exception of the libraries for a damaged file.
     """
     footage = _reader(path)(path)
     shape = footage.frames.shape
@@ -94,7 +95,7 @@ def _reader(path: Path) -> Callable[[Path], Footage]:
 
 
 def need(library: str) -> None:
-    """Raises InputError where it is not installed."""
+    """Raise InputError if a library is not installed."""
     why = f'recordings need {library}: pip install "cavirheo[video]"'
     require(find_spec(library) is not None, why, "video.not_installed")
 
@@ -136,7 +137,7 @@ def _movie(path: Path) -> Footage:
 
 
 def _joined(frames: Iterable[Pixels]) -> Pixels:
-    """(n, height, width) of frames that come one by one, each held once. Raises InputError: too large, or mixed."""
+    """Join frames to (n, height, width), without a second copy in memory. Raises InputError: too large, or mixed."""
     held, like = bytearray(), np.empty((0, 0))
     for frame in frames:
         like = like if held else frame
@@ -154,10 +155,10 @@ def _fits(size: float) -> None:
 
 
 def _grey(image: Pixels) -> Pixels:
-    """(height, width) of the brightness, in as many bits; an alpha channel is left out."""
+    """Return the (height, width) brightness, with as many bits; an alpha channel is left out."""
     if image.ndim == 2:
         return image
-    if image.shape[0] in (3, 4) and image.shape[-1] > 4:  # a plane for each colour
+    if image.shape[0] in (3, 4) and image.shape[-1] > 4:  # one plane per colour
         image = np.moveaxis(image, 0, -1)
     colours = image[..., :3] if image.shape[-1] >= 3 else image[..., :1]
     weights = np.array([0.299, 0.587, 0.114]) if colours.shape[-1] == 3 else np.ones(1)
@@ -172,7 +173,7 @@ def _stack(path: Path) -> Footage:
         pages, first = len(file.pages), file.pages[0]
         _fits(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
         imagej = file.imagej_metadata or {}
-        # ImageJ states a length per pixel; the resolution of others is that of printing
+        # ImageJ stores the length of a pixel; the resolution in other files is for printing
         per, tag = _LENGTHS.get(str(imagej.get("unit", ""))), first.tags.get("XResolution")  # type: ignore[union-attr]
         scale = per * tag.value[1] / tag.value[0] if per and tag and tag.value[0] else None
         notes = [f"{scale:.4g} um per pixel, as ImageJ stored it"] if scale else []
@@ -187,7 +188,7 @@ def _stack(path: Path) -> Footage:
 
 
 def _by_pillow(path: Path, most: int | None = None) -> Iterator[Pixels]:
-    """The brightness of the first `most` images in a file."""
+    """Yield the brightness of the first `most` images in a file (None: all)."""
     need("PIL")
     from PIL import Image, ImageSequence
 
@@ -197,7 +198,7 @@ def _by_pillow(path: Path, most: int | None = None) -> Iterator[Pixels]:
 
 
 def _unsigned(images: Pixels) -> Pixels:
-    """Integers of 8 or 16 bits, as the camera gave them; what was computed since is brought to 16 bits."""
+    """Return integers of 8 or 16 bits unchanged; scale other numbers, which software computed, to 16 bits."""
     if images.dtype in (np.uint8, np.uint16):
         return images
     if images.dtype == bool:
@@ -217,7 +218,7 @@ def _folder(path: Path) -> Footage:
 
 
 def _images(folder: Path) -> list[Path]:
-    """The images in it that most of them are like, in natural order: frame 2 before frame 10."""
+    """Return the images with the commonest ending, in natural order (frame 2 before frame 10); none if no recording."""
     try:
         paths = [path for path in folder.iterdir() if path.name[0] != "." and path.suffix.lower() in IMAGES + STACKS]
     except OSError:
@@ -232,7 +233,7 @@ def _images(folder: Path) -> list[Path]:
 
 
 def _single(images: list[Path]) -> bool:
-    """Whether each is one frame: several, and no stacks of frames."""
+    """Whether images form a recording: there are at least three, and the first is no stack of frames."""
     if len(images) < 3 or images[0].suffix.lower() not in STACKS or not find_spec("tifffile"):
         return len(images) > 2
     from tifffile import TiffFile
@@ -240,13 +241,13 @@ def _single(images: list[Path]) -> bool:
     try:
         with TiffFile(images[0]) as file:
             return len(file.pages) == 1
-    except Exception:  # tifffile raises nearly anything of a damaged file, of which its reader says what is wrong
+    except Exception:  # tifffile raises nearly anything for a damaged file; the reader will report the error
         return False
 
 
 def _cine(path: Path) -> Footage:
-    """Phantom: pixels by FFmpeg; the header (Vision Research, Cine File Format, 2011) has the rate that the camera was
-    told, and exposure and stamp of every frame, which is what it did."""
+    """Read a Phantom film: FFmpeg decodes the pixels. The header (Vision Research, Cine File Format, 2011) has the
+    frame rate that was set, and the actual exposure and time stamp of every frame."""
     movie = _movie(path)
     with path.open("rb") as file:
         head = file.read(44)
@@ -289,7 +290,7 @@ def _cut_short(frames: int, stated: float, precision: str = "") -> Message:
 
 
 def _mraw(path: Path) -> Footage:
-    """Photron: raw pixels, described by a .cihx file (XML) of the same name."""
+    """Read a Photron film: raw pixels, described by a .cihx file (XML) of the same name."""
     header, raw = path.with_suffix(HEADER), path.with_suffix(PIXELS)
     for each in (header, raw):
         require(each.is_file(), f"{each.name} is missing beside it: pixels and header are two files", "video.mraw_pair")

@@ -1,4 +1,4 @@
-"""A recording measured: radii in seconds and metres, where every number came from, and the files that say so."""
+"""Measure a recording: radii in metres over times in seconds, the origin of every number, and the output files."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from cavirheo.video.track import FLAGS, USED, Track, follow
 from cavirheo.writing import digits, document, terminal
 from cavirheo.writing.document import Document, Finite, Record
 
-_PIXEL = 1e-6  # m, that stands in for a pixel until there is a scale
-_DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean different ones
-_TWINS = 0.2  # of the measured frames
-_CUT = 0.9  # of the outline at R_max: seen less far, it is said
-_BURNT = 0.3  # of the background, at the brightest value
+_PIXEL = 1e-6  # m, placeholder for the size of a pixel until the scale is known
+_DIFFERS = 0.01  # relative; if the user's number differs by more from the file's, a warning says so
+_TWINS = 0.2  # share of the measured frames; a second bubble in so many gives a warning
+_CUT = 0.9  # share of the outline at R_max; if less is visible, a note says so
+_BURNT = 0.3  # share of the background at the brightest value, above which a warning is given
 _NO_RATE = "how fast it was recorded is not known, for a video file states how fast it is played"
 COLUMNS = {
     "time_us": "from the first frame of the recording on",
@@ -58,9 +58,9 @@ class StatedNumber(Record):
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """One recording. `track` is in pixels of the region that was looked at; `corner` is its (x, y) in the recording.
+    """A measured recording. `track` is in pixels of the chosen region; `corner` is the (x, y) of this region.
 
-    time: (n,) s from the recording's first frame on. first: number of the first frame here, from 1.
+    time: (n,) s since the first frame of the recording. first: number of the first chosen frame, from 1.
     """
 
     track: Track
@@ -76,18 +76,18 @@ class Measurement:
 
     @property
     def last(self) -> int:
-        """Number of the last frame here, from 1."""
+        """Number of the last chosen frame, from 1."""
         return self.first + len(self.time) - 1
 
     @property
     def counts(self) -> dict[str, int]:
-        """Frames by flag, in the order of `FLAGS`."""
+        """Number of frames by flag, in the order of `FLAGS`."""
         counter = Counter(self.track.flags.tolist())
         return {flag: counter[flag] for flag in FLAGS if counter[flag]}
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the recording tells, and what became of its frames."""
+        """The notes of the recording, and how many frames were measured or have an unusual flag."""
         used = sum(self.counts.get(flag, 0) for flag in USED)
         notes = [*self.recording.notes, f"{used} of {len(self.track.flags)} frames measured"]
         usual = ("ok", "before", "excluded")
@@ -103,13 +103,13 @@ class Measurement:
 
     @property
     def cut(self) -> str:
-        """How little of the largest outline is within the frame, where it is little."""
+        """A note if only a part of the largest outline is within the frame; else empty."""
         share = self.track.arc[int(np.nanargmax(self.track.radius))]
         return f"at R_max {100 * share:.0f} % of the outline is within the frame" if share < _CUT else ""
 
     def without(self, frames: str | Iterable[int]) -> Measurement:
-        """The same with these frames left out: "12,40-45" or numbers, from 1 in the recording. The others stay as they
-        are. Raises InputError: there are no such frames, or no measured one is left."""
+        """Return the measurement without these frames ("12,40-45" or numbers, from 1 in the recording); the others stay
+        as they are. Raises InputError: there are no such frames, or no measured frame is left."""
         listed = numbered(frames, "frames to exclude", "video.exclude", self.first, self.last)
         left = np.isin(np.arange(self.first, self.last + 1), listed)
         arrays = {name: array for name, array in vars(self.track).items() if isinstance(array, np.ndarray)}
@@ -120,7 +120,7 @@ class Measurement:
         return replace(self, track=track, options={**self.options, "exclude": digits.ranges(listed)})
 
     def curve(self, **meta: Any) -> RadiusCurve:
-        """The history; frames that are not used are NaN. Its meta has `flags` (n,). Raises InputError."""
+        """Return the radius history; unused frames are NaN, and `meta` has the (n,) `flags`. Raises InputError."""
         pixel = (self.um_per_px.value or 1.0) * _PIXEL
         labels = {"notes": self.notes, "flags": tuple(self.track.flags.tolist()), "video": True, **meta}
         numbers = {"frame_rate_hz": self.frame_rate.value, "exposure_s": self.exposure.value}
@@ -158,8 +158,8 @@ def measure(
     exclude: str | Iterable[int] | None = None,
     begin: Callable[[int], Callable[[], None]] = lambda count: lambda: None,
 ) -> Measurement:
-    """Measure a recording; options as of `cavirheo.measure`. begin: told the number of frames, it gives what is called
-    after each. Raises InputError, and what libraries raise of damaged files."""
+    """Measure a recording; options as of `cavirheo.measure`. begin: takes the number of frames, and returns the
+    function to call after each. Raises InputError, and any exception of the libraries for damaged files."""
     for name, value in (("frame_rate", frame_rate), ("um_per_px", um_per_px), ("exposure", exposure)):
         fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
@@ -213,7 +213,7 @@ def measure(
 
 
 def _part(whole: Footage, first: int, last: int, roi: tuple[int, int, int, int]) -> Footage:
-    """A region of the frames `first` to `last`, counted from 1."""
+    """Return a region of the frames `first` to `last`, counted from 1."""
     (x, y, width, height), (count, high, wide) = roi, whole.frames.shape
     message = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
     require(1 <= first < last <= count, message, "video.frames")
@@ -273,7 +273,7 @@ class Measured(Document):
 
 
 def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], **head: Any) -> Measured:
-    """The document of a measurement; `warnings`: of the curve in its medium."""
+    """Build the document of a measurement; `warnings`: those of the curve in its medium."""
     try:
         head |= {"max_radius_m": curve.max_radius, "time_of_max_s": curve.time_of_max}
         head["collapse_times_s"] = curve.collapse_times().tolist()
@@ -289,7 +289,7 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
 
 
 def write_csv(path: Path, measurement: Measurement) -> None:
-    """A row per frame; radii in pixels (radius_px, ...) where there is no scale."""
+    """Write one row per frame; lengths are in pixels (radius_px, ...) if there is no scale."""
     track, scale, (left, top) = measurement.track, measurement.um_per_px.value, measurement.corner
     names = list(COLUMNS) if scale else [name.replace("_um", "_px") for name in COLUMNS]
     lengths = [(scale or 1.0) * values for values in (track.radius, track.sigma, track.systematic)]
@@ -301,7 +301,7 @@ def write_csv(path: Path, measurement: Measurement) -> None:
 
 
 def print_table(record: Measured) -> None:
-    """Frames by flag, the maximum, where rate and scale are from, and the input warnings."""
+    """Print the frames by flag, the maximum, the origin of rate and scale, the input warnings and the notes."""
     console = terminal.console()
     frames = sum(record.flags.values())
     size = f"{record.width} x {record.height} pixels, {record.bits} bits"

@@ -1,7 +1,7 @@
-"""The bubble's outline in one frame: found roughly as a dark patch, then measured on rays to a hundredth of a pixel.
+"""Measure the bubble's outline in one frame: find a covered patch, then measure it on rays to about 0.01 pixel.
 
-On each ray the wall is where coverage falls through half: at constant wall speed that is the radius in the middle of
-the exposure, however long it was (Sieber et al. 2023, doi:10.1007/s00348-023-03732-6).
+On each ray the wall is where the coverage falls below one half. At constant wall speed this is the radius in the middle
+of the exposure, whatever its length (Sieber et al. 2023, doi:10.1007/s00348-023-03732-6).
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from scipy.ndimage import label, map_coordinates, uniform_filter
 from cavirheo.arrays import Bools, Floats
 from cavirheo.video.stage import Image, Stage
 
-_RAYS = (48, 300)
+_RAYS = (48, 300)  # fewest, most
 _STEP = 0.5  # px along a ray
-_TUKEY = 4.0  # deviations beyond which a point counts nothing
-WHOLE = 0.9  # of the circle: an outline that is seen so far determines its own centre and shape
-_BINNED = 30_000  # pixels of a frame from which on the rough search takes four as one
-QUARTERS = 1.349  # between the 25 % and 75 % of a Gaussian edge, over its sigma
+_TUKEY = 4.0  # scaled residual beyond which a point has no weight
+WHOLE = 0.9  # share of the circle; an outline that shows more determines its own centre and shape
+_BINNED = 30_000  # pixels; in frames of this size and more the rough search averages 2 x 2 pixels
+QUARTERS = 1.349  # distance between 25 % and 75 % of a Gaussian edge, over its sigma
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A region that the bubble may be: area in px, circle (x, y, R), median coverage of its outer part."""
+    """A region that may be the bubble: area in pixels, circle (x, y, R) in px, median coverage near the edge."""
 
     area: float
     x: float
@@ -36,9 +36,9 @@ class Patch:
 
 @dataclass(frozen=True)
 class Edge:
-    """What the profile across the wall tells, in px. width: from a quarter to three quarters of it. lag: by how much
-    the mean of the wall over the exposure is beyond its half level. light: radius of a disc that takes as much light,
-    NaN for large bubbles. contrast: over the usual. arc: part of the circle that is seen.
+    """Properties of the profile across the wall, lengths in px. width: distance from 75 % to 25 %. lag: by how much the
+    wall's mean over the exposure is outside the half level. light: radius of a disc that blocks as much light, NaN for
+    large bubbles. contrast: coverage inside minus outside. arc: visible share of the circle.
     """
 
     width: float
@@ -50,8 +50,8 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """points: (k, 2) on the wall. radius, x, y: px. sigma: of the fit alone. mode: amplitude of the second mode, NaN
-    where the circle is not seen whole. good: part of the points that lie on it."""
+    """points: (k, 2) on the wall. radius, x, y: px. sigma: deviation of the radius by the fit alone, px. mode:
+    amplitude of the second mode, px, NaN if too little of the circle is visible. good: share of the points that fit."""
 
     points: Floats
     radius: float
@@ -64,7 +64,7 @@ class Outline:
 
 
 def patches(stage: Stage, i: int) -> list[Patch]:
-    """What may be the bubble in frame i, the largest first, at most four."""
+    """Return the regions in frame i that may be the bubble, the largest first, at most four."""
     step = 2 if stage.reference.size >= _BINNED else 1
     covered = np.nan_to_num(stage.covered(i, step=step))
     smooth = covered if step > 1 and stage.noise < 0.05 else uniform_filter(covered, 3)
@@ -76,14 +76,14 @@ def patches(stage: Stage, i: int) -> list[Patch]:
         return []
     spans = [marks == k + 1 for k in order]
     through = [bool(span[0].any() and span[-1].any()) or bool(span[:, 0].any() and span[:, -1].any()) for span in spans]
-    if through[0] and any(through[1:]):  # a bubble larger than the frame shows its sides alone
+    if through[0] and any(through[1:]):  # of a bubble larger than the frame only the sides are visible
         sides = np.any([span for span, whole in zip(spans, through, strict=True) if whole], axis=0)
         spans = [sides, *(span for span, whole in zip(spans, through, strict=True) if not whole)]
     return [_patch(span, covered, step) for span in spans]
 
 
 def _patch(mask: Bools, covered: Image, step: int) -> Patch:
-    """Its circle through the first and last pixel of each row and column: a bright centre does not matter."""
+    """Fit a circle through the first and last pixel of each row and column, so that a bright centre does not matter."""
     height, width = mask.shape
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     left, right = mask[rows].argmax(1), width - 1 - mask[rows, ::-1].argmax(1)
@@ -104,7 +104,7 @@ def _patch(mask: Bools, covered: Image, step: int) -> Patch:
 
 
 def _rough_circle(x: Floats, y: Floats) -> tuple[float, float, float] | None:
-    """Kasa's circle, reweighted."""
+    """Fit a circle by Kasa's method with iterative reweighting; None if it fails."""
     weight = np.ones(len(x))
     for _ in range(6):
         root = np.sqrt(weight)
@@ -123,9 +123,9 @@ def _tukey(off: Floats, scale: float) -> Floats:
 
 
 def measure(stage: Stage, i: int, rough: Patch) -> Outline | None:
-    """The outline near a rough circle in frame i; None where no wall is found."""
+    """Measure the outline near a rough circle in frame i; None if no wall is found."""
     x0, y0, radius, width = rough.x, rough.y, rough.radius, 2.0
-    for _ in range(3):  # again where the edge is wider, or elsewhere, than was looked for
+    for _ in range(3):  # repeat if the edge is wider than assumed, or elsewhere
         half = float(np.clip(0.25 * radius + 2.0 * width, 6.0, 60.0))
         result = _on_rays(stage, i, x0, y0, radius, half, width)
         if result is None:
@@ -181,7 +181,7 @@ def _median(values: NDArray[np.floating], otherwise: float) -> float:
 
 
 def _level(values: NDArray[np.floating], otherwise: float) -> float:
-    """Their mean without outliers: the median alone would be a whole grey value."""
+    """Return the mean of the values without outliers; the median alone would be a whole grey value."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return otherwise
@@ -191,7 +191,7 @@ def _level(values: NDArray[np.floating], otherwise: float) -> float:
 
 
 def _crossings(along: NDArray[np.floating], away: Floats, level: float) -> Floats:
-    """(rays,) where each falls through the level last; NaN where it does not."""
+    """Return (rays,) the largest distance at which a ray falls below the level; NaN if it does not."""
     above = along >= level
     falls = above[:, :-1] & (along[:, 1:] < level)
     last = falls.shape[1] - 1 - falls[:, ::-1].argmax(1)
@@ -205,7 +205,7 @@ def _crossings(along: NDArray[np.floating], away: Floats, level: float) -> Float
 def _lag(
     along: NDArray[np.floating], away: Floats, wall: Floats, outside_level: float, contrast: float, distance: float
 ) -> Floats:
-    """(rays,) how far the wall's mean over the exposure is beyond its half level: from all that the profile covers."""
+    """Return (rays,) by how much the wall's mean over the exposure is outside the half level, by the profile's area."""
     within = np.abs(away - wall[:, None]) <= distance
     begin = away[within.argmax(1)] - _STEP / 2
     covered = np.where(within, (along - outside_level) / contrast, 0.0).sum(1) * _STEP
@@ -213,7 +213,7 @@ def _lag(
 
 
 def _light(covered: Image, x: float, y: float, distance: float, outside_level: float) -> float:
-    """Radius of the disc that takes as much light."""
+    """Return the radius of the disc that blocks as much light."""
     v, u = np.ogrid[: covered.shape[0], : covered.shape[1]]
     within = (u - x) ** 2 + (v - y) ** 2 < distance**2
     missing = float(np.nansum(covered[within] - outside_level))
@@ -221,8 +221,8 @@ def _light(covered: Image, x: float, y: float, distance: float, outside_level: f
 
 
 def fitted(points: Floats, centre: tuple[float, float], edge: Edge, sigma: float | None = None) -> Outline | None:
-    """The circle through points, by distance from the wall; with its shape where it is seen nearly whole. sigma: of the
-    centre, that is known so well of an outline of which parts alone are seen; None: it is a first guess."""
+    """Fit a circle to points by distance, with the modes of its shape if nearly all of it is visible; None if it fails.
+    sigma: deviation of `centre`, px, if that is known from other frames; None: `centre` is a first guess."""
     x, y = centre
     whole = edge.arc > WHOLE
     weight = np.ones(len(points))

@@ -1,4 +1,4 @@
-"""Every frame with its circle, coloured by its flag: a sheet of all frames, and a film."""
+"""Draw the frames with their circles, coloured by flag: a contact sheet of all frames, and a film."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from PIL import Image, ImageColor, ImageDraw
 from cavirheo.video.measurement import Measurement
 from cavirheo.video.synthetic import write_movie
 
-COLOURS = {  # Okabe and Ito's; what is not named is grey
+COLOURS = {  # palette of Okabe and Ito; all other flags are grey
     "ok": "#56b4e9",
     "small": "#009e73",
     "arc": "#f0e442",
@@ -23,15 +23,15 @@ COLOURS = {  # Okabe and Ito's; what is not named is grey
     **dict.fromkeys(("poor", "faint", "elsewhere", "lost"), "#e69f00"),
 }
 GREY = "#999999"
-_SHEET = 1600  # px across
-_CELL = (190, 150)  # px of a frame in it, at most
-_MOST = 400  # frames in it
-_LARGEST = 4.0  # times, that a single frame is enlarged
-_FILM = 640  # px across, at least
+_SHEET = 1600  # px, width of the contact sheet
+_CELL = (190, 150)  # px, largest width and height of a frame in the sheet
+_MOST = 400  # most frames in the sheet
+_LARGEST = 4.0  # largest magnification of a single frame
+_FILM = 640  # px, smallest width of the film
 
 
 def contact_sheet(measurement: Measurement) -> Image.Image:
-    """All frames, or evenly chosen ones of very many."""
+    """Draw all frames in one picture, or evenly spaced ones if there are very many."""
     n = len(measurement.time)
     chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST)).astype(int))
     height, width = measurement.recording.frames.shape[1:]
@@ -45,7 +45,7 @@ def contact_sheet(measurement: Measurement) -> Image.Image:
 
 
 def save_sheet(path: Path, sheet: Image.Image) -> None:
-    """In greys and the colours of the flags alone."""
+    """Save a contact sheet as PNG, with only greys and the colours of the flags."""
     greys = [(grey, grey, grey) for grey in range(0, 256, 2)]
     flags = [ImageColor.getrgb(colour) for colour in dict.fromkeys((*COLOURS.values(), GREY))]
     palette = Image.new("P", (1, 1))
@@ -54,20 +54,20 @@ def save_sheet(path: Path, sheet: Image.Image) -> None:
 
 
 def frame_address(measurement: Measurement, i: int, across: int) -> str:
-    """Frame i with its circle, about so many px across, as an address."""
+    """Return frame i with its circle, about `across` px wide, as a data URL."""
     scale = min(across / measurement.recording.frames.shape[2], _LARGEST)
     return address(_frame(measurement, i, scale, _levels(measurement)), 80)
 
 
 def address(picture: Image.Image, quality: int = 60) -> str:
-    """A picture itself (JPEG), as an address that a page can show."""
+    """Return a picture as a data URL (JPEG) that a web page can show."""
     file = io.BytesIO()
     picture.save(file, "jpeg", quality=quality)
     return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
 
 
 def write_overlay(path: Path, measurement: Measurement) -> None:
-    """The recording as a film (H.264), every frame with its circle."""
+    """Write the recording as a film (H.264), every frame with its circle."""
     scale = max(1.0, _FILM / measurement.recording.frames.shape[2])
     film = (np.asarray(picture) for picture in _pictures(measurement, scale, np.arange(len(measurement.time))))
     write_movie(path, film, 20)
@@ -86,7 +86,7 @@ def _pictures(measurement: Measurement, scale: float, chosen: np.ndarray) -> Ite
 
 
 def _levels(measurement: Measurement) -> tuple[float, float]:
-    """The pixel values that are shown as black and nearly white."""
+    """Return the pixel values that are shown as black and nearly white."""
     images = measurement.recording.frames
     usual = np.flatnonzero(np.isin(measurement.track.flags, ("flash", "dark"), invert=True))
     some = images[usual[:: max(len(images) // 40, 1)], ::3, ::3] if len(usual) else images
@@ -95,7 +95,7 @@ def _levels(measurement: Measurement) -> tuple[float, float]:
 
 
 def _frame(measurement: Measurement, i: int, scale: float, levels: tuple[float, float]) -> Image.Image:
-    """Frame i with its circle, in the colour of its flag; with a border of it where there is no radius."""
+    """Draw frame i with its circle, or with a border if there is no radius, in the colour of its flag."""
     image, (low, high) = measurement.recording.frames[i].astype(np.float32), levels
     grey = Image.fromarray(np.clip((image - low) * (235.0 / (high - low)), 0, 255).astype(np.uint8))
     size = int(grey.width * scale), int(grey.height * scale)

@@ -1,4 +1,4 @@
-"""What a recording shows besides the bubble: spoilt frames, the background, and how dark the bubble is."""
+"""Find in a recording the unusable frames, the background, and how dark the bubble is."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from cavirheo.errors import require
 from cavirheo.video.frames import Footage, Pixels
 
 POLARITIES = ("auto", "dark", "bright")
-_SAMPLED = 4000  # pixels of a frame, by which frames are told apart
-_AT_ONCE = 20_000_000  # such pixels of all frames
-_FLASH = 1.25  # times the usual brightness, of the darkest quarter of a frame
-_SATURATED = 0.3  # of the pixels
-_DARK = 0.5  # of the usual brightness at the border
-_OPAQUE = 0.3  # of the usual brightness: such pixels of the background tell nothing (a wall, dust)
-_PASSING = 5.0  # deviations of the noise from the first background, beyond which something passes a pixel
-_SHALLOW = 4.0  # noises, that a bubble must differ from the background
-_LOOKED_AT = 32  # frames, for the first background
+_SAMPLED = 4000  # pixels of a frame that are used to classify it
+_AT_ONCE = 20_000_000  # most such pixels in all frames
+_FLASH = 1.25  # of the usual brightness; in a flash the darkest quarter of the frame is above it
+_SATURATED = 0.3  # share of saturated pixels, above which a frame is a flash
+_DARK = 0.5  # of the usual brightness at the border; a dark frame is below it
+_OPAQUE = 0.3  # of the usual brightness; pixels of the background below it are not used (a wall, dust)
+_PASSING = 5.0  # noise deviations from the first background, beyond which a pixel is disturbed
+_SHALLOW = 4.0  # noise deviations by which a bubble must differ from the background
+_LOOKED_AT = 32  # most frames used for the first background
 
 Image = NDArray[np.float32]
 Indices = NDArray[np.intp]
@@ -30,11 +30,11 @@ Indices = NDArray[np.intp]
 @dataclass(frozen=True, eq=False)
 class Stage:
     """frames: (n, height, width). kinds: (n,) "", "flash", "dark" or "lost". reference: (height, width), the background
-    as a frame of usual brightness shows it. blind: its pixels that tell nothing.
+    in a frame of usual brightness. blind: (height, width), whether a pixel of it cannot be used.
 
-    depth: what the bubble takes of the light, over the background where it is dark; where it is bright, what it adds
-    (negative). noise: of `covered`, per pixel. empty: leading frames without a bubble. gains: (n,) brightness of the
-    frames over that of the background.
+    depth: share of the light that a dark bubble blocks; for a bright bubble the light that it adds, as a negative
+    number. noise: standard deviation of `covered`. empty: number of leading frames without a bubble. gains: (n,)
+    brightness of the frames over that of the background.
     """
 
     frames: Pixels
@@ -47,7 +47,7 @@ class Stage:
     gains: Floats
 
     def covered(self, i: int, part: tuple[slice, slice] = np.s_[:, :], step: int = 1) -> Image:
-        """How much of each pixel the bubble covers, 0 to 1, of a part of frame i; NaN where blind. step: of binning."""
+        """Return which share of each pixel in a part of frame i the bubble covers; NaN if blind. step: of binning."""
         light, behind = (_binned(image[part], step) for image in (self.frames[i], self.reference))
         behind *= np.float32(self.gains[i])
         share = (behind - light) / (np.float32(self.depth) * behind if self.depth > 0 else np.float32(self.depth))
@@ -56,7 +56,7 @@ class Stage:
 
 
 def _binned(image: Pixels, step: int) -> Image:
-    """Means of step x step pixels."""
+    """Return the means of step x step pixels."""
     if step == 1:
         return image.astype(np.float32)
     height, width = (size // step * step for size in image.shape)
@@ -65,7 +65,7 @@ def _binned(image: Pixels, step: int) -> Image:
 
 
 def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int | None = None) -> Stage:
-    """Frames told apart, and a first background.
+    """Classify the frames, and find a first background.
 
     Raises InputError: nothing moves in the recording, or an option is wrong.
     """
@@ -88,7 +88,7 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
     swing = down if dark else -up  # by how much the bubble darkens a pixel
     still = "nothing moves in the recording: no bubble that is darker or brighter than the background"
     require(abs(swing) > max(_SHALLOW * noise, 0.03 * usual), still, "video.no_bubble")
-    # Of a bubble that is never gone, the middle of where things move is always covered.
+    # If the bubble never disappears, the middle of the moving region is always covered.
     within = binary_fill_holes(moving)
     bare = np.where(within & ((usual - middle) / swing > 0.3), usual, middle)
     with_bubble = np.flatnonzero((((bare - small) / swing > 0.5) & within).any((1, 2)))
@@ -108,7 +108,7 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
 
 
 def _gain(frame: Pixels, reference: Image, pixels: Bools, depth: float | None = None) -> float:
-    """Brightness of a frame over that of the background: the median of pixels, with `depth` of those near the light."""
+    """Return a frame's brightness over the background's: the median of pixels, with `depth` of uncovered ones only."""
     chosen = pixels[::3, ::3]
     ratio = frame[::3, ::3][chosen] / reference[::3, ::3][chosen]
     if depth is not None and ratio.size:
@@ -118,7 +118,7 @@ def _gain(frame: Pixels, reference: Image, pixels: Bools, depth: float | None = 
 
 
 def _kinds(small: Image, recording: Footage) -> tuple[NDArray[np.str_], Floats]:
-    """(the kind of each frame, its brightness at the border)."""
+    """Return ((n,) kind of each frame, (n,) its brightness at the border)."""
     border = np.concatenate([small[:, 0], small[:, -1], small[:, :, 0], small[:, :, -1]], axis=1)
     level = np.percentile(border, 60, axis=1)
     quarter, most = (np.percentile(small, q, axis=(1, 2)) for q in (25, 95))
@@ -134,7 +134,7 @@ def _kinds(small: Image, recording: Footage) -> tuple[NDArray[np.str_], Floats]:
 def _first_background(
     frames: Pixels, normal: Indices, gain: Floats, empty: Indices, swing: float, usual: float
 ) -> Image:
-    """The mean of frames without a bubble; or else the bright side of each pixel, and a surface where it is covered."""
+    """Return the mean of frames without a bubble, or else a percentile of each pixel, filled where always covered."""
 
     def light(chosen: Indices) -> Image:
         return np.stack([frames[i] / np.float32(gain[i]) for i in chosen])
@@ -153,7 +153,7 @@ def _first_background(
 
 
 def smooth_surface(image: Image, measured: Bools) -> Image:
-    """(height, width): a quadratic surface through the measured pixels, robust against dust."""
+    """Fit a (height, width) quadratic surface to the measured pixels, robustly against dust."""
     y, x = np.mgrid[: image.shape[0], : image.shape[1]] / max(image.shape)
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
     rows, values = terms[measured][::7], image[measured][::7].astype(np.float64)
@@ -167,11 +167,11 @@ def smooth_surface(image: Image, measured: Bools) -> Image:
 
 
 def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Stage:
-    """The stage with the mean background over all frames where a pixel is well outside the bubble.
+    """Return the stage with a new background: each pixel's mean over all frames where it is well outside the bubble.
 
     circles: by frame, (x, y, R) in px.
     """
-    total, count = np.zeros((2, *stage.reference.shape)), np.zeros((2, *stage.reference.shape))  # all; like the first
+    total, count = np.zeros((2, *stage.reference.shape)), np.zeros((2, *stage.reference.shape))  # all; undisturbed
     usual = float(np.median(stage.reference))
     most = max(_PASSING * stage.noise, 0.02) * abs(stage.depth) * (usual if stage.depth > 0 else 1.0)
     y, x = (np.arange(size, dtype=np.float32) for size in stage.reference.shape)
@@ -182,14 +182,14 @@ def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Sta
         outside = np.ones(stage.reference.shape, bool)
         if i in circles:
             centre_x, centre_y, _ = circles[i]
-            radius = max(circles[k][2] for k in (i - 1, i, i + 1) if k in circles)  # it may move far within a frame
+            radius = max(circles[k][2] for k in (i - 1, i, i + 1) if k in circles)  # the wall may move fast
             outside = ((x - centre_x) ** 2)[None, :] + ((y - centre_y) ** 2)[:, None] > (1.25 * radius + 5.0) ** 2
         gains[i] = _gain(stage.frames[i], stage.reference, outside & ~stage.blind)
         light = stage.frames[i] / np.float32(gains[i])
         for k, part in enumerate((outside, outside & (np.abs(light - stage.reference) < most))):
             np.add(total[k], light, out=total[k], where=part)
             count[k] += part
-    passed = count[1] > 0.5 * count[0]  # by a shock wave, in a few frames
+    passed = count[1] > 0.5 * count[0]  # a shock wave passes these pixels, in a few frames
     total, count = np.where(passed, total[1], total[0]), np.where(passed, count[1], count[0])
     measured = count > 0
     if measured.mean() < 0.05:

@@ -15,20 +15,20 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import require
 from cavirheo.video.frames import Pixels, need
 
-_FINE = 3  # parts of a pixel's side that are drawn
-_MOMENTS = 65  # of an exposure
-_TURN = 0.25  # px
-_SHOCK = 120.0  # px per frame
+_FINE = 3  # subpixels along a pixel's side
+_MOMENTS = 65  # times within an exposure at which the bubble is drawn
+_TURN = 0.25  # px, motion within the exposure that a reversal must exceed
+_SHOCK = 120.0  # px per frame, speed of a shock wave
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What the camera sees. Lengths are in pixels, brightness in parts of the full scale, times in frames.
+    """What the camera records. Lengths are in pixels, brightness in parts of the full scale, times in frames.
 
-    centre: (x, y), by default in the middle. exposure: of a frame. blur: sigma of the optics. lit: the background.
-    dark: light that passes the bubble, over that beside it; above 1 the bubble is bright. noise: at the background.
-    modes: (n, amplitude over R, angle). wall: y of a dark wall's edge; mirror: it reflects the bubble instead. empty:
-    frames before the bubble. flash, dark_frames: how many of them the laser spoils, in this order, just before it.
+    centre: (x, y), by default near the middle. exposure: of a frame. blur: sigma of the optics. lit: brightness of the
+    background. dark: light that passes the bubble, over that beside it; above 1 the bubble is bright. noise: deviation
+    at the background. modes: (n, amplitude over R, phase). wall: y of a dark wall's edge, or with `mirror` of
+    a mirror. empty, flash, dark_frames: numbers of frames before the bubble: normal, overexposed, then dark ones.
     """
 
     width: int = 256
@@ -58,12 +58,12 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A rendered recording, with what is true of it.
+    """A rendered recording, with its true values.
 
     Attributes:
         frames: (n, height, width) of 8 or 16 bits.
-        radius: (n,) px, mean over the exposure, NaN without a bubble.
-        reversal: (n,) frames in whose exposure the wall turns outwards, and moves by more than a quarter of a pixel.
+        radius: (n,) px, mean over the exposure, NaN without a bubble and in spoilt frames.
+        reversal: (n,) whether the wall turns outwards in the exposure, and moves by more than a quarter of a pixel.
         centre: (n, 2) px.
     """
 
@@ -73,7 +73,7 @@ class Film:
     centre: Floats
 
     def save(self, path: str | Path, crf: int = 18) -> None:
-        """As .mp4 (H.264 of quality `crf`, 8 bits), .mkv (FFV1, lossless) or .tif."""
+        """Save the film as .mp4 (H.264 of quality `crf`, 8 bits), .mkv (FFV1, lossless) or .tif. Raises InputError."""
         path = Path(path)
         kinds = (".mp4", ".mkv", ".tif")
         require(path.suffix in kinds, f"a film is saved as .mp4, .mkv or .tif, got {path.name}", "render.kind")
@@ -89,8 +89,8 @@ class Film:
 
 
 def write_movie(path: Path, frames: Iterable[Pixels], crf: int | None) -> None:
-    """Encode frames (height, width) or (height, width, 3), cut to an even height and width, played at 10 per second, in
-    H.264 of this quality; None: in FFV1, without loss."""
+    """Encode frames, (height, width) or (height, width, 3), in H.264 of the quality `crf`, or if it is None in lossless
+    FFV1. They are cut to an even height and width, and played at 10 per second."""
     need("av")
     import av
 
@@ -108,12 +108,12 @@ def write_movie(path: Path, frames: Iterable[Pixels], crf: int | None) -> None:
 
 
 def render(time: ArrayLike, radius: ArrayLike, *, frames: int, scene: Scene | None = None, seed: int = 0) -> Film:
-    """Film a bubble.
+    """Render a recording of a bubble.
 
     Args:
-        time: (m,) in frames, increasing, from the bubble's beginning (0) on; finer than the exposure.
+        time: (m,) in frames, increasing, 0 at the bubble's beginning; with steps finer than the exposure.
         radius: (m,) px. Before the first and after the last time there is no bubble.
-        frames: how many; the first with a bubble follows `scene.empty` empty ones and those that the laser spoils.
+        frames: their number; the bubble begins after `scene.empty`, `scene.flash` and `scene.dark_frames` frames.
 
     Raises InputError.
     """
@@ -154,7 +154,7 @@ class _Camera:
         self.collapses = time[minima]
 
     def expose(self, number: int, middle: float) -> tuple[Pixels, float, bool, Floats]:
-        """(image, true radius, whether the wall turns, centre) of a frame; `middle`: of its exposure."""
+        """Return (image, true radius, whether the wall turns, centre) of a frame; `middle`: time of mid-exposure."""
         scene, rng = self.scene, self.rng
         moments = middle + scene.exposure * np.linspace(-0.5, 0.5, _MOMENTS)
         radii = np.interp(moments, self.time, self.radius, left=0.0, right=0.0)
@@ -181,7 +181,7 @@ class _Camera:
         return pixels, (true if true > 0 else np.nan), turned, centre
 
     def _transmission(self, radii: Floats, centre: Floats, middle: float) -> Floats:
-        """(height, width): light that passes the bubble, its mirror image and its satellites, blurred."""
+        """Return (height, width) the light that passes the bubble, its mirror image and its satellites, blurred."""
         scene = self.scene
         satellites = self.satellites if len(self.collapses) and middle > self.collapses[0] else []
         extent = 1.3 * radii.max() + 6.0 * scene.blur + 4.0
@@ -194,7 +194,7 @@ class _Camera:
         cut = np.zeros((scene.height, scene.width))
         if left >= right or top >= bottom:
             return 1.0 - cut
-        edge = int(np.ceil(4 * scene.blur)) + 1  # drawn beyond the frame, for the blur
+        edge = int(np.ceil(4 * scene.blur)) + 1  # margin beyond the region, for the blur
         steps = (np.arange(-edge * _FINE, (n + edge) * _FINE) + 0.5 for n in (right - left, bottom - top))
         x, y = (step / _FINE - 0.5 + start for step, start in zip(steps, (left, top), strict=True))
         covered = self._bubble(x[None, :] - centre[0], y[:, None] - centre[1], radii)
@@ -210,7 +210,7 @@ class _Camera:
         return 1.0 - cut
 
     def _bubble(self, x: Floats, y: Floats, radii: Floats) -> Floats:
-        """The part of the light that the bubble takes away, at points from its centre."""
+        """Return the share of light that the bubble blocks, at points relative to its centre."""
         scene, away = self.scene, np.hypot(x, y)
         table = np.arange(0.0, radii.max() + 2.0, 0.04)
         share = np.clip((radii[:, None] - table) * _FINE + 0.5, 0.0, 1.0).mean(axis=0)

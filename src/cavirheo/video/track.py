@@ -1,4 +1,4 @@
-"""Outlines of all frames -> the bubble's history: one bubble followed, each radius with its deviation and a flag."""
+"""Follow one bubble through all frames: its radius history, each radius with its deviation and a flag."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cavirheo.video import outline
 from cavirheo.video.outline import QUARTERS, WHOLE, Outline, Patch
 from cavirheo.video.stage import Stage, refined
 
-FLAGS = {  # of a frame: what it means
+FLAGS = {  # flag of a frame: its meaning
     "ok": "measured",
     "small": "measured by the light that is missing: too small for an outline",
     "arc": "measured on a short arc, with the centre of other frames",
@@ -31,34 +31,34 @@ FLAGS = {  # of a frame: what it means
     "before": "before the bubble",
     "excluded": "left out by hand",
 }
-USED = ("ok", "small", "arc", "reversal")  # frames whose radius counts
+USED = ("ok", "small", "arc", "reversal")  # flags of frames whose radius is used
 
 
 @dataclass(frozen=True)
 class Rules:
-    """Every number that decides here. Lengths are in px unless said."""
+    """The thresholds and factors of this module. Lengths are in px if not stated otherwise; deviations are of radii."""
 
-    small: float = 4.0  # radius below which light is measured instead
-    calibrated: tuple[float, float] = (5.0, 15.0)  # radii at which both are
-    short_arc: float = 0.25  # of the circle
-    faint: float = 0.5  # of the usual contrast
-    fits: float = 0.5  # of the points that must be near the circle
-    jump: float = 12.0  # of the centre, beside half the radius
-    neighbours: int = 15  # outlines seen whole, that give their centre to others
-    gap: int = 1  # frames without a bubble that the way back to its beginning may cross
-    spike: float = 0.1  # of the largest radius
-    swing: float = 0.2  # change of the radius within an exposure that a reversal must make
-    close: float = 0.25  # of a frame: uncertainty of the time of a reversal
-    interpolated: float = 0.065  # of the edge's variance, px^2: between pixels, which moves no level
-    scatter: float = 1.6  # of the deviation that the fit states: neighbouring rays share their noise
-    per_width: float = 0.0005  # deviation, of the edge's width
-    per_lag: float = 0.1  # of the correction for the motion within the exposure
-    blurred: tuple[float, float] = (1.1, 1.4)  # width over that at rest, from and up to which it is made
-    per_bend: float = 1.5  # of what the next order of the correction for a curved edge may be
-    per_reversal: float = 0.15  # of the edge's width
-    floor: float = 0.002
-    small_share: float = 0.02  # deviation of a small bubble's radius, of itself
-    systematic_width: float = 0.02
+    small: float = 4.0  # radius below which the missing light is measured, not the outline
+    calibrated: tuple[float, float] = (5.0, 15.0)  # radii between which both are measured, for calibration
+    short_arc: float = 0.25  # share of the circle, below which an arc is short
+    faint: float = 0.5  # of the usual contrast, below which a frame is faint
+    fits: float = 0.5  # share of the points that must be near the circle
+    jump: float = 12.0  # largest motion of the centre, in addition to half the radius
+    neighbours: int = 15  # number of fully visible outlines that give a partly visible one its centre
+    gap: int = 1  # frames without a bubble that may be crossed on the way back to its beginning
+    spike: float = 0.1  # of the largest radius, by which a spike exceeds both neighbours
+    swing: float = 0.2  # change of the radius within half an exposure that a reversal must exceed
+    close: float = 0.25  # uncertainty of the time of a reversal, in frames
+    interpolated: float = 0.065  # px^2, part of the edge's variance by interpolation, which moves no level
+    scatter: float = 1.6  # factor on the deviation of the fit, as neighbouring rays share their noise
+    per_width: float = 0.0005  # deviation over the edge's width
+    per_lag: float = 0.1  # deviation over the correction for the motion within the exposure
+    blurred: tuple[float, float] = (1.1, 1.4)  # width over that at rest, where the correction begins and is full
+    per_bend: float = 1.5  # deviation over the next order of the correction for a curved edge
+    per_reversal: float = 0.15  # deviation in a reversal over the edge's width
+    floor: float = 0.002  # smallest deviation
+    small_share: float = 0.02  # deviation of a small bubble's radius over the radius
+    systematic_width: float = 0.02  # systematic deviation over the edge's width
 
 
 RULES = Rules()
@@ -66,11 +66,12 @@ RULES = Rules()
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Arrays (n,) in px, NaN where there is nothing: radius, its deviation `sigma`, what moves all frames alike
-    `systematic`, x, y, asphericity (second mode over the radius), width of the edge, arc seen. flags: of `FLAGS`.
+    """The history of one bubble. Arrays (n,), lengths in px, NaN if not measured: radius, its deviation `sigma`, the
+    deviation `systematic` common to all frames, centre x and y, asphericity (second mode over the radius), width of the
+    edge, visible share `arc` of the circle. flags: keys of `FLAGS`.
 
-    exposure_hint: in frames, from the blur of fast frames; None where none is fast. twins: frames with a second bubble
-    as large. optics: sigma of the blur at rest.
+    optics: sigma of the blur at rest, px. exposure_hint: in frames, by the blur of fast frames; None with fewer than
+    two of them. twins: number of frames with a second bubble of more than half the area.
     """
 
     radius: Floats
@@ -88,7 +89,7 @@ class Track:
 
 
 def follow(stage: Stage, exposure: float | None = None, advance: Callable[[], None] = lambda: None) -> Track:
-    """The bubble through all frames. exposure: in frames; None is unknown.
+    """Follow the bubble through all frames. exposure: in frames, None: unknown. advance: called after each frame.
 
     Raises InputError: no bubble.
     """
@@ -118,7 +119,7 @@ _NOTHING = "no bubble is found in any frame; name its place with --roi x,y,w,h, 
 
 
 def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, Patch], set[int]]:
-    """(the patch of the bubble by frame, frames that show something elsewhere): from the largest patch on both ways."""
+    """Return (the bubble's patch by frame, frames with patches elsewhere), from the largest patch on both ways."""
     largest = max(patches_of, key=lambda i: max((patch.area for patch in patches_of[i]), default=0.0))
     require(bool(patches_of[largest]), _NOTHING, "video.no_bubble")
     peak, chosen, elsewhere = patches_of[largest][0], {}, set()
@@ -140,7 +141,7 @@ def _one_bubble(patches_of: dict[int, list[Patch]], n: int) -> tuple[dict[int, P
 
 
 def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
-    """Outlines that are not seen whole get the centre that others near them have."""
+    """Fit partly visible outlines again, with the centre of fully visible outlines in near frames."""
     whole = [i for i, fit in outlines.items() if fit.edge.arc > WHOLE]
     whole = whole or sorted(outlines, key=lambda i: -outlines[i].edge.arc)[:5]
 
@@ -160,7 +161,7 @@ def _centred(outlines: dict[int, Outline]) -> dict[int, Outline]:
 def _judged(
     stage: Stage, outlines: dict[int, Outline], elsewhere: set[int], exposure: float | None, twins: int
 ) -> Track:
-    """The radii of the outlines, corrected for blur, with deviations and flags."""
+    """Return the radii of the outlines, corrected for blur, with deviations and flags."""
     n, index = len(stage.frames), list(outlines)
     values = np.full((11, n), np.nan)
     for i, fit in outlines.items():
@@ -171,7 +172,7 @@ def _judged(
     blurred = np.interp(width / (QUARTERS * optics), RULES.blurred, (0.0, 1.0))
     still = lag[blurred == 0.0]
     moved = np.nan_to_num((lag - (np.median(still) if len(still) > 2 else 0.0)) * blurred)
-    # A point of a blurred disc is at half level where half of Rice's distribution is within R.
+    # A disc of radius R with blur sigma has its half level at that r for which Rice(r, sigma) has the median R.
     bent = np.minimum(optics**2 - RULES.interpolated, 0.1 * radius**2)
     radius = np.sqrt(radius**2 + bent) + moved
     both = (radius > RULES.calibrated[0]) & (radius < RULES.calibrated[1]) & (light > 0.0)
@@ -214,7 +215,7 @@ def _judged(
 
 
 def _exposure_hint(radius: Floats, width: Floats, flags: NDArray[np.str_], optics: float) -> float | None:
-    """Exposure over the time between frames, from the width that motion adds to the edge."""
+    """Estimate the exposure, in frames, from the width that motion adds to the edge; None without fast frames."""
     speed = np.full(len(radius), np.nan)
     speed[1:-1] = (radius[2:] - radius[:-2]) / 2
     steady = np.abs(radius[2:] - 2 * radius[1:-1] + radius[:-2]) < 0.5 * np.abs(speed[1:-1])
@@ -226,7 +227,7 @@ def _exposure_hint(radius: Floats, width: Floats, flags: NDArray[np.str_], optic
 
 
 def _reversals(radius: Floats, exposure: float) -> list[int]:
-    """Frames in whose exposure the wall turns fast enough to matter."""
+    """Return the frames in whose exposure the wall turns fast enough to matter."""
     turned = []
     measured = [int(i) for i in np.flatnonzero(np.isfinite(radius))]
     for k in range(1, len(measured) - 1):
@@ -242,8 +243,9 @@ def _reversals(radius: Floats, exposure: float) -> list[int]:
 
 
 def _turn(radius: Floats, measured: list[int], k: int) -> float:
-    """When (in frames) the wall turns near frame measured[k], the smallest: between the lowest point of the parabola
-    through three frames (a gentle turn) and where the branches of R^(5/2) meet (straight in a collapse)."""
+    """Return when (in frames) the wall turns near frame measured[k], the smallest: midway between the minimum of the
+    parabola through three frames (a gentle turn) and the point where the branches of R^(5/2), straight in a collapse,
+    meet; with too few frames, that minimum."""
     before, i, after = measured[k - 1 : k + 2]
     falls, rises = (radius[before] - radius[i]) / (i - before), (radius[after] - radius[i]) / (after - i)
     lowest = i + 0.5 * (falls - rises) / max(falls + rises, 1e-9)

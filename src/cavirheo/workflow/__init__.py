@@ -1,1 +1,1 @@
-"""Answers of many curves: where they are kept, and who computes them."""
+"""Answers of many curves: where they are stored, and which machines compute them."""

@@ -1,8 +1,8 @@
-"""The same verbs on many machines: an executor whose workers are those of a dask cluster (the extra [cluster]), found
-by its address, or asked of SLURM as jobs, as a small TOML says.
+"""Verbs on many machines: an executor with the workers of a dask cluster (the extra [cluster]). The cluster is found by
+its address, or its workers are jobs of SLURM, as a small TOML file states.
 
-A worker must answer as this machine does: the same version, code, and bits of some simulations. It gets its units of
-work in batches of a second or two, few enough at once to be held here.
+Every worker must have this machine's version and code, and all must simulate some bubbles with the same bits. Workers
+get units of work in batches of 2 to 60 s, and only so many at once that the batches fit into memory here.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ if TYPE_CHECKING:
     from dask_jobqueue import SLURMCluster
     from distributed import Client
 
-LOOK = 1.0  # s between two counts of the workers
-SECONDS = 2.0  # of a batch, at least
-SECONDS_PER_THREAD = 0.016  # more for many: a batch costs the driver a quarter of it (benchmarks/scale.py)
-LONGEST = 60.0  # s: what a lost worker costs
-AHEAD = 2  # batches for each thread: one that runs and one that waits there
-MOST = 1000  # jobs of a batch
+LOOK = 1.0  # s between two counts of workers
+SECONDS = 2.0  # shortest duration of a batch, s
+SECONDS_PER_THREAD = 0.016  # s of a batch for each thread; the driver needs a quarter of this (benchmarks/scale.py)
+LONGEST = 60.0  # longest duration of a batch, s, which is lost with a worker
+AHEAD = 2  # batches for each thread: one that runs and one that waits
+MOST = 1000  # largest number of jobs in a batch
 WAIT = 20  # s for a scheduler to answer
 _ADDRESS = re.compile(r"(tcp|tls|ucx)://[\w.\[\]:-]+:\d{1,5}")
 _LARGEST = 100_000  # bytes of a file of settings
-# dask's profiler asks Python for the frames of all threads a hundred times a second, and Python 3.11 can come to a stop
-# over that: a worker then holds its batch for ever
+# dask's profiler asks Python for the stack frames of all threads a hundred times a second. Python 3.11 can hang at this
+# call, and then the worker never returns its batch
 _NO_PROFILE = "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False"
 
 
 @dataclass(frozen=True)
 class Identity:
-    """What decides the answers of a process. code: SHA-256 of our modules and networks; bits: of simulated curves."""
+    """What decides the answers of a process. code, bits: SHA-256 of modules and networks, and of simulated curves."""
 
     version: str
     code: str
@@ -60,8 +60,8 @@ class Identity:
 
 @cache
 def identity() -> Identity:
-    """Of this process; the first call loads the compiled solver and simulates four different bubbles: a liquid and a
-    solid with memory, both contents."""
+    """Identity of this process. The first call loads the compiled solver and simulates four bubbles: in a liquid and in
+    a viscoelastic solid, each with both kinds of contents."""
     from cavirheo.physics.bubble import ACCOMMODATION, FIELD, Bubble
     from cavirheo.physics.materials import LAWS
     from cavirheo.physics.simulate import simulate
@@ -80,7 +80,7 @@ def identity() -> Identity:
 
 
 def code_of(package: Path) -> str:
-    """SHA-256 of the modules and networks in a folder; those of the app decide no answer."""
+    """SHA-256 of the modules and networks in a folder, without the app, on which no answer depends."""
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*")):
         name = path.relative_to(package)
@@ -97,21 +97,21 @@ class WorkerReport:
     host: str
     threads: int
     identity: Identity | None
-    versions: str = ""  # of what its answers depend on besides our code
+    versions: str = ""  # of Python and the libraries on which its answers depend
     wrong: str = ""  # why it is refused
 
 
 def self_description() -> dict[str, Any]:
-    """Of this process, for `WorkerReport`."""
+    """Fields of the `WorkerReport` of this process."""
     libraries = [f"{name} {version(name)}" for name in ("cavirheo", "numpy", "scipy", "numba", "onnxruntime")]
     versions = ", ".join([*libraries, f"Python {platform.python_version()}"])
     return {"host": platform.node(), "identity": identity(), "versions": versions}
 
 
 def reports(client: Client, wait: float) -> list[WorkerReport]:
-    """Of all workers that are there, each judged; by address. Raises InputError: none came within so many s."""
+    """Reports on all workers by address, with reasons of refusal. Raises InputError: no worker came within `wait` s."""
 
-    def probe() -> dict[str, Any]:  # is sent whole, so that a worker without cavirheo can answer, too
+    def probe() -> dict[str, Any]:  # sent with its code, so that a worker without cavirheo can answer, too
         import platform
 
         try:
@@ -146,7 +146,7 @@ def reports(client: Client, wait: float) -> list[WorkerReport]:
 
 
 def admitted(client: Client, say: Callable[[str], None], wait: float) -> Identity:
-    """What each worker must be, now and when it comes later. Raises InputError: there is none, or some are another."""
+    """The identity that every worker must have, also later ones. Raises InputError: no worker, or one is refused."""
     workers = reports(client, wait)
     wrong = [f"{worker.address} on {worker.host}: {worker.wrong}" for worker in workers if worker.wrong]
     more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
@@ -163,20 +163,20 @@ def admitted(client: Client, say: Callable[[str], None], wait: float) -> Identit
 
 
 def seconds_for(threads: int) -> float:
-    """s that a batch is to take, so that batches cost the driver of so many threads a quarter of its time."""
+    """Duration of a batch, s, for which the driver of `threads` threads spends a quarter of its time on batches."""
     return min(max(SECONDS, SECONDS_PER_THREAD * threads), LONGEST)
 
 
 @dataclass(frozen=True)
 class Workers:
-    """All workers of a cluster, also those that come later; each must be as `required`."""
+    """All workers of a cluster, also those that come later; each must have the identity `required`."""
 
     client: Client
     required: Identity
 
     def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
-        """As `Executor.flow`. A worker that is lost costs only time: its batches are done by another. Raises
-        InputError: a worker came that would answer otherwise, or the scheduler is gone; and what `function` raises."""
+        """As `Executor.flow`. The batches of a lost worker are done by another one. Raises InputError: a worker has
+        another identity, a job ended several workers, or the scheduler is gone. Also raises errors of `function`."""
         from distributed import as_completed
 
         waiting = deque(range(len(jobs)))
@@ -210,7 +210,7 @@ class Workers:
 
 
 def _batch(required: Identity, function: Callable[[Job], Output], jobs: Sequence[Job]) -> tuple[float, list[Output]]:
-    """(s that it took, what came of each job), by a worker."""
+    """(duration in s, outputs of the jobs); runs on a worker. Raises InputError: it has another identity."""
     mine = identity()
     if mine != required:
         from distributed import get_worker
@@ -223,7 +223,7 @@ def _batch(required: Identity, function: Callable[[Job], Output], jobs: Sequence
 
 
 def _error_of(status: str, outcome: object) -> BaseException:
-    """What to raise for a batch that did not end: our own errors as they are."""
+    """The error to raise for a batch that failed; InputError and SolverError are returned unchanged."""
     error = outcome[1] if isinstance(outcome, tuple) and len(outcome) == 3 else outcome
     if isinstance(error, InputError | SolverError):
         return error
@@ -237,9 +237,9 @@ def _error_of(status: str, outcome: object) -> BaseException:
 
 @contextmanager
 def connected(scheduler: str | None, say: Callable[[str], None]) -> Iterator[Workers | None]:
-    """The executor of `--scheduler`: "tcp://HOST:PORT" or "tls://HOST:PORT" of a dask scheduler, or "slurm:FILE.toml";
-    None, this machine, where nothing was asked. Its workers are checked before anything is sent to them. Raises
-    InputError: no such scheduler, no workers, or workers that would answer otherwise (by name)."""
+    """The executor of `--scheduler`: "tcp://HOST:PORT" or "tls://HOST:PORT" of a dask scheduler, or "slurm:FILE.toml".
+    Without a scheduler None, which stands for this machine. Workers are checked before they get work. Raises
+    InputError: no such scheduler, no workers, or workers that are refused (the message names them)."""
     if scheduler is None:
         yield None
         return
@@ -249,7 +249,7 @@ def connected(scheduler: str | None, say: Callable[[str], None]) -> Iterator[Wor
 
 @contextmanager
 def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Client, float]]:
-    """A client of the scheduler, and s in which a first worker must come. Raises InputError."""
+    """A client of the scheduler, and the time in s to wait for a first worker. Raises InputError: no such scheduler."""
     expected = "--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, or slurm:FILE.toml"
     slurm = scheduler.startswith("slurm:")
     require(slurm or bool(_ADDRESS.fullmatch(scheduler)), f"{expected}, got {scheduler!r}", "cluster.scheduler")
@@ -289,17 +289,17 @@ class SlurmSettings(BaseModel):
     memory: Annotated[str, Field(pattern=r"^\d+(\.\d+)? ?(MB|GB|MiB|GiB)$")]  # of a job
     walltime: Annotated[str, Field(pattern=r"^(\d+-)?\d+:\d\d:\d\d$")]
     account: str | None = None
-    environment: list[str] = []  # lines of the job's script before its worker: module load, source .venv/bin/activate
-    options: list[str] = []  # further lines of #SBATCH: "--constraint=icelake"
-    python: str = sys.executable  # on the nodes
-    interface: str | None = None  # of the network between nodes and this machine: "ib0"
-    folder: str | None = None  # shared by all nodes: logs of the jobs, and the keys of the encryption
-    tls: bool = True  # between scheduler and workers
-    wait_hours: Annotated[float, Field(gt=0)] = 24.0  # for the first worker
+    environment: list[str] = []  # lines of the job's script before the worker starts: module load ...
+    options: list[str] = []  # further options of #SBATCH: "--constraint=icelake"
+    python: str = sys.executable  # interpreter on the nodes
+    interface: str | None = None  # network interface between the nodes and this machine: "ib0"
+    folder: str | None = None  # shared by all nodes, for logs of the jobs and keys of the encryption
+    tls: bool = True  # whether scheduler and workers encrypt
+    wait_hours: Annotated[float, Field(gt=0)] = 24.0  # to wait for the first worker
 
 
 def read_settings(path: Path) -> SlurmSettings:
-    """Raises InputError: no such file, no TOML, or another content."""
+    """Read the settings of SLURM. Raises InputError: no such file, not TOML, or values that are not accepted."""
     try:
         return SlurmSettings(**tomllib.loads(read_bytes(path, _LARGEST).decode()))
     except ValidationError as error:
@@ -310,18 +310,18 @@ def read_settings(path: Path) -> SlurmSettings:
 
 @contextmanager
 def jobs_of(settings: SlurmSettings) -> Iterator[SLURMCluster]:
-    """A scheduler in this process, whose jobs, when they are asked for, end with it. Raises InputError."""
+    """A scheduler in this process, without jobs yet; its jobs end with it. Raises InputError: it cannot be started."""
     import dask
 
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    from dask_jobqueue import SLURMCluster  # which takes Ctrl-C for itself when it is imported
+    from dask_jobqueue import SLURMCluster  # its import replaces the handler of Ctrl-C
 
     if threading.current_thread() is threading.main_thread():
         for number, handler in handlers.items():
             signal.signal(number, handler)
     from distributed.security import Security
 
-    dask.config.set({"distributed.scheduler.allowed-failures": 10})  # a walltime is nobody's fault
+    dask.config.set({"distributed.scheduler.allowed-failures": 10})  # workers are also lost at a walltime
     secure = {}
     try:
         if settings.tls:

@@ -1,6 +1,6 @@
-"""Answers by their keys, in memory and in a folder; and curves answered, each as soon as it is found kept there.
+"""Answers by their keys, in memory and in a folder; and the analysis of curves, which stores each answer at once.
 
-Whatever ends a run, an answer that is kept stays.
+A stored answer remains, whatever ends the run.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from cavirheo.writing.terminal import bar, say
 _TYPES = (Posterior, Checks, Message, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
 _Value = TypeVar("_Value")
-HELD = 500  # answers of a run
+HELD = 500  # answers of a run, up to which all are held in memory
 
 
 class Store:
-    """Values by their keys. Many threads may use it.
+    """Values by their keys. Many threads may use a store.
 
-    folder: a file for each, which is never seen half-written; None: memory alone. most: so many are held in memory, the
-    latest ones; None: all. A value that has no file in the folder is held in any case. Only what this store itself has
-    put there counts for `written`.
+    folder: has a file for each value, written completely or not at all; None: values are in memory alone. most: only so
+    many of the latest values are held in memory; None: all. If there is a folder, a value without a file in it is
+    always held. written: keys of the files that this store has written.
     """
 
     def __init__(self, folder: Path | None = None, most: int | None = None) -> None:
         self.folder, self.most = folder, most
         self.written: set[str] = set()
-        self._held: dict[str, Future[Any]] = {}  # the latest last
+        self._held: dict[str, Future[Any]] = {}  # the latest is last
         self._lock = Lock()
 
     def get(self, key: str, kind: type[_Value] = Posterior) -> _Value | None:  # type: ignore[assignment]
-        """What is kept under a key; None where there is nothing, or nothing of this kind that can be read."""
+        """The value of a key; None if there is none, or none of this kind that can be read."""
         with self._lock:
             held = self._held.get(key)
         value = held.result() if held else self._read(key)
@@ -56,8 +56,8 @@ class Store:
         return value if isinstance(value, kind) else None
 
     def put(self, key: str, value: Any, *, file: bool = True) -> None:
-        """Keep an answer, a curve, or several of them in a tuple or a dict, in a file unless `file` is False. Raises
-        InputError: the folder cannot be written."""
+        """Store an answer, a curve, or several of them in a tuple or a dict; in a file, too, unless `file` is False.
+        Raises InputError: the folder cannot be written."""
         if self.folder and file:
             with into(self.folder), whole(self._place(key)) as temporary:
                 temporary.write_bytes(encode(value, default=str))
@@ -65,8 +65,8 @@ class Store:
         self._hold(key, value)
 
     def once(self, key: str, function: Callable[[], _Value]) -> _Value:
-        """What is held under a key, or what `function` returns. The first thread that asks calls it, and the others
-        wait. All of them get its error, which is not kept."""
+        """The value of a key in memory, or else the output of `function`. The first thread that asks calls `function`,
+        and the others wait. If it raises an error, all of them raise it, and it is not stored."""
         with self._lock:
             mine = key not in self._held
             task: Future[_Value] = self._held.pop(key, Future())
@@ -82,19 +82,19 @@ class Store:
         return task.result()
 
     def values(self, kind: type[_Value]) -> Iterator[_Value]:
-        """All of a kind that are in files."""
+        """All values of a kind that are in files."""
         for place in sorted(self.folder.glob("*.npz")) if self.folder else ():
             if isinstance(value := self._read(place.stem), kind):
                 yield value
 
     def remove(self, keys: Iterable[str]) -> None:
-        """Forget these, and the folder if nothing else is in it."""
+        """Remove the values of these keys, and the folder if it is then empty."""
         for key in keys:
             self._held.pop(key, None)
             if self.folder:
                 for name in (f"{key}.npz", f".{key}.npz.part.npz"):
                     (self.folder / name).unlink(missing_ok=True)
-        with suppress(OSError):  # there is none, or something else is in it
+        with suppress(OSError):  # there is no folder, or it is not empty
             if self.folder:
                 self.folder.rmdir()
 
@@ -103,8 +103,8 @@ class Store:
         return self.folder / f"{key}.npz"
 
     def _read(self, key: str) -> Any:
-        """What is in a file; None where there is nothing that can be read."""
-        with suppress(EOFError, OSError):  # whatever is wrong with it, the answer is found anew
+        """The value in the file of a key; None if it cannot be read."""
+        with suppress(EOFError, OSError):  # a missing or damaged file: the answer is computed again
             return decode(self._place(key).read_bytes(), _KINDS) if self.folder else None
         return None
 
@@ -116,7 +116,7 @@ class Store:
             self._trim()
 
     def _trim(self) -> None:
-        """Let the oldest go where too many are held."""
+        """Drop the oldest values if too many are in memory."""
         over = 0 if self.most is None else max(len(self._held) - self.most, 0)
         for key in list(self._held)[:over]:
             if self.folder is None or self._place(key).exists():
@@ -132,11 +132,11 @@ def analyse(
     starts: Sequence[Posterior] | None = None,
     visible: bool = False,
 ) -> Iterator[tuple[int, Posterior]]:
-    """(index of the curve, its answer): those that the store has first, then the others as they are found.
+    """(index of the curve, its answer): first the answers that the store has, then the others as they are computed.
 
-    executor: where each is found; by default on all cores of this machine. starts: a first answer of each curve, as of
-    `Analysis.answer`. visible: show a bar on stderr. A failed answer is held in memory alone, because another run may
-    have more memory; that of a curve that cannot be used has a file. Closing the iterator drops what has not begun.
+    executor: where they are computed; by default on all cores of this machine. starts: a first answer of each curve, as
+    in `Analysis.answer`. visible: show a bar on stderr. A failed answer is held in memory alone, because another run
+    may have more memory; the answer of an unusable curve has a file. Closing the iterator drops curves not yet begun.
     """
     keys, left = [analysis.key(curve) for curve in curves], list[int]()
     for index, (curve, key) in enumerate(zip(curves, keys, strict=True)):
@@ -157,12 +157,12 @@ def analyse(
 
 
 def of_file(answer: Posterior, curve: RadiusCurve) -> Posterior:
-    """An answer as that of this file, whichever file held the recording when it was found."""
+    """The answer with the SHA-256 of this curve's file; the recording may have been answered from another file."""
     return replace(answer, provenance={**answer.provenance, "source_sha256": curve.source_sha256})
 
 
 class Answers(Sequence[Posterior]):
-    """The answers of the curves in `indices`, in their order, each from the store when it is asked for. Raises
+    """The answers of the curves in `indices`, in their order; each is read from the store when it is accessed. Raises
     InputError: its file is gone."""
 
     def __init__(self, store: Store, keys: Sequence[str], indices: Iterable[int]) -> None:
@@ -184,10 +184,10 @@ class Answers(Sequence[Posterior]):
 
 
 class Unfinished:
-    """The answers of one command into the folder `out`, kept in `unfinished/` there until its documents are complete:
-    the same command takes them up after Ctrl-C, a kill or a full disk. After Ctrl-C `interrupted` is set, and nothing
-    more is begun. Of more answers than `held`, none is held in memory that can be read again. Raises InputError:
-    something else has the name of that folder."""
+    """The answers of one command that writes into the folder `out`, in `out`/unfinished until its documents are
+    complete: the same command continues after Ctrl-C, a kill or a full disk. After Ctrl-C `interrupted` is True, and
+    no further curve is begun. With more answers than `held`, those with a file are not held in memory. Raises
+    InputError: `out`/unfinished is not a folder."""
 
     def __init__(
         self, out: str | Path, *, visible: bool = True, executor: Executor | None = None, held: int = HELD
@@ -197,12 +197,12 @@ class Unfinished:
         require(folder.is_dir() or not folder.exists(), way, "document.folder")
         self.store = Store(folder)
         self.visible, self.executor, self.held, self.interrupted = visible, executor, held, False
-        self._keys: set[str] = set()  # of all that this run may keep
+        self._keys: set[str] = set()  # of all answers that this run may store
 
     def answers(
         self, curves: Sequence[RadiusCurve], analysis: Analysis, starts: Sequence[Posterior] | None = None
     ) -> Answers:
-        """The answers of the curves; not all of them if it is interrupted. starts: as of `analyse`."""
+        """The answers of the curves; not all of them after an interruption. starts: as in `analyse`."""
         keys, indices, store = [analysis.key(curve) for curve in curves], list[int](), self.store
         self._keys.update(keys)
         store.most = 0 if len(curves) > self.held else None
@@ -219,10 +219,10 @@ class Unfinished:
         return Answers(store, keys, indices)
 
     def note(self, count: int, total: int) -> str:
-        """What is to be said of a run that was interrupted; nothing of another."""
+        """A note on an interrupted run; empty for any other run."""
         message = f"interrupted: {count} of {total} answered; the same command again answers the rest"
         return message if self.interrupted else ""
 
     def remove(self) -> None:
-        """To be called when all documents are complete. What another run left here is kept for it."""
+        """Remove this run's answers, when all documents are complete. Answers of other runs stay."""
         self.store.remove(self._keys)
