@@ -36,7 +36,7 @@ from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
 
 _log = logging.getLogger(__name__)
 __all__ = ["Verification", "verify"]
-_REPEATED = 4  # times at most that a model is sampled anew after the last round of its surrogates
+_REPEATED = 4  # further turns, at most, after the last round of surrogates
 
 
 @one_blas_thread
@@ -48,13 +48,13 @@ def verify(
     workers: int | None = None,
     **settings: Any,
 ) -> Posterior:
-    """An answer of any method brought to the maximum of the posterior and, with level "full", replaced by draws that
-    the likelihood has weighted. `settings` are those of `Verification`.
+    """The posterior of a curve, beginning with an answer of any method: with level "map" the maximum and the Gaussian
+    about it, and otherwise draws that are weighted by the likelihood. `settings` are those of `Verification`.
 
-    Law and window are the answer's. A failed answer stays as it is; one whose verification fails says so. bubble: as of
-    `infer`, instead of the answer's. Of several answers for a curve, or several bubbles, the simplest is given whose
-    evidence is not smaller than the largest by more than 3. Raises InputError: no answer, or a setting out of its
-    domain.
+    Law and window are those of the answer. A failed answer stays as it is; one whose verification fails has a message.
+    bubble: as of `infer`, in place of the answer's. Of several laws the average is returned if all have weighted draws;
+    of other models the simplest that the evidence does not reject. Raises InputError: no answer, or a setting out of
+    its domain.
     """
     began, (curve,) = time.perf_counter(), several([curve])
     starts: list[Any] = list(answer) if isinstance(answer, list | tuple) else [answer]
@@ -82,10 +82,10 @@ def verify(
 def _answers(
     verification: Verification, curve: RadiusCurve, models: Sequence[Posterior]
 ) -> tuple[list[Posterior], list[Posterior]]:
-    """What the models answer, and the earlier answers of those that have no better one."""
+    """The answers of the models, and the first answers, with a message, of the models that could not be verified."""
     posteriors, problems, estimations = list[Posterior](), list[Posterior](), list[Estimation]()
     estimator = FitEstimation if verification.weights else SearchedEstimation if verification.search else Estimation
-    settings = verification if len(models) == 1 else replace(verification, own_draws=TUNING.own_draws_each)
+    settings = verification if len(models) == 1 else replace(verification, network_draws=TUNING.network_draws_each)
     for model in models:
         if model.checks.verdict == "failed":
             problems.append(model)
@@ -98,7 +98,7 @@ def _answers(
                 estimations.append(estimation)
         except ERRORS as error:  # of this shot alone
             problems.append(_failed(verification, model, error))
-    independent = bool(verification.weights) or verification.search  # a fit and a searched law are sampled alone
+    independent = bool(verification.weights) or verification.search  # fits and searched laws are sampled one by one
     for batch in [[estimation] for estimation in estimations] if independent else [estimations] * bool(estimations):
         try:
             posteriors += answers_of(batch)
@@ -108,7 +108,7 @@ def _answers(
 
 
 def _failed(settings: Verification, answer: Posterior, error: Exception) -> Posterior:
-    """The answer with the reason why it could not be verified."""
+    """The answer with a message on why it could not be verified."""
     _log.debug("no answer by %s", answer.material, exc_info=error)
     why = of_error(error)
     if not settings.weights:
@@ -119,7 +119,7 @@ def _failed(settings: Verification, answer: Posterior, error: Exception) -> Post
 
 
 def _simplest(answers: Sequence[Posterior]) -> Posterior:
-    """The simplest of those that the evidence cannot tell from the best, with what the others answer."""
+    """The simplest answer that the evidence does not reject, with the answers of the other models beside it."""
     chosen, *_ = contenders([answer.evidence for answer in answers], [len(answer.names) for answer in answers]) or [0]
     best, alternatives = answers[chosen], [answer for i, answer in enumerate(answers) if i != chosen]
     models = {model_of(answer) for answer in answers}
@@ -129,31 +129,29 @@ def _simplest(answers: Sequence[Posterior]) -> Posterior:
 
 
 def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[Posterior]:
-    """The answer with damage by strain, where the real bubble in an elastic law leaves more than noise, and where
-    Laplace's evidence of damage is not the smaller one: strong gels break in the first collapse
-    (docs/real-bubbles.md)."""
+    """The answer with damage by strain, if the real bubble in an elastic law leaves more than noise and Laplace's
+    evidence is not smaller with damage: strong gels break in the first collapse (docs/real-bubbles.md)."""
     damageable = answer.bubble == REAL and Family(answer.material).elastic and "shear_modulus" in answer.parameters
     misfit = answer.diagnostics.systematic_misfit_over_rmax or 0.0
-    if not damageable or misfit < TUNING.searched_above or len(answer.theta) < 2 or answer.bound("shear_modulus"):
+    if not damageable or misfit < TUNING.large_misfit or len(answer.theta) < 2 or answer.bound("shear_modulus"):
         return []
     log_undamaged = answer.evidence.log if answer.evidence else -np.inf
     return _verify_with_bubble(replace(settings, network=None), curve, answer, DAMAGED, log_undamaged)
 
 
 def _rival(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[OtherAnswer]:
-    """What the other of the real and the field's bubble answers beside a fit: its maximum, and the Gaussian there."""
+    """The answer of the other of the real and the field's bubble beside a fit: the Gaussian about its maximum."""
     rival = rival_of(answer.bubble)
     if rival is None or any(model_of(alternative) == (answer.material, rival.name) for alternative in answer.others):
         return []
-    map_settings = replace(settings, level="map", weights=None, scanned=TUNING.rival_scanned)
+    map_settings = replace(settings, level="map", weights=None, scanned=TUNING.rival_scan_points)
     return [as_alternative(posterior) for posterior in _verify_with_bubble(map_settings, curve, answer, rival)]
 
 
 def _verify_with_bubble(
     settings: Verification, curve: RadiusCurve, answer: Posterior, bubble: Bubble, least: float = -np.inf
 ) -> list[Posterior]:
-    """The answer once more, of another bubble; none where that fails, or where Laplace's log evidence is
-    smaller than `least`."""
+    """The answer by another bubble; none if that fails, or if Laplace's log evidence is smaller than `least`."""
     start = replace(answer, bubble=bubble, others=(), windows={}, diagnostics=Diagnostics())
     try:
         estimation = Estimation(settings, curve, start)
@@ -168,32 +166,32 @@ def _verify_with_bubble(
 
 
 def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
-    """The answer of each law, which has the part in the whole that its evidence gives; one that is far from the
-    likeliest has no interval.
+    """The answer of each law, whose share in the average follows from its evidence; a law that is far less likely than
+    the best has no answer.
 
-    A law of the real bubble has a limit, the field's bubble, in which nothing resists. All models are looked at by few
-    simulations. Those whose part may be seen are then sampled, each by as many draws as its part in the average asks
-    for: a model that hardly counts needs no interval of its own (Hoeting et al. 1999, doi:10.1214/ss/1009212519).
+    The real bubble has a limit, the field's bubble, in which condensation meets no resistance. A few simulations first
+    give a rough evidence of each model. Models whose share is not negligible are then sampled, each with as many draws
+    as its share needs (Hoeting et al. 1999, doi:10.1214/ss/1009212519).
 
     Raises SolverError: none of them could be simulated.
     """
-    errors = list(map(_look_at, estimations))
+    errors = list(map(_begin_sampling, estimations))
     laws = [law for law, error in zip(estimations, errors, strict=True) if error is None]
     problems = [error for error in errors if error is not None]
     if not laws:
         raise problems[0]
     _refine(laws)
     if len(laws) > 1 and max(laws, key=lambda law: law.log_probability).sampling.misfit > MISFIT:
-        for law in laws:  # before it is said that none of them fits
+        for law in laws:  # a better mode may exist
             law.sampling.search_windows()
     limits: dict[int, Estimation] = {}
     by_share = sorted(enumerate(_shares(laws) if len(laws) > 1 else [1.0]), key=lambda pair: -pair[1])
     for i, share in by_share:
         law, real = laws[i], laws[i].answer.bubble == REAL
         above = [laws[k].log_probability - limit.log_probability for k, limit in limits.items()]
-        unlike = max(above, default=-np.inf) > TUNING.part_unlike
-        limit = law.rival() if share > TUNING.part_small and not unlike else None
-        if limit and _look_at(limit) is None:
+        unlike = max(above, default=-np.inf) > TUNING.limit_unlike
+        limit = law.rival() if share > TUNING.share_small and not unlike else None
+        if limit and _begin_sampling(limit) is None:
             limit.log_prior = np.log(LIMIT) if real else -np.inf
             limits[i] = limit
             _refine([law, limit])
@@ -209,7 +207,7 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
         if law.sampling.sample is None and of_law < LEAST_PROBABILITY:
             continue
         if law.sampling.sample is None:
-            law.sampling.weigh(max(float(share), TUNING.part_seen))
+            law.sampling.weigh(max(float(share), TUNING.share_least))
         if law.sampling.sample is None:
             why = f"too few bubbles of {law.shot.family.name} about its maximum can be simulated"
             problems.append(SolverError(why))
@@ -221,8 +219,8 @@ def answers_of(estimations: Sequence[Estimation]) -> list[Posterior]:
     return answers
 
 
-def _look_at(model: Estimation) -> SolverError | None:
-    """Begin to sample a model; why it could not be simulated."""
+def _begin_sampling(model: Estimation) -> SolverError | None:
+    """Find the modes of a model; why it could not be simulated, or None."""
     try:
         model.sampling  # noqa: B018
     except SolverError as error:
@@ -231,33 +229,33 @@ def _look_at(model: Estimation) -> SolverError | None:
 
 
 def _refine(models: Sequence[Estimation]) -> None:
-    """Refine what is known of the models, but for those far below the likeliest."""
+    """Correct the rough simulations of all models that are not far below the likeliest."""
     top = max(model.log_probability for model in models)
     for model in models:
-        if model.log_probability > top - TUNING.hopeless:
+        if model.log_probability > top - TUNING.evidence_hopeless:
             model.sampling.refine()
 
 
 def _shares(models: Sequence[Estimation]) -> Floats:
-    """(n,) probabilities of the models, as far as they are known."""
+    """Probabilities (n,) of the models by their evidence so far."""
     logs = np.array([model.log_probability for model in models])
     return np.asarray(np.exp(logs - log_sum(logs)))
 
 
 def _sample(models: Sequence[Estimation]) -> None:
-    """Sample all models whose share may be seen, at once, and those again whose share has become larger."""
-    for _ in range(TUNING.emulated_rounds + _REPEATED):
-        highest = max(models, key=lambda model: model.sampling.explorer.height)
+    """Sample all models whose share is not negligible, in rounds, until each has the draws that its share needs."""
+    for _ in range(TUNING.surrogate_rounds + _REPEATED):
+        highest = max(models, key=lambda model: model.sampling.proposal.height)
         for model in models:
-            model.look_where(highest)
+            model.climb_where_best(highest)
         _refine(models)
         top = max(model.log_probability for model in models)
         waiting = []
         for model, share in zip(models, _shares(models), strict=True):
             error = model.sampling.evidence.error or 0.0
-            in_reach = model.log_probability + min(error, TUNING.part_unsure) > top + np.log(TUNING.part_seen)
-            large_or_unsure = share > TUNING.part_small or error > TUNING.part_known
-            if in_reach and large_or_unsure and model.sampling.short(float(share)):
+            in_reach = model.log_probability + min(error, TUNING.evidence_reach) > top + np.log(TUNING.share_least)
+            large_or_unsure = share > TUNING.share_small or error > TUNING.evidence_known
+            if in_reach and large_or_unsure and model.sampling.needs_draws(float(share)):
                 waiting.append((float(share), model.sampling))
         if not waiting:
             return

@@ -1,7 +1,7 @@
-"""Which of several laws? Evidence of each from the draws of its posterior, or Laplace's of one far behind.
+"""Comparison of laws by their evidence, from the draws of each posterior, or by Laplace's integral for unlikely laws.
 
 log p(frames | law) is the log of the mean importance weight. A parameter that is not needed costs log(prior width/
-posterior width): laws that nest are compared fairly only as far as the prior ranges are meant
+posterior width). The comparison of nested laws is therefore only as good as the prior ranges
 (docs/method/posterior.md). Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572.
 """
 
@@ -31,14 +31,14 @@ from cavirheo.posterior import Evidence, Posterior
 
 @dataclass(frozen=True)
 class Pair:
-    """How firmly a group prefers one law to another.
+    """The comparison of two laws by the shots of a group.
 
     Attributes:
         first: the law with the larger evidence.
-        second: the other.
+        second: the law with the smaller evidence.
         difference: sum over the shots of the differences of log evidence.
         error: its standard error, from the scatter over the shots.
-        shots: how many shots speak for the first and for the second.
+        shots: numbers of shots that have the larger evidence with the first and with the second.
     """
 
     first: str
@@ -53,16 +53,16 @@ class Ranking:
     """The laws of one curve or group.
 
     Attributes:
-        name: of the curve or group.
-        evidence: by law; None where a law gave none.
-        shots: how many curves are summed.
-        answers: by law, of a curve; empty for a group.
-        pairs: of a group, every law and each worse one.
-        populations: by law, of a group: one material with its scatter; its `evidence` is that of the law for the
-            group as a whole.
-        column: that which the material may change with.
-        members: of a group, which of the curves are in it, by their place.
-        sizes: how many parameters each law has with its bubble.
+        name: name of the curve or group.
+        evidence: evidence by law; None for a law without one.
+        shots: number of curves that are summed.
+        answers: answers by law; empty for a group.
+        pairs: each law of a group with each worse one.
+        populations: one material with its scatter by law, for a group; its `evidence` is that of the law for the
+            whole group.
+        column: column along which the material may change.
+        members: indices of the curves in a group.
+        sizes: number of parameters of each law with its bubble.
     """
 
     name: str
@@ -77,7 +77,7 @@ class Ranking:
 
     @property
     def log_evidence(self) -> dict[str, float | None]:
-        """By law."""
+        """Log evidence by law."""
         return {law: evidence.log if evidence else None for law, evidence in self.evidence.items()}
 
     @property
@@ -87,19 +87,19 @@ class Ranking:
 
     @property
     def probability(self) -> dict[str, float]:
-        """Of the laws that have an evidence, all being equally likely before."""
+        """Probability of the laws that have an evidence, if all are equally likely a priori."""
         logs = {law: evidence.log for law, evidence in self.evidence.items() if evidence}
         return dict(zip(logs, softmax(list(logs.values())).tolist(), strict=True)) if logs else {}
 
     @property
     def contenders(self) -> list[str]:
-        """The laws that cannot be told from the best, simplest first (`alternatives.contenders`)."""
+        """The laws that the evidence does not reject, the simplest first (`alternatives.contenders`)."""
         laws = list(self.evidence)
         return [laws[i] for i in contenders(list(self.evidence.values()), [self.sizes.get(law, 0) for law in laws])]
 
     @property
     def chosen(self) -> str | None:
-        """The simplest law that is not clearly worse than the best."""
+        """The simplest law that the evidence does not reject."""
         return self.contenders[0] if self.contenders else None
 
 
@@ -107,10 +107,10 @@ Model = tuple[str, Bubble]  # law and bubble
 
 
 def models(laws: Sequence[str], bubbles: Sequence[Bubble] = (REAL,)) -> dict[str, Model]:
-    """Every law with every bubble, by the name in a ranking: "nhkv", or "nhkv, real" where there are several bubbles.
+    """Every law with every bubble, by its name in a ranking: "nhkv", or "nhkv, real" if there are several bubbles.
 
-    A law without an elastic part goes without damage. Raises InputError: fewer than two models, one twice, a law that
-    is unknown, a number of a bubble out of its domain.
+    A law without an elastic part is not combined with damage. Raises InputError: fewer than two models, a model twice,
+    an unknown law, or a number of a bubble out of its domain.
     """
     words = ", ".join([*laws, *(bubble.name for bubble in bubbles)]) or "none"
     message = f"give two or more different models to choose from, got {words}"
@@ -138,10 +138,10 @@ def rank_laws(
     done: Callable[[int, Posterior], None] | None = None,
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
-    """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
-    bubble: as of `infer`; of several, each law is taken with each of them (`models`). What the shipped network knows
-    is weighed as `infer` does; another law is fitted, and if its Laplace evidence is far below the best of its curve
-    (TUNING.hopeless) it keeps that.
+    """The ranking of laws for each curve, and for each group of two or more: the sum over its shots, each with
+    parameters of its own. bubble: as of `infer`; each law is taken with each of several bubbles (`models`). A law that
+    the shipped network knows is answered as by `infer`. Another one is searched; it keeps its Laplace evidence if this
+    is far below the best of its curve (TUNING.evidence_hopeless).
 
     `options` are those of a search (`Analysis`); `ranges` may hold parameters of some of the laws only. `done` is
     called with the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two
@@ -164,9 +164,9 @@ def plans(
     chosen: Mapping[str, Model], *, stretch: float | str | None = None,
     ranges: Mapping[str, Sequence[float]] | None = None, **options: Any,
 ) -> dict[str, Analysis]:  # fmt: skip
-    """What is asked for the evidence of each of `models`, by name: of the shipped network where it knows the model,
-    which takes a fraction of a search, and of a search for the others. options: of `Analysis`; ranges as `rank_laws`
-    has them."""
+    """The analysis that gives the evidence of each of `models`, by name: with the shipped network for a model that it
+    knows, which takes a fraction of the time of a search, and else by a search. options: of `Analysis`. ranges: as of
+    `rank_laws`."""
     plain = not ranges and options.keys().isdisjoint(("free", "t0_bound", "scale_bound")) and stretch != "plateau"
     network = network_of(DEFAULT) if plain else None
     analyses: dict[str, Analysis] = {}
@@ -186,17 +186,17 @@ def weigh_models(
     analyses: Mapping[str, Analysis],
     run: Callable[[Sequence[RadiusCurve], Analysis, Sequence[Posterior] | None], Iterable[tuple[int, Posterior]]],
 ) -> dict[str, dict[int, Posterior]]:
-    """The answer of each model for each curve, by the index of the curve; a model whose Laplace evidence is far below
-    the best of the curve (TUNING.hopeless) keeps that. run: (index, answer) of each curve, from these curves and the
-    answers that theirs begin with; where some are missing, it was interrupted, and nothing is found."""
+    """The answer of each model for each curve, by the index of the curve. A model keeps its Laplace evidence if this is
+    far below the best of the curve (TUNING.evidence_hopeless). run: gives (index, answer) of each curve, from curves,
+    an analysis and the answers to begin with; if some are missing, it was interrupted, and no answer is returned."""
     by_law = {law: dict(sorted(run(curves, analysis.before or analysis, None))) for law, analysis in analyses.items()}
     if any(len(answers) < len(curves) for answers in by_law.values()):
         return {law: {} for law in by_law}
     answers_of_laws = [answers.values() for answers in by_law.values()]
     logs = np.array([[answer.evidence.log if answer.evidence else np.inf for answer in row] for row in answers_of_laws])
     top = np.max(logs, axis=0, where=np.isfinite(logs), initial=-np.inf)
-    for law, in_reach in zip(by_law, logs > top - TUNING.hopeless, strict=True):
-        indices = np.flatnonzero(in_reach).tolist()  # a curve without Laplace's evidence is among them
+    for law, in_reach in zip(by_law, logs > top - TUNING.evidence_hopeless, strict=True):
+        indices = np.flatnonzero(in_reach).tolist()  # and of a curve without Laplace's evidence
         if analyses[law].before and indices:
             full = dict(run([curves[i] for i in indices], analyses[law], [by_law[law][i] for i in indices]))
             laplace = {i: answer for i, answer in by_law[law].items() if i not in indices}
@@ -207,7 +207,7 @@ def weigh_models(
 def ranked(
     curves: Sequence[RadiusCurve], by_law: Mapping[str, Sequence[Posterior]]
 ) -> tuple[list[Ranking], list[Ranking]]:
-    """As `rank_laws`, from the verified answers by law, in the order of the curves."""
+    """As `rank_laws`, from the answers by law, in the order of the curves."""
     singles = []
     for i, curve in enumerate(curves):
         answers = {law: answers[i] for law, answers in by_law.items()}
@@ -227,8 +227,8 @@ def ranked(
 
 
 def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Posterior]:
-    """Of `ranked`: the answer of each curve by the law chosen for its group, or else for itself, with what the other
-    laws answer beside it. A curve without an evidence has the answer of its first law."""
+    """The answer of each curve by the law that `ranked` chose for its group, or for the curve itself, with the answers
+    of the other laws beside it. A curve without an evidence has the answer of its first law."""
     by_group = {i: group.chosen for group in groups for i in group.members if group.chosen}
     chosen_answers = []
     for i, ranking in enumerate(singles):
@@ -244,18 +244,20 @@ def choose_answers(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> lis
 
 
 def _evidence(answer: Posterior) -> Evidence | None:
-    """With a larger standard error where there are no weights, or none to be trusted; None without a posterior."""
+    """The evidence with a larger standard error if there are no weights that can be trusted; None without one."""
     evidence = answer.evidence
     if evidence is None or not np.isfinite(evidence.log):
         return None
     if evidence.error is None:
         return Evidence(evidence.log, LAPLACE)
-    return evidence if answer.log_weight is not None else Evidence(evidence.log, max(evidence.error, TUNING.unsure))
+    if answer.log_weight is None:
+        return Evidence(evidence.log, max(evidence.error, TUNING.evidence_distrusted))
+    return evidence
 
 
 def _rank_group(name: str, members: list[tuple[Ranking, float]], column: str) -> Ranking:
-    """The sum over the shots for which every law has an evidence; and each law with one material for these, with its
-    slope along the column if that has several values among them."""
+    """The ranking by the sum over the shots for which every law has an evidence, and one material by each law for these
+    shots, with its slope along the column if this has several values."""
     whole = [(ranking, value) for ranking, value in members if all(ranking.evidence.values())]
     complete = [ranking.evidence for ranking, _ in whole]
     evidence: dict[str, Evidence | None] = dict.fromkeys(members[0][0].evidence)

@@ -1,8 +1,8 @@
-"""Estimations that begin with searches over windows that grow by a collapse: that of a fit, and of a law by itself.
+"""Estimations that begin with a search over windows that grow by a collapse: a fit, and a law without a network.
 
-A fit takes the noise as independent from frame to frame. Its size, and the share of the wall's motion in it, are learnt
-from what the best simulation leaves (`Experiment.reweighted`). Models are compared, and the answer judged, by the noise
-of a posterior, which allows for what no simulation follows.
+A fit takes the noise as independent from frame to frame. Its size, and the part of it that the motion of the wall
+makes, are learnt from the residuals of the best simulation (`Experiment.reweighted`). Models are compared, and the
+answer is judged, by the noise of a posterior, which allows for differences that no simulation follows.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.assumptions import FREE
 from cavirheo.inference.experiment import SHARPEST
 from cavirheo.inference.search import POLISH, ROUNDS, LeastSquares, Search
-from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, under
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, with_noise
 from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Verification
@@ -32,12 +32,12 @@ AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
 
 class SearchedEstimation(Estimation):
-    """An estimation that begins with the law alone. search: over windows that grow. modes: where it ended, best first,
+    """An estimation that begins with a search over growing windows. modes: the modes that it found, the best first,
     with the noise of a posterior."""
 
     def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
         super().__init__(settings, curve, answer)
-        self.search = Search(self.shot, 0.0 if self.shot.clean else TUNING.search_unlike)
+        self.search = Search(self.shot, 0.0 if self.shot.clean else TUNING.search_distance)
         self.modes: list[Mode] = []
         for _ in ROUNDS[:1] if settings.level == "map" else ROUNDS:
             earlier, new = ([self.target.start(x) for x in some] for some in self.search.starts())
@@ -49,15 +49,15 @@ class SearchedEstimation(Estimation):
 
     @property
     def _missed(self) -> Floats:
-        """What the best mode missed, over R_max, of the frames that count."""
+        """Residuals of the best mode over R_max, of the frames that count."""
         return self.noise.split(self.modes[0].residual)[0]
 
     def starts(self) -> list[Floats]:
-        """u of the modes."""
+        """u (d,) of each mode."""
         return [mode.u for mode in self.modes]
 
     def scanned(self) -> list[Floats]:
-        """None: the search has looked all over the ranges, in windows that grow."""
+        """No places: the search has looked all over the ranges."""
         return []
 
     windowed = scanned
@@ -71,7 +71,7 @@ class FitEstimation(SearchedEstimation):
     def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
         super().__init__(settings, curve, answer)
         followed = (mode for mode in self.modes if self._weigh(self._at(mode)))
-        first = next(followed, None)  # a rough simulation may step over what stops the default one: taut chains
+        first = next(followed, None)  # a rough simulation may miss the chain limit that stops the default one
         if first is None:
             raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
         if mode := climb(self.target, first.u, ROUGH):
@@ -80,14 +80,14 @@ class FitEstimation(SearchedEstimation):
         remaining = [mode for mode in self.modes if not same(mode, first)]
         if self.shot.options.stretch == "plateau" and not self.shot.stretch_prior:
             self.messages.append(Message("stretch.no_plateau"))
-        self.fitted_modes = [under(mode, self.target.noise) for mode in (first, *remaining)]
+        self.fitted_modes = [with_noise(mode, self.target.noise) for mode in (first, *remaining)]
 
     def _at(self, mode: Mode) -> Floats:
         """x (all,) of a mode."""
         return self.target.with_camera(mode.u[None], self.target.camera.z(mode.residual)[None])[0]
 
     def _weigh(self, x: Floats) -> bool:
-        """Take the weights that the simulation of x (all,) tells; False where it fails."""
+        """Learn the weights of frames from the simulation of x (all,). Whether it did not fail."""
         prediction = self.shot.predict(x, DEFAULT)
         if prediction is None:
             return False
@@ -97,14 +97,14 @@ class FitEstimation(SearchedEstimation):
 
     @cached_property
     def network(self) -> Proposal:
-        """Gaussians about the modes, and wider ones: posteriors are curved."""
+        """Gaussians about the modes, and wider ones, because posteriors are curved."""
         fitted = self.fitted_modes
         places, shapes = [mode.u for mode in fitted], [mode.covariance for mode in fitted]
-        return Mixture.of_modes(places, shapes, [mode.log_evidence for mode in fitted]).widened(TUNING.fit_wide)
+        return Mixture.of_modes(places, shapes, [mode.log_evidence for mode in fitted]).widened(TUNING.fit_wide_share)
 
     def _nearest(self, x: Floats) -> tuple[Floats, float]:
-        """x (all,), beside which the model comes no nearer; by least squares of default simulations, where the frames
-        are sharper than these."""
+        """x (all,) and its misfit, infinite if the model may come nearer; for frames with less noise than the solver's
+        error, least squares of default simulations from x find the nearest."""
         shot = self.shot
         if shot.misfit(self._missed) > SHARPEST:
             return x, np.inf
@@ -131,8 +131,8 @@ class FitEstimation(SearchedEstimation):
         return replace(answer, windows=windows, diagnostics=diagnostics, provenance=answer.provenance | fit_details)
 
     def _windows(self, x: Floats) -> dict[str, WindowAnswer]:
-        """What the windows answer: of the whole one x (all,), of shorter ones the minimum beside the best of their
-        search, or beside x where that is nearer."""
+        """The answers of the windows: x (all,) for the whole one, and for a shorter one the minimum that is reached
+        from the best of its search, or from x if that is nearer."""
         windows, view = dict[str, WindowAnswer](), self.shot.view
         end_of_last = self.shot.cut_to(view.collapses or None).view.end  # the whole window may end elsewhere
         whole = view.collapses if abs(end_of_last - view.end) < 1e-6 * view.end else "all"

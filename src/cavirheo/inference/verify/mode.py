@@ -26,11 +26,11 @@ _STIFF, _STIFFENED = 0.03, 0.3  # pressures of the medium: modulus and stress at
 
 
 class Target(Coordinates):
-    """log p(frames | x(u)) + log p(u) of one experiment, clock, scale and R_max factor being integrated (camera.py);
-    -inf where the simulation failed.
+    """log p(frames | x(u)) + log p(u) of one experiment, integrated over clock, scale and R_max factor (camera.py). It
+    is -inf where the simulation failed.
 
-    whole: prior of all parameters of the experiment. prior: of what is sampled. columns: where its parameters are among
-    those of the experiment.
+    whole: prior of all parameters of the experiment. prior: prior of the parameters that are sampled. columns: indices
+    of these among the parameters of the experiment.
     """
 
     def __init__(self, experiment: Experiment, whole: Prior, noise: Noise, workers: int = 1) -> None:
@@ -41,9 +41,9 @@ class Target(Coordinates):
         self.noise = MarginalNoise(noise, len(self.camera.free), self.camera.size)
         self._resistance = [i for i, name in enumerate(self.prior.names) if name == "accommodation"]
 
-    def follow(self, u: Floats, residual: Floats) -> bool:
-        """Let shapes have the collapses, and frames the effect of size, of the bubble at u (d,) with an extended
-        residual (size,), where each simulation does not tell the latter. Whether shapes changed."""
+    def adapt_shapes(self, u: Floats, residual: Floats) -> bool:
+        """Give shapes the collapses of the bubble at u (d,) with an extended residual (size,). Its effect of size is
+        used for all bubbles if simulations do not each find theirs. Whether shapes changed."""
         frames, before = self.noise.frames, self.camera
         curve = self.experiment.sampled(self.with_camera(u[None])[0], replace(before, sized=True))
         if curve is None or not self.noise.pulls:
@@ -56,19 +56,19 @@ class Target(Coordinates):
         return camera.collapses != before.collapses
 
     def start(self, x: Floats) -> Floats:
-        """(..., d) u of x (..., all), where a climb can begin."""
+        """u (..., d) of x (..., all), inside the ranges, so that a climb can begin there."""
         return self.prior.to_u(x[..., self.columns], INSIDE)
 
     def residuals(self, u: Floats, accuracy: Accuracy) -> Floats:
-        """(k, size) extended residuals at u (k, d); NaN where the simulation failed."""
+        """Extended residuals (k, size) at u (k, d); NaN where the simulation failed."""
         shot, camera, frames = self.experiment, self.camera, self.noise.frames
         places = self.with_camera(u)
         rows = each(lambda x: shot.extended(x, camera, frames, accuracy)[0], places, self.workers)
         return np.array(rows).reshape(len(u), camera.size)
 
     def with_camera(self, u: Floats, z: Floats | None = None) -> Floats:
-        """x (k, all) of u (k, d) with clock, scale and factor in units of their prior, z (k, m) or nothing; what of the
-        law goes with the bubble's size is that of its true size."""
+        """x (k, all) of u (k, d) and of clock, scale and factor z (k, m) in units of their prior, or at their middle.
+        Parameters of the law that depend on the bubble's size are those of its true size."""
         x = np.zeros((len(u), len(self.whole.names)))
         x[:, self.columns] = self.prior.to_x(u)
         if z is not None and len(self.camera.free):
@@ -80,39 +80,38 @@ class Target(Coordinates):
             x[:, :law] = rescaled(self.experiment.family.parameters, x[:, :law], size)
         return x
 
-    def drawn(self, u: Floats, z: Floats) -> tuple[Floats, Floats]:
-        """x (k, all) of draws u (k, d) and z (k, m) of the camera, and what the log density (k,) of z changes by in
-        x."""
+    def with_drawn_camera(self, u: Floats, z: Floats) -> tuple[Floats, Floats]:
+        """x (k, all) of draws u (k, d) with a camera z (k, m), and the change (k,) of the log density from z to x."""
         free, shot = self.camera.free, self.experiment
         widths = np.array([shot.free[NAMES[i]][1] for i in free]) / self.camera.widths[free]
         return self.with_camera(u, np.nan_to_num(z)), np.full(len(u), float(np.sum(np.log(widths))))
 
-    def completed(self, u: Floats, z: Floats, at: Floats, seed: int) -> tuple[Floats, Floats]:
-        """x (k, all) of u (k, d) whose most likely camera is z (k, m), the camera drawn from its distribution given
-        each, whose spread is that at u `at` (d,), and the log density (k,) of these draws over x."""
+    def draw_camera(self, u: Floats, z: Floats, at: Floats, seed: int) -> tuple[Floats, Floats]:
+        """x (k, all) of u (k, d) with a camera drawn from the Gaussian about the most likely one z (k, m), whose
+        spread is that at u `at` (d,); and the log density (k,) of these draws over x."""
         middle, shot = np.nan_to_num(z), self.experiment
         curvature = shot.extended(self.with_camera(at[None])[0], self.camera, self.noise.frames)[1]
         if not len(self.camera.free) or not np.all(np.isfinite(curvature)):
             return self.with_camera(u, middle), np.zeros(len(u))
         z, log_density = self.camera.draw(middle, curvature, np.random.Generator(np.random.Philox(seed).jumped(2)))
-        x, log_width = self.drawn(u, z)
+        x, log_width = self.with_drawn_camera(u, z)
         return x, log_density + log_width
 
     def log_posterior(self, u: Floats, residual: Floats) -> Floats:
-        """(k,) of u (k, d), where the extended residuals are (k, size); -inf where one is not finite."""
+        """Log posterior (k,) of u (k, d) with extended residuals (k, size); -inf where one is not finite."""
         return self.noise.log_density(residual) + log_normal(u)
 
     def extended(self, shapes: Floats, z: Floats) -> Floats:
-        """(k, size) extended residuals of bubbles of these shapes (k, numbers) by a camera z (k, m), which is not
-        integrated: the logarithm of the rest is that of its prior."""
+        """Extended residuals (k, size) of bubbles of these shapes (k, numbers) and of a camera z (k, m), which is not
+        integrated: its part of the log density is that of its prior."""
         rest = np.full((len(z), 1), -0.5 * z.shape[1] * np.log(2.0 * np.pi))
         return np.hstack([self.camera.difference_of_shapes(shapes, z), z, rest, shapes])
 
     def checks(
         self, u: Floats, z: Floats, accuracy: Accuracy = DEFAULT, correction: Floats | float = 0.0
     ) -> tuple[Simulated, Floats]:
-        """Simulations at u (k, d), and their log posterior with a camera z (k, m), which their shapes do not decide.
-        correction: (size,) of the extended residuals by this accuracy."""
+        """Simulations at u (k, d), and their log posterior (k,) with a given camera z (k, m). correction: (size,) is
+        added to the extended residuals of this accuracy."""
         shot, frames, camera = self.experiment, self.noise.frames, self.camera
 
         def simulate(pair: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
@@ -128,13 +127,13 @@ class Target(Coordinates):
         return Simulated(u, residual, self.log_posterior(u, residual)), self.log_posterior(u, extended)
 
     def integrated(self, simulated: Simulated) -> Simulated:
-        """The same with the camera integrated by importance sampling for those that are likely: Laplace's integral is
-        wrong by 1 in log posterior, and by up to 6, where a collapse is beside a frame."""
-        selected = simulated.value > simulated.height - TUNING.integrated_height
+        """The simulations, with the camera of the likely ones integrated by importance sampling: Laplace's integral is
+        wrong by 1, and by up to 6, in log posterior where a collapse is beside a frame."""
+        selected = simulated.value > simulated.height - TUNING.camera_depth
         if not np.any(selected) or not self.noise.pulls:
             return simulated
         residual, density_column = simulated.residual.copy(), self.noise.frames.size + self.noise.pulls
-        noise = self.noise.only(residual[selected], TUNING.grid_share)
+        noise = self.noise.only(residual[selected], TUNING.noise_point_least)
 
         def integral(residual: Floats) -> float:
             z, shape = self.camera.z(residual), self.noise.shapes(residual)
@@ -142,16 +141,17 @@ class Target(Coordinates):
             def log_density(z: Floats) -> Floats:
                 return noise.log_density(self.extended(np.tile(shape, (len(z), 1)), z))
 
-            return integral_about(log_density, z, TUNING.integrated_scale, TUNING.integrated_points)
+            return integral_about(log_density, z, TUNING.camera_scale, TUNING.camera_points)
 
         gain = np.array(list(map(integral, residual[selected]))) - noise.log_density(residual[selected])
         residual[selected, density_column] += gain
         return Simulated(simulated.u, residual, self.log_posterior(simulated.u, residual))
 
     def linear(self, u: Floats) -> Floats:
-        """(k, d) coordinates that frames are nearly linear in, of u (k, d): parameters, not their logarithms. Of the
-        accommodation its inverse, a resistance, where that is small beside the others, and else the logarithm. Of a law
-        that stiffens the stress at R_max, and of this and its modulus the logarithm where they are large."""
+        """Coordinates (k, d) of u (k, d) in which frames are nearly linear: parameters, not their logarithms. The
+        accommodation counts by its inverse, a resistance, and by its logarithm where this resistance is large. A law
+        that stiffens counts by the stress at R_max; this and the modulus count by their logarithm where they are
+        large."""
         x = self.prior.to_x(u)
         v = self._values(x)
         if "fung" in self.experiment.family.name:
@@ -164,15 +164,15 @@ class Target(Coordinates):
         return v
 
     def _values(self, x: Floats) -> Floats:
-        """(k, d) of x (k, d): of each parameter by itself, what frames are nearly linear in."""
+        """Functions (k, d) of single parameters x (k, d) in which frames are nearly linear."""
         law = self.experiment.law
         v = np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
         v[:, self._resistance] = np.log1p(_RESISTING * 10.0 ** -x[:, self._resistance])
         return v
 
-    def straightened(self, w: Floats) -> tuple[Floats, Floats]:
-        """v (k, d + m) of u and camera w (k, d + m), as `linear` but for the stress of a law that stiffens, so that
-        ridges of the posterior are nearly straight; and log |dv/dw| (k,)."""
+    def to_straight(self, w: Floats) -> tuple[Floats, Floats]:
+        """v (k, d + m) of u and camera w (k, d + m), in which ridges of the posterior are nearly straight, and
+        log |dv/dw| (k,). v is that of `linear`, without the stress of a law that stiffens."""
         d, law, columns = len(self.prior.names), self.experiment.law, self._resistance
         x = self.prior.to_x(w[:, :d])
         v = self._values(x)
@@ -180,8 +180,8 @@ class Target(Coordinates):
         log_slope = log_normal(w[:, :d]) - self.prior.log_density(x) + np.sum(np.log(by_x), axis=1)
         return np.hstack([v, w[:, d:]]), log_slope
 
-    def bent(self, v: Floats) -> Floats:
-        """w (k, d + m) of v (k, d + m); NaN where it is outside the ranges."""
+    def from_straight(self, v: Floats) -> Floats:
+        """w (k, d + m) of v (k, d + m); NaN outside the ranges."""
         d, law, columns = len(self.prior.names), self.experiment.law, self._resistance
         x = v[:, :d].copy()
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -193,8 +193,8 @@ class Target(Coordinates):
         return w
 
     def jacobian(self, u: Floats, residual: Floats, accuracy: Accuracy) -> Floats:
-        """(size, d) of the simulated frames by u, the camera following: differences towards u = 0, steps as those of a
-        fit."""
+        """Derivatives (size, d) of the simulated frames by u, with the camera refitted: differences towards u = 0, with
+        the steps of a fit."""
         steps = self.experiment.steps[self.columns]
         moves = np.minimum(FORWARD * steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
         moved = self.residuals(u + np.diag(moves), accuracy)
@@ -203,7 +203,7 @@ class Target(Coordinates):
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """A maximum of the posterior in u, with what the Gaussian about it needs."""
+    """A maximum of the posterior in u, with the Gaussian about it."""
 
     u: Floats  # (d,)
     log_posterior: float
@@ -213,23 +213,23 @@ class Mode:
 
     @property
     def log_evidence(self) -> float:
-        """Laplace's integral of likelihood times prior."""
+        """Log of Laplace's integral of likelihood times prior."""
         return self.log_posterior + 0.5 * float(np.linalg.slogdet(2.0 * np.pi * self.covariance)[1])
 
     def squares(self, u: Floats) -> Floats:
-        """(k,) squared Mahalanobis distances of u (k, d)."""
+        """Squared Mahalanobis distances (k,) of u (k, d)."""
         off = u - self.u
         return np.asarray(np.einsum("ki,ij,kj->k", off, np.linalg.inv(self.covariance), off))
 
     def draws(self, count: int, seed: int) -> Floats:
-        """(count, d) of the Gaussian, in pairs opposite to each other."""
+        """Draws (count, d) of the Gaussian, in pairs on opposite sides of the maximum."""
         rng = np.random.Generator(np.random.Philox(seed))
         half = rng.standard_normal((count // 2, len(self.u))) @ np.linalg.cholesky(self.covariance).T
         return np.asarray(self.u + np.concatenate([half, -half]))
 
 
-def under(mode: Mode, noise: MarginalNoise) -> Mode:
-    """Where a mode is with another noise, its height and its width there, by Newton's step: without a simulation."""
+def with_noise(mode: Mode, noise: MarginalNoise) -> Mode:
+    """The mode under another noise, by one Newton step without a simulation."""
     gradient, curvature = noise.newton(mode.residual, mode.jacobian)
     gradient, covariance = gradient + mode.u, np.asarray(np.linalg.inv(curvature + np.eye(len(mode.u))), dtype=float)
     step = -covariance @ gradient
@@ -239,7 +239,7 @@ def under(mode: Mode, noise: MarginalNoise) -> Mode:
 
 
 def answer_at(target: Target, mode: Mode) -> OtherAnswer:
-    """What the Gaussian about a mode answers, beside another one's."""
+    """The answer of the Gaussian about a mode, to stand beside the answer of another one."""
     shot, z = target.experiment, target.camera.z(mode.residual)
     draws = mode.draws(TUNING.draws, 0)
     quantiles = intervals(*shot.answer(target.with_camera(draws, np.tile(z, (len(draws), 1)))))
@@ -251,18 +251,18 @@ def answer_at(target: Target, mode: Mode) -> OtherAnswer:
 def climb(
     target: Target, start: Floats, accuracy: Accuracy, maxima: Sequence[Mode] = (), least: float = TUNING.climb_gain
 ) -> Mode | None:
-    """The maximum reached from u (d,) by damped Gauss-Newton, until a step gains less than `least`; None if the start
-    cannot be simulated, or if the way comes to one of the `maxima` or promises to end far below the best of them."""
+    """The maximum that damped Gauss-Newton steps reach from u (d,), until a step gains less than `least`. None if the
+    start cannot be simulated, or if the climb comes to one of the `maxima` or will end far below the best of them."""
     u, noise = start, target.noise
     _, (residual,), (value,) = Simulated.at(target, u[None], accuracy)
     if not np.isfinite(value):
         return None
     damping = 1e-3
     lowest = max((mode.log_posterior for mode in maxima), default=-np.inf)
-    lowest -= TUNING.climb_hopeless * TUNING.lowest_mode
+    lowest -= TUNING.climb_depth
     gain = np.inf
     for turn in range(TUNING.climb_steps + 1):
-        if any((u - mode.u) @ np.linalg.solve(mode.covariance, u - mode.u) < TUNING.same_mode**2 for mode in maxima):
+        if any(mode.squares(u[None])[0] < TUNING.mode_distance**2 for mode in maxima):
             return None
         jacobian = target.jacobian(u, residual, accuracy)
         gradient, curvature = noise.newton(residual, jacobian)
@@ -287,7 +287,7 @@ def climb(
 
 
 class Simulated(NamedTuple):
-    """Simulations: u (k, d), residuals (k, n), log posterior (k,)."""
+    """Simulations: u (k, d), extended residuals (k, n), log posterior (k,)."""
 
     u: Floats
     residual: Floats
@@ -295,16 +295,16 @@ class Simulated(NamedTuple):
 
     @classmethod
     def at(cls, target: Target, u: Floats, accuracy: Accuracy = DEFAULT) -> Simulated:
-        """Those at u (k, d)."""
+        """Simulate at u (k, d)."""
         residual = target.residuals(u, accuracy)
         return cls(u, residual, target.log_posterior(u, residual))
 
     def joined(self, others: Simulated) -> Simulated:
-        """These and others."""
+        """These simulations and others."""
         return Simulated(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
 
     def after(self, count: int) -> Simulated:
-        """Without the first so many."""
+        """All but the first `count`."""
         return Simulated(self.u[count:], self.residual[count:], self.value[count:])
 
     @property
@@ -314,32 +314,32 @@ class Simulated(NamedTuple):
 
     @property
     def highest(self) -> Floats:
-        """(d,) u of the largest log posterior."""
+        """u (d,) of the largest log posterior."""
         return np.asarray(self.u[np.argmax(self.value)])
 
     @property
     def finite(self) -> Simulated:
-        """Those that did not fail."""
+        """The simulations that did not fail."""
         good = np.isfinite(self.value)
         return Simulated(self.u[good], self.residual[good], self.value[good])
 
 
 def trust_in(value: Floats) -> Floats:
-    """(k,) how much simulations with this log posterior (k,) count where the likely ones are described."""
-    return np.asarray((1.0 + (np.max(value) - value) / TUNING.nugget_height) ** -2.0)
+    """Weights (k,) of simulations with this log posterior (k,) in a description of the likely ones."""
+    return np.asarray((1.0 + (np.max(value) - value) / TUNING.nugget_depth) ** -2.0)
 
 
 def same(first: Mode, second: Mode) -> bool:
-    """Nearer to each other than their Gaussians are wide."""
+    """Whether two modes are nearer to each other than their Gaussians are wide."""
     off = first.u - second.u
-    return bool(off @ np.linalg.solve(second.covariance + first.covariance, off) < TUNING.same_mode**2)
+    return bool(off @ np.linalg.solve(second.covariance + first.covariance, off) < TUNING.mode_distance**2)
 
 
 def modes(
     target: Target, starts: Sequence[Floats], further: Sequence[Floats] = (), maxima: Sequence[Mode] = ()
 ) -> list[Mode]:
-    """Distinct maxima from the starts (d,) in u, from `further` ones where they lead elsewhere, and the
-    `maxima` given; best first, without those far below."""
+    """Distinct maxima that are reached from the starts and `further` ones, u (d,), and the given `maxima`; the best
+    first, without those far below it."""
     distinct = list(maxima)
     for start in (*starts, *further):
         mode = climb(target, start, ROUGH, maxima=distinct)
@@ -351,4 +351,4 @@ def modes(
         elif mode.log_posterior > distinct[twin].log_posterior:
             distinct[twin] = mode
     distinct.sort(key=lambda mode: -mode.log_posterior)
-    return [mode for mode in distinct if mode.log_posterior > distinct[0].log_posterior - TUNING.lowest_mode]
+    return [mode for mode in distinct if mode.log_posterior > distinct[0].log_posterior - TUNING.mode_depth]

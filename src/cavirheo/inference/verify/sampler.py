@@ -1,8 +1,8 @@
-"""Sampling of a density that is quick to know: draws with weights, evidence, how far to trust them.
+"""Sampling of a density that is cheap to compute: weighted draws, the evidence, and how far to trust the weights.
 
-Mixtures of Student's t (heavy tails bound the weights) are fitted to draws by some steps of expectation maximisation
-(Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). Importance sampling draws from them; Markov chains, which they move
-from hill to hill, find the ends of bent ridges, too, where no mixture leads.
+Mixtures of Student's t distributions, whose heavy tails bound the weights, are fitted to draws by a few steps of
+expectation maximisation (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). Importance sampling draws from them. Markov
+chains jump to draws of them, from one mode to another, and also reach the ends of curved ridges, which no mixture fits.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from cavirheo.prior import log_normal
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Student's t with shares (c,), means (c, d) and scale matrices (c, d, d)."""
+    """Mixture of Student's t distributions with shares (c,), means (c, d) and scale matrices (c, d, d)."""
 
     share: Floats
     mean: Floats
@@ -32,7 +32,7 @@ class Mixture:
 
     @classmethod
     def of_modes(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
-        """A component about each place, and a tenth of the draws twice as wide."""
+        """A component about each mode; a tenth of the draws comes from components that are twice as wide."""
         share = np.exp(np.asarray(log_share) - log_sum(log_share))
         return cls(share, np.array(means), np.array(covariances)).widened(0.1, 2.0)
 
@@ -44,16 +44,16 @@ class Mixture:
         scale = ((u - middle).T * weight) @ (u - middle) * count ** (-2.0 / u.shape[1]) + 1e-12 * np.eye(u.shape[1])
         places = u[rng.choice(len(u), count, p=weight)]
         mixture = cls(np.full(count, 1.0 / count), places, np.array([scale] * count))
-        for _ in range(TUNING.adapted_fits):
+        for _ in range(TUNING.mixture_fits):
             mixture = mixture.fitted(u, log_weight)
         return mixture
 
     def widened(self, part: float = TUNING.wide_share, factor: float = TUNING.wide_factor) -> Mixture:
-        """With `part` of the draws from the same components, wider: fitted shapes lose their tails."""
+        """This mixture with `part` of the draws from wider components, because fitted shapes miss their tails."""
         return self.mixed_with(Mixture(self.share, self.mean, factor**2 * self.scale), part)
 
     def mixed_with(self, mixture: Mixture, part: float) -> Mixture:
-        """With `part` of the draws from another mixture."""
+        """This mixture with `part` of the draws from another mixture."""
         return Mixture(
             np.concatenate([(1.0 - part) * self.share, part * mixture.share]),
             np.concatenate([self.mean, mixture.mean]),
@@ -61,32 +61,32 @@ class Mixture:
         )
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
-        """(count, d)"""
+        """Draws (count, d)."""
         which = rng.choice(len(self.share), size=count, p=self.share / np.sum(self.share))
         normal = rng.standard_normal((count, self.mean.shape[1]))
-        stretched = np.sqrt(TUNING.freedom / rng.chisquare(TUNING.freedom, count))
+        stretched = np.sqrt(TUNING.degrees_of_freedom / rng.chisquare(TUNING.degrees_of_freedom, count))
         roots = np.linalg.cholesky(self.scale)[which]
         return np.asarray(self.mean[which] + stretched[:, None] * np.einsum("kij,kj->ki", roots, normal))
 
     def _terms(self, u: Floats) -> tuple[Floats, Floats]:
-        """(c, k) log share and density, and squared Mahalanobis distances."""
+        """Log of share times density (c, k), and squared Mahalanobis distances (c, k)."""
         d = u.shape[1]
         roots = np.linalg.cholesky(self.scale)
         inverse = np.linalg.inv(roots)
         half = np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
         off = inverse @ u.T - inverse @ self.mean[:, :, None]  # (c, d, k)
         squares = np.einsum("cdk,cdk->ck", off, off)
-        nu = TUNING.freedom
+        nu = TUNING.degrees_of_freedom
         constant = gammaln((nu + d) / 2) - gammaln(nu / 2) - 0.5 * d * np.log(nu * np.pi)
         log_t = constant - half[:, None] - 0.5 * (nu + d) * np.log1p(squares / nu)
         return np.log(self.share)[:, None] + log_t, squares
 
     def log_density(self, u: Floats) -> Floats:
-        """(k,) at u (k, d)."""
+        """Log density (k,) at u (k, d)."""
         return log_sum(self._terms(u)[0], axis=0)
 
     def fitted(self, u: Floats, log_weight: Floats) -> Mixture:
-        """Steps of expectation maximisation towards weighted draws; where few decide, the old shape keeps a say."""
+        """Three steps of expectation maximisation; a component with few effective draws keeps a part of its shape."""
         mixture, (count, d) = self, u.shape
         log_weight = tempered(log_weight, 4.0 * d)
         weight = np.exp(log_weight - log_sum(log_weight))
@@ -97,9 +97,9 @@ class Mixture:
             terms, squares = mixture._terms(u)
             resp = np.exp(terms - log_sum(terms, axis=0)) * weight
             share = np.sum(resp, axis=1)
-            used = share > TUNING.smallest_share
+            used = share > TUNING.component_least
             resp, share = resp[used], share[used]
-            gamma = resp * (TUNING.freedom + d) / (TUNING.freedom + squares[used])
+            gamma = resp * (TUNING.degrees_of_freedom + d) / (TUNING.degrees_of_freedom + squares[used])
             trust = np.sum(gamma, axis=1)[:, None, None]
             mean = (gamma @ off)[:, :, None] / trust
             scatter = (gamma @ products).reshape(-1, d, d) - trust * mean * mean.transpose(0, 2, 1)
@@ -112,9 +112,9 @@ class Mixture:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Draws u (k, d), log density of target and proposal (k,); the mean of exp(log_weight) is the evidence.
-    common: standard error of what all log weights share, a correction of the target. chosen: whether they were chosen
-    by their weights, whose tail is not seen any more. camera: (k, m) z that was drawn with u, if it was."""
+    """Draws u (k, d) with the log density of target and proposal (k,); the mean of exp(log_weight) is the evidence.
+    common: standard error of an error that all log weights share. chosen: whether the draws were selected by their
+    weights, so that the tail of the weights cannot be judged. camera: (k, m) z that was drawn with u, or None."""
 
     u: Floats
     log_target: Floats
@@ -133,8 +133,8 @@ class Sample:
 
     @property
     def log_evidence(self) -> tuple[float, float]:
-        """Log of the mean weight and its standard error, that of the scatter of the weights and what is common to
-        them; (-inf, inf) if all weights vanish."""
+        """Log of the mean weight and its standard error, from the scatter of the weights and from `common`; (-inf,
+        inf) if all weights vanish."""
         top = np.max(self.log_weight)
         if not np.isfinite(top):
             return -np.inf, np.inf
@@ -145,13 +145,13 @@ class Sample:
 
     @cached_property
     def tail(self) -> tuple[float, float]:
-        """(shape of the generalised Pareto distribution of the largest weights, share of their mean that it expects
-        beyond the largest one); NaN below 25 weights that do not vanish.
+        """(shape of the generalised Pareto distribution of the largest weights, part of their sum that it expects
+        beyond the largest one); NaN for fewer than 25 weights above zero.
 
-        Above a shape of 0.7 the mean cannot be trusted (Vehtari, Simpson, Gelman, Yao and Gabry 2024,
-        jmlr.org/papers/v25/19-556.html), but where nearly all weights are equal, a
-        few of three times as much give a large shape too. Hence the share: one weight in all lies beyond the largest,
-        and exceeds it by the mean excess there.
+        With a shape above 0.7 the mean cannot be trusted (Vehtari, Simpson, Gelman, Yao and Gabry 2024,
+        jmlr.org/papers/v25/19-556.html). But if nearly all weights are equal, a few that are three times as large give
+        a large shape, too. Therefore the part is looked at as well: one weight is expected beyond the largest, and it
+        exceeds this by the mean excess of the distribution there.
         """
         finite = np.sort(self.log_weight[np.isfinite(self.log_weight)])
         count = int(min(TUNING.tail_share * len(finite), 3.0 * np.sqrt(len(finite))))
@@ -166,7 +166,7 @@ class Sample:
         return float(shape), float(max(excess, 0.0) / np.sum(np.exp(finite - finite[-1])))
 
     def chosen_indices(self, count: int, rng: np.random.Generator, power: float = 1.0) -> NDArray[np.int64]:
-        """Of so many draws of the target, or of this power of it."""
+        """Indices of `count` draws that are distributed as the target, or as this power of it."""
         log_weight = tempered(power * self.log_target - self.log_q, 2.0 * count)
         weight = np.exp(log_weight - log_sum(log_weight))
         count = min(count, int(np.count_nonzero(weight)))
@@ -174,14 +174,14 @@ class Sample:
 
     @property
     def reliable(self) -> bool:
-        """Whether the mean of the weights can be trusted; where they are too few to tell, it has to be."""
+        """Whether the mean of the weights can be trusted; with too few weights to judge it counts as trusted."""
         index, unseen = self.tail
-        return self.chosen or not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
+        return self.chosen or not (index > TUNING.tail_index_most and unseen > TUNING.tail_unseen)
 
     def distrust(self, needed: float) -> Message | None:
-        """Why the draws are not worth an interval that takes so many effective ones; None if they are. Of a small
-        part of an answer the tail does not matter."""
-        if self.ess >= needed and (self.reliable or needed < TUNING.part_small * TUNING.effective_fewest):
+        """Why the draws give no interval, which needs so many effective draws; None if they do. The tail does not
+        matter for a small part of an answer."""
+        if self.ess >= needed and (self.reliable or needed < TUNING.share_small * TUNING.effective_fewest):
             return None
         (index, unseen), values = self.tail, {"effective": self.ess, "needed": needed}
         tail = {"tail": index, "missing": None if self.reliable else unseen}
@@ -189,7 +189,7 @@ class Sample:
 
 
 class Proposal(Protocol):
-    """A density that can be drawn from; it must be normalised."""
+    """A normalised density from which draws can be taken."""
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats: ...
 
@@ -203,22 +203,22 @@ Adapt = Callable[["Sample", np.random.Generator], Proposal]
 def importance_sample(
     target: Density, proposal: Proposal, adapt: Adapt, rng: np.random.Generator, enough: float, each: int, fewest: int
 ) -> Sample:
-    """Weighted draws of a density that is quick to know, worth `enough` independent ones if they can be had.
+    """Weighted draws of a density that is cheap to compute; they are worth `enough` independent draws if possible.
 
-    Rounds of `each` draws. While too few of the draws of a proposal are effective, or it is one of the
-    first `fewest`, the next one is adapted to the last rounds; each that is not good enough makes that easier. Only
-    rounds of one proposal are given, so that no draw counts that shaped its own.
+    Each round takes `each` draws. A proposal is adapted to the last rounds while too few of its draws are effective, or
+    while fewer than `fewest` proposals have been adapted; each adaptation makes the next less likely. Only rounds of
+    one proposal are returned, so that no draw has shaped the proposal that it comes from.
     """
     rounds: list[Sample] = []
     best, first, adapted = None, 0, 0  # first: round of the proposal
-    while len(rounds) < TUNING.adapted_most:
+    while len(rounds) < TUNING.proposal_rounds:
         u = proposal.draw(each, rng)
         rounds.append(Sample(u, target(u), proposal.log_density(u)))
         draws = _joined(rounds[first:])
-        if adapted < fewest or draws.ess < TUNING.adapted_good * TUNING.adapted_eased**adapted * len(draws.u):
+        if adapted < fewest or draws.ess < TUNING.proposal_efficiency * TUNING.proposal_easing**adapted * len(draws.u):
             if not draws.ess:
                 break
-            proposal = adapt(_joined(rounds[-TUNING.adapted_last :]), rng)
+            proposal = adapt(_joined(rounds[-TUNING.proposal_memory :]), rng)
             first, adapted = len(rounds), adapted + 1
             continue
         best = draws if best is None or draws.ess > best.ess else best
@@ -228,7 +228,7 @@ def importance_sample(
 
 
 def _joined(samples: Sequence[Sample]) -> Sample:
-    """The draws of all, each with its own weight."""
+    """The draws of all samples with their weights."""
     names = ("u", "log_target", "log_q")
     u, log_target, log_q = (np.concatenate([getattr(each, name) for each in samples]) for name in names)
     return Sample(u, log_target, log_q)
@@ -238,22 +238,22 @@ _NEVER = -1e9  # log density that stands for nothing, so that two have a differe
 
 
 class Coordinates:
-    """Others of the same draws, in which steps are taken, too. Here they are the same ones."""
+    """Coordinates v in which steps of the chains are taken, too. Here they are u itself."""
 
-    def straightened(self, u: Floats) -> tuple[Floats, Floats]:
+    def to_straight(self, u: Floats) -> tuple[Floats, Floats]:
         """v (k, d) of u (k, d), and log |dv/du| (k,)."""
         return u, np.zeros(len(u))
 
-    def bent(self, v: Floats) -> Floats:
-        """u (k, d) of v (k, d); NaN where there is none."""
+    def from_straight(self, v: Floats) -> Floats:
+        """u (k, d) of v (k, d); NaN where v has no u."""
         return v
 
 
 class Walkers:
-    """Markov chains of a density: u (k, d) and its log there (k,), finite. before: (k, d) where they were when the
-    mixtures were fitted, to which they jump: each half to that of the other, for one that knows a walker's own place
-    would lead away from it. further: of such places, what a mixture through them has beside it. coordinates: in which
-    a ridge of the density is straighter than in u."""
+    """Markov chains of a density: places u (k, d) and the finite log density there (k,). before: places (k, d) at which
+    the mixtures were fitted. Each half of the walkers jumps to the mixture that was fitted to the other half, because a
+    mixture that has seen a walker's place would bias its jumps. further: a mixture that is added to the one through
+    given places. coordinates: in which ridges of the density are straighter than in u."""
 
     def __init__(
         self, target: Density, u: Floats, further: Callable[[Floats], Mixture | None], coordinates: Coordinates
@@ -263,82 +263,81 @@ class Walkers:
         self.fitted: list[Mixture | None] = [None, None]
 
     def settle(self, rng: np.random.Generator) -> None:
-        """Fit the mixtures to where they are, on from the last ones."""
+        """Fit the mixtures to the places of the walkers, beginning from the last mixtures."""
         first, second = np.array_split(self.u, 2)
         self.before, self.mixtures = self.u.copy(), list[Mixture]()
-        self.before_straight = self.coordinates.straightened(self.before)[0]
+        self.straight_before = self.coordinates.to_straight(self.before)[0]
         for i, half in enumerate((second, first)):
             equal, last = np.zeros(len(half)), self.fitted[i]
-            count = int(np.clip(len(half) / (TUNING.joint_each * half.shape[1]), 1, TUNING.joint_components))
+            count = int(np.clip(len(half) / (TUNING.jump_walkers * half.shape[1]), 1, TUNING.jump_components))
             fit = self.fitted[i] = last.fitted(half, equal) if last else Mixture.through(half, equal, count, rng)
-            mixture, further = fit.widened(TUNING.joint_wide, TUNING.joint_factor), self.further(half)
-            self.mixtures.append(mixture.mixed_with(further, TUNING.shelf_share) if further else mixture)
+            mixture, further = fit.widened(TUNING.jump_wide_share, TUNING.jump_wide_factor), self.further(half)
+            self.mixtures.append(mixture.mixed_with(further, TUNING.flat_tail_share) if further else mixture)
 
     def _log_mixture(self, u: Floats) -> Floats:
         halves = zip(self.mixtures, np.array_split(u, 2), strict=True)
         return np.concatenate([mixture.log_density(half) for mixture, half in halves])
 
-    def _go(self, u: Floats, value: Floats, log_odds: Floats, rng: np.random.Generator) -> float:
+    def _accept(self, u: Floats, value: Floats, log_odds: Floats, rng: np.random.Generator) -> float:
         taken = np.log(rng.random(len(u))) < log_odds
         self.u[taken], self.value[taken] = u[taken], value[taken]
         return float(np.mean(taken))
 
     def step(self, rng: np.random.Generator) -> None:
-        """Along differences of places where two others were (ter Braak and Vrugt 2008,
-        doi:10.1007/s11222-008-9104-9), some of u and some of its straight coordinates."""
+        """Step along the difference of the places of two other walkers (ter Braak and Vrugt 2008,
+        doi:10.1007/s11222-008-9104-9), in u or in the straight coordinates."""
         count, d = self.u.shape
         start = rng.integers(count, size=count)
         end = (start + rng.integers(1, count, size=count)) % count
-        size = TUNING.walked / np.sqrt(d) * rng.uniform(0.25, 0.75, count)
-        size[rng.random(count) < TUNING.walked_whole] = 1.0
+        size = TUNING.step_factor / np.sqrt(d) * rng.uniform(0.25, 0.75, count)
+        size[rng.random(count) < TUNING.whole_steps] = 1.0
         noise = 1e-4 * rng.standard_normal((count, d))
         u = self.u + size[:, None] * (self.before[end] - self.before[start]) + noise
-        straight = rng.random(count) < TUNING.walked_straight
-        v, log_slope = self.coordinates.straightened(self.u[straight])
-        difference = (self.before_straight[end] - self.before_straight[start])[straight]
-        u[straight] = self.coordinates.bent(v + (size[:, None] + noise)[straight] * difference)
+        straight = rng.random(count) < TUNING.straight_steps
+        v, log_slope = self.coordinates.to_straight(self.u[straight])
+        difference = (self.straight_before[end] - self.straight_before[start])[straight]
+        u[straight] = self.coordinates.from_straight(v + (size[:, None] + noise)[straight] * difference)
         inside = np.isfinite(u).all(axis=1)
         u[~inside] = self.u[~inside]
         value, log_odds = np.full(count, -np.inf), np.zeros(count)
         value[inside] = self.target(u[inside])
-        log_odds[straight] = log_slope - self.coordinates.straightened(u[straight])[1]
-        self._go(u, value, value - self.value + log_odds, rng)
+        log_odds[straight] = log_slope - self.coordinates.to_straight(u[straight])[1]
+        self._accept(u, value, value - self.value + log_odds, rng)
 
     def jump(self, rng: np.random.Generator) -> tuple[Floats, Floats, float]:
-        """To draws of the mixtures (Hastings 1970): log of the density over the mixture's where they are and where it
-        has drawn (k,), and the share that is taken."""
+        """Propose draws of the mixtures to the walkers (Hastings 1970). Returns the log of the density over that of the
+        mixture at the walkers (k,) and at the draws (k,), and the share of draws that is accepted."""
         halves = zip(self.mixtures, np.array_split(self.u, 2), strict=True)
         u = np.concatenate([mixture.draw(len(half), rng) for mixture, half in halves])
         value = self.target(u)
         here, there = self.value - self._log_mixture(self.u), value - self._log_mixture(u)
-        return here, there, self._go(u, value, there - here, rng)
+        return here, there, self._accept(u, value, there - here, rng)
 
 
 def markov_sample(
     target: Density, walkers: Floats, further: Callable[[Floats], Mixture | None], rng: np.random.Generator, draws: int,
-    coordinates: Coordinates | None = None, settling: int = TUNING.settling_most,
+    coordinates: Coordinates | None = None, settling: int = TUNING.fits_most,
 ) -> tuple[Sample, Floats]:  # fmt: skip
-    """So many draws of a density that is quick to know, nearly independent, with its integral; and where the walkers
-    (k, d) end. further, coordinates: as of `Walkers`. settling: fits of the mixture, at most, until they count as
-    settled.
+    """So many nearly independent draws of a density that is cheap to compute, with its integral; and the last places of
+    the walkers (k, d). further, coordinates: as of `Walkers`. settling: the walkers settle in at most so many fits.
 
-    Steps along their differences alternate with jumps to a mixture, fitted to the walkers until they have settled.
-    Then they walk until as many jumps are taken as there are draws. The integral is that of bridge sampling between
-    them and what the mixture has drawn.
+    Steps along differences alternate with jumps to a mixture, which is fitted to the walkers until they have settled.
+    Then they go on until as many jumps are accepted as draws are needed. The integral is found by bridge sampling
+    between the walkers and the draws of the mixture.
     """
     chains, heights = Walkers(target, walkers, further, coordinates or Coordinates()), [np.inf, np.inf]
     for _ in range(settling):
         chains.settle(rng)
         height = []
-        for _ in range(TUNING.walked_between):
+        for _ in range(TUNING.steps_per_fit):
             chains.step(rng)
             chains.jump(rng)
-            height.append(np.mean(np.maximum(chains.value, np.max(chains.value) - TUNING.lowest_walker)))
+            height.append(np.mean(np.maximum(chains.value, np.max(chains.value) - TUNING.walker_depth)))
         heights.append(float(np.mean(height)))
-        if np.ptp(heights[-3:]) < TUNING.settled:
+        if np.ptp(heights[-3:]) < TUNING.settled_change:
             break
     states, here, there, jumps = list[tuple[Floats, Floats]](), list[Floats](), list[Floats](), 0.0
-    while len(states) < TUNING.walked_most and (jumps * len(walkers) < draws or len(states) * len(walkers) < draws):
+    while len(states) < TUNING.states_per_walker and min(jumps, len(states)) * len(walkers) < draws:
         for _ in range(2):
             chains.step(rng)
             before, of_mixture, taken = chains.jump(rng)
@@ -347,22 +346,24 @@ def markov_sample(
     log_integral, error = bridge(np.concatenate(here), np.concatenate(there), len(walkers) * max(jumps, 1.0))
     u, value = (np.concatenate(parts) for parts in zip(*states, strict=True))
     some = rng.permutation(np.flatnonzero(value > _NEVER))[:draws]
-    _, first, often = np.unique(value[some], return_index=True, return_counts=True)  # a walker that stays is one draw
+    _, first, often = np.unique(
+        value[some], return_index=True, return_counts=True
+    )  # states of a walker that stays are one draw
     u, value = u[some[first]], value[some[first]]
     log_q = value - np.log(often * len(often) / len(some)) - log_integral
     return Sample(u, value, log_q, common=error, chosen=True), chains.u
 
 
 def bridge(at: Floats, drawn: Floats, worth: float) -> tuple[float, float]:
-    """Log of the integral of a density, and its standard error, from the log of its ratio to a normalised one at draws
-    of the first, worth so many independent ones, and at draws of the second (Meng and Wong 1996, Statistica Sinica 6,
-    831; Fruehwirth-Schnatter 2004, doi:10.1111/j.1368-423X.2004.00125.x)."""
+    """Log of the integral of a density, and its standard error, from the log ratio of this density to a normalised one:
+    `at` draws of the density, which are worth so many independent ones, and at draws of the normalised one (`drawn`).
+    Meng and Wong 1996, Statistica Sinica 6, 831; Fruehwirth-Schnatter 2004, doi:10.1111/j.1368-423X.2004.00125.x."""
     at = at[np.isfinite(at)]
     top = float(np.median(at))
     above, others = np.exp(np.clip(at - top, -700.0, 700.0)), np.exp(np.clip(drawn - top, -700.0, 700.0))
     share = worth / (worth + len(drawn))
     integral = 1.0
-    for _ in range(TUNING.bridged):
+    for _ in range(TUNING.bridge_iterations):
         of_others = others / (share * others + (1.0 - share) * integral)
         of_draws = 1.0 / (share * above + (1.0 - share) * integral)
         integral = float(np.mean(of_others) / np.mean(of_draws))
@@ -372,9 +373,9 @@ def bridge(at: Floats, drawn: Floats, worth: float) -> tuple[float, float]:
 
 
 def integral_about(log_density: Density, middle: Floats, scale: float, counts: Sequence[int]) -> float:
-    """Log of the integral of a density of a few coordinates about `middle` (d,), by importance sampling in stages of so
-    many points: Gaussians, the first this wide, each other one through the weighted points so far. All points are
-    weighted against the mixture of the Gaussians.
+    """Log of the integral of a density of a few coordinates about `middle` (d,), by importance sampling in stages with
+    `counts` points. The first Gaussian has the standard deviation `scale`; each later one is fitted to the weighted
+    points so far. All points are weighted by the mixture of the Gaussians.
 
     The points are the same at each call (Roberts' sequence, extremelearning.com.au/unreasonable-effectiveness-of-
     quasirandom-sequences), so that the integral changes smoothly with the density.
@@ -385,11 +386,11 @@ def integral_about(log_density: Density, middle: Floats, scale: float, counts: S
     log_weight = np.empty(0)
     for count in counts:
         if len(points):
-            flat = tempered(log_weight, TUNING.integrated_kept)
+            flat = tempered(log_weight, TUNING.camera_effective)
             weight = np.exp(flat - log_sum(flat))
             middle = np.asarray(weight @ points)
             spread = ((points - middle).T * weight) @ (points - middle) + 1e-4 * np.eye(d)
-            root = np.asarray(TUNING.integrated_wider * np.linalg.cholesky(spread))
+            root = np.asarray(TUNING.camera_widening * np.linalg.cholesky(spread))
         gaussians.append((float(np.log(count)), middle, root))
         new = middle + ndtri(even_points(count, d)) @ root.T
         points, log_value = np.concatenate([points, new]), np.append(log_value, log_density(new))
@@ -420,7 +421,7 @@ def generalised_pareto(x: Floats) -> tuple[float, float]:
 
 
 def effective_size(log_weight: Floats) -> float:
-    """(sum w)^2/sum w^2; 0 if all weights vanish. Kong 1992."""
+    """Effective number of draws, (sum w)^2/sum w^2; 0 if all weights vanish. Kong 1992."""
     top = np.max(log_weight, initial=-np.inf)
     if not np.isfinite(top):
         return 0.0
@@ -429,7 +430,7 @@ def effective_size(log_weight: Floats) -> float:
 
 
 def tempered(log_weight: Floats, least: float) -> Floats:
-    """log_weight, or a power of the weights small enough for an effective size of `least`."""
+    """log_weight, or the log of that power of the weights whose effective number of draws is `least`."""
     goal = min(least, 0.5 * np.count_nonzero(np.isfinite(log_weight)))
     if effective_size(log_weight) >= goal:
         return log_weight

@@ -1,4 +1,4 @@
-"""Settings of a verification, and the estimation of one curve's posterior."""
+"""Settings of a verification, and the estimation of the posterior of one curve."""
 
 from __future__ import annotations
 
@@ -52,16 +52,16 @@ class Verification:
         level: "map" (maximum and Laplace's Gaussian), "auto" (draws of a surrogate that simulations agree with), or
             "full" (draws that are simulated).
         medium: as in `fit_many`.
-        discrepancy: allow for what no simulation follows (noise.py); without it the law is taken as exact.
-        search: whether the answer gives law, bubble and window alone, and searches over windows that grow begin it.
-        weights: of a fit, "learnt" or "equal" (fitting.py); None: no fit.
-        rival: of a fit, whether the other of the real and the field's bubble stands beside.
+        discrepancy: allow for differences that no simulation follows (noise.py); without it the law is taken as exact.
+        search: begin with searches over growing windows; the answer gives law, bubble and window alone.
+        weights: weights of frames of a fit, "learnt" or "equal" (fitting.py); None for no fit.
+        rival: whether a fit also answers by the other of the real and the field's bubble.
         ranges: of the priors, {"shear_modulus": [low, high] in SI}; default those that a fit searches.
-        seed: of the draws.
-        network: whose draws show the way where it can read the curve.
-        own_draws: of the network that are simulated.
-        scanned: coarse simulations that look for other modes.
-        workers: threads that simulate the draws of level "full"; most of any other is Python's, and threads only wait.
+        seed: seed of the draws.
+        network: network whose draws lead to the modes, if it can read the curve.
+        network_draws: number of its draws that are simulated.
+        scanned: number of coarse simulations that look for other modes.
+        workers: threads that simulate draws of level "full"; threads do not make other levels faster.
 
     Raises:
         InputError: a setting that is none of these.
@@ -80,8 +80,8 @@ class Verification:
     ranges: Mapping[str, Sequence[float]] | None = None
     seed: int = 0
     network: PosteriorModel | None = None
-    own_draws: int = TUNING.own_draws
-    scanned: int = TUNING.scanned
+    network_draws: int = TUNING.network_draws
+    scanned: int = TUNING.scan_points
     workers: int | None = None
 
     def __post_init__(self) -> None:
@@ -93,13 +93,13 @@ class Verification:
         self.options(None, FIELD)
 
     def options(self, end: float | None, bubble: Bubble) -> Options:
-        """Of the experiment on a window that ends at `end`, s. Raises InputError."""
+        """Options of the experiment on a window that ends at `end`, s. Raises InputError."""
         weights = self.weights or "learnt"
         return Options(None, end, self.stretch, self.free, self.t0_bound, self.scale_bound, weights, bubble)
 
 
 class Estimation:
-    """The posterior of one curve: settings, experiment, target, and the answer that it begins from."""
+    """The posterior of one curve, from settings, an experiment, its target, and an answer to begin with."""
 
     method = "verified"  # of an answer with weighted draws
 
@@ -115,14 +115,14 @@ class Estimation:
         noise = self.shot.noise(settings.discrepancy)
         workers = cores(settings.workers) if settings.level == "full" else 1
         self.target = Target(self.shot, self.prior, noise, workers)
-        self.noise = self.target.noise  # by which the answer is judged
+        self.noise = self.target.noise  # the noise by which the answer is judged
         self.messages: list[Message] = []
-        self.log_prior = 0.0  # of the probability of this model, before the curve is seen
-        self._looked: Floats | None = None  # u of another model, last looked at
+        self.log_prior = 0.0  # log of the prior probability of this model
+        self._climbed_from: Floats | None = None  # u of another model, from which the last climb began
 
     def laplace(self) -> Posterior:
         """The answer of level "map"."""
-        climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
+        climbed = self.answer.method == "laplace"  # its modes are already those of a scan
         maxima = modes(self.target, self.starts(), [] if climbed else self.scanned())
         if not maxima:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
@@ -140,23 +140,24 @@ class Estimation:
         settings = self.settings
         return AdaptiveSampling(
             self.target, self.network, self.starts, scanned, windowed, seed=settings.seed,
-            own_draws=settings.own_draws, exact=settings.level == "full",
+            network_draws=settings.network_draws, exact=settings.level == "full",
         )  # fmt: skip
 
     def rival(self) -> Estimation | None:
-        """That of the field's bubble for the real one, or the other way round; None where the network does not know
-        it."""
+        """The estimation by the field's bubble if this one is real, or by the real one if it is not; None if the
+        network does not know it."""
         rival, settings = rival_of(self.answer.bubble), self.settings
         if settings.network is None or rival is None:
             return None
         names, ranges = (*self.shot.family.parameters, "stretch"), settings.ranges or {}
         ranges = {name: pair for name, pair in ranges.items() if name in names}
-        settings = replace(settings, ranges=ranges, own_draws=min(settings.own_draws, TUNING.own_draws_each))
+        draws = min(settings.network_draws, TUNING.network_draws_each)
+        settings = replace(settings, ranges=ranges, network_draws=draws)
         estimation = Estimation(settings, self.shot.curve, replace(self.answer, bubble=rival))
         return estimation if estimation.network else None
 
     def weighted_answer(self, needed: float, limit: Estimation | None) -> Posterior:
-        """The answer of the weighted draws. needed: effective draws that an interval takes. limit: of the rival."""
+        """The answer of the weighted draws. needed: effective draws that an interval needs. limit: the rival."""
         sampling, sample = self.sampling, self.sampling.sample
         assert sample is not None
         best = sampling.best or self._best(sampling.modes)
@@ -168,15 +169,15 @@ class Estimation:
         return self._answer(draws, sample, best, sampling.evidence, sampling.modes, summary, limit)
 
     def preview(self) -> tuple[OtherAnswer, Floats, Floats]:
-        """What the weighted draws tell, or the Gaussian about the maximum without any, to be set beside another model's
-        answer; their x (k, all), and their log weights (k,), whose mean is the evidence."""
+        """The answer of the weighted draws, or of the Gaussian about the maximum without draws, to stand beside another
+        model's answer; x (k, all) of the draws, and log weights (k,) whose mean is the evidence."""
         target, sampling, sample = self.target, self.sampling, self.sampling.sample
         if sample is None:
             mode = max(sampling.modes, key=lambda mode: mode.log_posterior)
             u, z = mode.draws(TUNING.draws, self.settings.seed), target.camera.z(mode.residual)
             x, log_weight = target.with_camera(u, np.tile(z, (len(u), 1))), np.full(len(u), sampling.log_laplace)
             return replace(answer_at(target, mode), evidence=sampling.evidence), x, log_weight
-        x, _ = target.drawn(sample.u, target.camera.z(sampling.residual))
+        x, _ = target.with_drawn_camera(sample.u, target.camera.z(sampling.residual))
         quantiles = intervals(*self.shot.answer(x), sample.log_weight)
         answer = answer_at(target, sampling.best or sampling.modes[0])
         return replace(answer, intervals=quantiles, evidence=sampling.evidence), x, sample.log_weight
@@ -186,32 +187,33 @@ class Estimation:
         """Of the evidence, as far as it is known, times the probability of the model before the curve is seen."""
         return self.sampling.evidence.log + self.log_prior
 
-    def look_where(self, other: Estimation) -> None:
-        """Climb from where another model is best, if that is above all that is known of this one: laws contain each
-        other, and a search may have missed there what the other's has found. Draws that have missed it do not count."""
-        explorer, highest = self.sampling.explorer, other.sampling.explorer.highest
-        looked_at = self._looked is not None and np.array_equal(highest, self._looked)
-        height = explorer.height
-        if other.sampling.explorer.height - height < TUNING.other_law or looked_at:
+    def climb_where_best(self, other: Estimation) -> None:
+        """Climb from the best place of another model if this is far above all simulations of this model: laws contain
+        each other, and the search may have missed a mode. If one is found, draws that missed it are dropped."""
+        proposal, highest = self.sampling.proposal, other.sampling.proposal.highest
+        already_climbed = self._climbed_from is not None and np.array_equal(highest, self._climbed_from)
+        height = proposal.height
+        if other.sampling.proposal.height - height < TUNING.other_model_height or already_climbed:
             return
-        self._looked = highest
+        self._climbed_from = highest
         start = self.start_at(other.shot.best(other.target.with_camera(highest[None])[0]))
-        explorer(start[None])
-        explorer.climb_from(start)
-        if explorer.height - height > TUNING.other_law:
+        proposal(start[None])
+        proposal.climb_from(start)
+        if proposal.height - height > TUNING.other_model_height:
             self.sampling.sample = None
 
     def _best(self, maxima: Sequence[Mode]) -> Mode:
-        """The highest of rough modes that the default solver can simulate, at its maximum."""
+        """The highest of the modes that the default solver can simulate, climbed with it."""
         for maximum in sorted(maxima, key=lambda mode: -mode.log_posterior):
             if mode := climb(self.target, maximum.u, DEFAULT):
                 return mode
         raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
 
     def _alternatives(self, best: Mode, maxima: Sequence[Mode]) -> tuple[OtherAnswer, ...]:
-        """What other models answer, as far as that is known, and the modes but the best.
+        """The answers of other models so far, and of all modes but the best.
 
-        The evidence of those models allows for what no simulation follows: it is not that of an exact law.
+        The evidence of these models allows for differences that no simulation follows, so it is left out for an exact
+        law.
         """
         models = [model for model in self.answer.others if model_of(model) != model_of(self.answer)]
         if not self.settings.discrepancy:
@@ -219,8 +221,8 @@ class Estimation:
         return *models, *(answer_at(self.target, mode) for mode in maxima if not same(mode, best))
 
     def starts(self) -> list[Floats]:
-        """u of the answer, of its other windows and of other modes of its model; what it does not give of the bubble
-        and the camera is at its middle."""
+        """u (d,) of the answer, of its other windows and of other modes of its model. Parameters of bubble and camera
+        that it does not give are at their middle."""
         answer, starts, free = self.answer, list[Floats](), self.shot.free
         medians = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
         points = [medians, answer.best, *(window.best for window in answer.windows.values())]
@@ -235,24 +237,24 @@ class Estimation:
                     if name in free and (value := point.get(name)) is not None:
                         x[i] = np.clip((value - free[name][0]) / free[name][1], -0.8, 0.8)  # its bounds may be others
                 u = self.target.start(x)
-                if all(np.max(np.abs(u - start)) > TUNING.same_start for start in starts):
+                if all(np.max(np.abs(u - start)) > TUNING.start_distance for start in starts):
                     starts.append(u)
         needed, available = (*self.shot.family.parameters, "stretch"), ", ".join(answer.parameters)
         require(bool(starts), f"the answer that is to be verified must give {', '.join(needed)}; it gives {available}")
         return starts
 
     def start_at(self, best: Mapping[str, float]) -> Floats:
-        """u (d,) where this model is as near as it can be to another one with these natural values: without the other's
-        parameters, and with its own at nothing."""
+        """u (d,) of the place nearest to another model with these natural values: parameters that only this model has
+        are almost zero."""
         viscosity = best.get("viscosity", best.get("reference_viscosity", 1.0))
         nothing = {"viscosity": viscosity, "reference_viscosity": viscosity, "stiffening": 1e-9, "shear_modulus": 1e-9}
         return self.target.start(self.shot.from_best({**nothing, **best}))
 
     def scanned(self) -> list[Floats]:
-        """u where coarse simulations all over the ranges are most likely: the answer need not be the highest mode."""
+        """u (d,) of the likeliest of coarse simulations all over the ranges, which may lead to a higher mode."""
         fit = LeastSquares(self.shot)
         try:
-            scan = Scan(fit, self.settings.scanned, STARTS)  # other points than those of a fit
+            scan = Scan(fit, self.settings.scanned, STARTS)  # a fit takes other points
         except SolverError as error:
             _log.debug("%s: no scan of %s", self.shot.curve.name, self.shot.family.name, exc_info=error)
             return []
@@ -262,12 +264,12 @@ class Estimation:
         frames = [failed if p is None else p.radius[counted] for p in scan.predictions]
         u = self.target.start(scan.points)
         value = self.target.noise.frames.log_density(measured - np.array(frames)) + log_normal(u)
-        climbed = int(TUNING.scanned_climbed * len(value))
+        climbed = int(TUNING.scan_climbed * len(value))
         return [u[i] for i in np.argsort(-value)[:climbed] if np.isfinite(value[i])]
 
     def windowed(self) -> list[Floats]:
-        """u of the minima that a search over windows that grow by a collapse finds: a long one has many minima, for a
-        rebound can slip by a period."""
+        """u (d,) of the minima that a search over windows that grow by a collapse finds: a long window has many minima,
+        because a rebound can be shifted by a period."""
         try:
             minima = Search(self.shot).minima()
         except SolverError as error:
@@ -277,7 +279,7 @@ class Estimation:
 
     @cached_property
     def network(self) -> Proposal | None:
-        """What knows the whole posterior roughly: the network, where it can read the curve; if not, that is said."""
+        """A rough posterior: that of the network. None, with a message, if it cannot read the curve."""
         network, settings = self.settings.network, self.settings
         try:
             return network.proposal(self.shot, self.target.prior, settings.discrepancy) if network else None
@@ -289,21 +291,24 @@ class Estimation:
         self, draws: tuple[Floats, Floats], sample: Sample | None, best: Mode, evidence: Evidence,
         maxima: Sequence[Mode], more: Mapping[str, Any], limit: Estimation | None = None,
     ) -> Posterior:  # fmt: skip
-        """The Posterior of u (k, d) with extended residuals: weighted draws, the maximum where they are not to be
-        trusted, or a Gaussian. limit: what the rival of its bubble answers, whose draws count beside these where it is
-        the field's."""
+        """The Posterior of draws u (k, d) with extended residuals: weighted draws, the maximum if they cannot be
+        trusted, or a Gaussian. limit: the estimation by the rival bubble; if this is the field's, its draws are
+        averaged with these."""
         shot, prior, noise, settings, target = self.shot, self.prior, self.noise, self.settings, self.target
         (u, residuals), z = draws, target.camera.z(best.residual)
         (at,) = target.with_camera(best.u[None], z[None])
         x, log_camera = at[None], np.zeros(1)
         if len(u) > 1:
             z = target.camera.z(residuals)
-            x, log_camera = target.drawn(u, z) if sample else target.completed(u, z, best.u, settings.seed)
+            sampled = sample is not None
+            x, log_camera = (
+                target.with_drawn_camera(u, z) if sampled else target.draw_camera(u, z, best.u, settings.seed)
+            )
         trusted = sample if len(u) > 1 else None
         over_scale = self._modulus_over_scale(best, trusted, residuals)
         log_q = log_weight = None
         alternatives = self._alternatives(best, maxima)
-        if trusted:  # from u to the answer's parameters
+        if trusted:  # from u to the parameters of the answer
             log_weight = trusted.log_weight
             log_q = trusted.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
             log_q += log_camera - shot.log_stretched(shot.answer(x)[1])
@@ -332,7 +337,7 @@ class Estimation:
         frames, slopes = noise.split(best.residual)[0], noise.split(best.jacobian.T)[0].T
         predictive = predictive_check(frames, slopes, noise.frames.deviation, settings.seed)
         excess = shot.misfit(frames)
-        if predictive and predictive["p_value"] < TUNING.rejected:  # how near can the model come?
+        if predictive and predictive["p_value"] < TUNING.p_rejected:  # find how near the model can come
             at, least_excess = self._nearest(at)
             excess = min(excess, least_excess)
         values = shot.best(at)
@@ -365,10 +370,10 @@ class Estimation:
         )  # fmt: skip
 
     def _modulus_over_scale(self, best: Mode, sample: Sample | None, residuals: Floats) -> float | None:
-        """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in t_c, and the draws
-        with extended residuals (k, size) are weighted anew by frames that are moved so; without any, draws of the
-        Gaussian about the maximum, whose frames are linear in u. The camera follows. None for a law without G, or where
-        a simulation failed."""
+        """Relative change of G over that of R_max. Frames of a larger bubble are nearer to R_max in units of t_c; the
+        draws with extended residuals (k, size) are weighted by frames that are moved in this way, with the camera
+        refitted. Without draws, those of the Gaussian about the maximum are taken, with frames linear in u. None for a
+        law without G, or if a simulation failed."""
         shot, target, names = self.shot, self.target, self.prior.names
         if "shear_modulus" not in names:
             return None
@@ -389,8 +394,8 @@ class Estimation:
         return float(moved - 1.0) / SCALED
 
     def _nearest(self, x: Floats) -> tuple[Floats, float]:
-        """x (all,) of least squares from x, or itself where that is no nearer, and its misfit beyond noise: a verdict
-        is about the best that the model can do."""
+        """x (all,) of least squares from x, or x itself if that is nearer, and its misfit beyond noise, by which the
+        model is judged."""
         shot = self.shot
         fit = LeastSquares(shot)
         minimum = fit.minimise(np.clip(x, *fit.bounds.T), ROUGH, {**LIMITS, "max_nfev": TUNING.nearest_steps}).x
@@ -411,30 +416,30 @@ class Estimation:
         if unbounded := self.shot.unbounded(x, self.prior.low, self.prior.high, log_weight):
             verdict = "undetermined"
             self.messages += unbounded
-        if predictive and predictive["p_value"] < TUNING.rejected:
+        if predictive and predictive["p_value"] < TUNING.p_rejected:
             exact = not self.settings.discrepancy
-            if exact or excess > TUNING.systematic:
+            if exact or excess > TUNING.misfit_rejected:
                 verdict = "model_does_not_fit"
-            limits = {"detectable": TUNING.systematic_seen, "limit": TUNING.systematic, "exact": exact}
+            limits = {"detectable": TUNING.misfit_seen, "limit": TUNING.misfit_rejected, "exact": exact}
             chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
             self.messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
         below = dict(zip(self.prior.names, self.prior.cdf(at), strict=True))
-        mostly_limit = limit_weight > 0.5  # most of the answer has no parameter of the real bubble
+        mostly_limit = limit_weight > 0.5  # most of the answer is the field's bubble, without parameters
         for name in (name for name in self._pulled(at) if name in CAMERA or not mostly_limit):
             self.messages.append(Message(f"prior_end.{name}.{'lower' if below[name] < 0.5 else 'upper'}"))
         self.messages += self.shot.messages
         return verdict
 
     def _pulled(self, x: Floats) -> tuple[str, ...]:
-        """Which of the free parameters of bubble and camera are at the end of their prior, at x (all,)."""
+        """Names of the free parameters of bubble and camera that are at the end of their prior at x (all,)."""
         u = zip(self.prior.names, self.prior.to_u(x, INSIDE), strict=True)
-        return tuple(name for name, value in u if name in self.shot.free and abs(value) > TUNING.pulled)
+        return tuple(name for name, value in u if name in self.shot.free and abs(value) > TUNING.prior_end)
 
 
 def statistics(residuals: Floats) -> dict[str, Floats]:
-    """Of residuals (k, n), n >= 9, each over its assumed deviation, three (k,) that do not depend on its size: level
-    (standard deviation over the frame-to-frame noise of third differences, which cancel a smooth misfit), correlation
-    (of neighbours) and run (longest, of one sign)."""
+    """Three statistics (k,) of residuals (k, n), n >= 9, each over its assumed deviation, which do not depend on the
+    size of this deviation: level (standard deviation over the noise of third differences, which cancel a smooth
+    misfit), correlation (of neighbours) and run (the longest with one sign)."""
     k, n = residuals.shape
     rough = 1.4826 * np.median(np.abs(np.diff(residuals, 3, axis=1)), axis=1) / np.sqrt(20.0)
     r = residuals - np.mean(residuals, axis=1, keepdims=True)
@@ -451,12 +456,12 @@ def statistics(residuals: Floats) -> dict[str, Floats]:
 
 
 def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed: int) -> dict[str, Any] | None:
-    """Could the law have left these residuals (n,), at a maximum of the posterior with the frames' derivatives (n, d)
-    there and the frames' assumed deviations (n,)? A check against white noise; None below 9 frames.
+    """Posterior predictive check of residuals (n,) at a maximum, with the derivatives of the frames (n, d) there and
+    their assumed deviations (n,), against white noise; None for fewer than 9 frames.
 
-    Replicates are independent noise z that is refitted, as the measurement was: (1 - J (J'J + ridge)^-1 J') z is left,
-    so none costs a simulation. p is the share of replicates that are as extreme. Gelman, Meng and Stern 1996,
-    Statistica Sinica 6, 733; with refitting the check is not too timid (Robins, van der Vaart and Ventura 2000,
+    Replicates are independent noise z, refitted as the measurement was: the residual is (1 - J (J'J + ridge)^-1 J') z,
+    which costs no simulation. p is the part of the replicates that is as extreme. Gelman, Meng and Stern 1996,
+    Statistica Sinica 6, 733; with refitting the check is not conservative (Robins, van der Vaart and Ventura 2000,
     doi:10.1080/01621459.2000.10474310).
     """
     n, d = jacobian.shape
@@ -470,5 +475,5 @@ def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed
     observed = {name: float(value[0]) for name, value in statistics(scaled[None]).items()}
     extreme = {name: np.count_nonzero(values >= observed[name]) for name, values in replicated.items()}
     p = {name: float((1 + count) / (1 + TUNING.replicates)) for name, count in extreme.items()}
-    worst = min(1.0, len(p) * min(p.values()))  # the most extreme of three has been looked at (Bonferroni)
+    worst = min(1.0, len(p) * min(p.values()))  # Bonferroni's correction for three statistics
     return {"p": p, "observed": observed, "p_value": worst, "least": len(p) / (1 + TUNING.replicates)}
