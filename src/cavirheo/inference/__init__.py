@@ -1,5 +1,5 @@
-"""RadiusCurve -> Posterior: `infer`, and the field's conventional fit, least squares of simulated on measured radius
-histories (docs/method/fit.md)."""
+"""From a RadiusCurve to a Posterior: `infer`, and `fit`, the field's conventional least-squares fit of simulated to
+measured radius histories (docs/method/fit.md)."""
 
 from __future__ import annotations
 
@@ -34,35 +34,33 @@ def infer(
     """The material's parameters from one measured curve, with checks that tell whether to trust them.
 
     Args:
-        curve: R(t), s and m.
-        model: a shipped model (`cavirheo models`) or the path of an .onnx file with its card. "posterior" gives draws
-            and needs no other; "bdt-viscoelastic" and "bdt-viscous" are the paper's networks, which give one value.
-        material: a law of `cavirheo laws`; default "auto": the average over nhkv, newtonian, power-law and fung +
-            newtonian, each by its evidence ("nhkv" with verify "none").
-        medium: constants of the liquid or gel, or the name of a set; its density sets G of soft gels as much as
-            anything.
-        stretch: R_max/R_0 if it is known; otherwise fitted, and what the file states of it is its prior; "free":
-            without this prior.
-        window: collapses over which answer and measurement are compared (and the stretch fitted); default: all that
-            the network reads.
-        trust_input: warnings on the recording or its settings are said, but decide no verdict.
+        curve: R(t), in s and m.
+        model: a shipped model (`cavirheo models`) or the path of an .onnx file with its card. "posterior" gives draws;
+            "bdt-viscoelastic" and "bdt-viscous" are the paper's networks, which give one value.
+        material: a law of `cavirheo laws`. Default "auto": the average over nhkv, newtonian, power-law and fung +
+            newtonian, weighted by their evidence ("nhkv" with verify "none").
+        medium: constants of the liquid or gel, or the name of a set. G of soft gels depends strongly on its density.
+        stretch: R_max/R_0 if it is known. Otherwise it is inferred, with the value that the file states as prior;
+            "free": without this prior.
+        window: number of collapses that are compared. Default: 3, or as many as there are; for a network that gives one
+            value, all that it reads.
+        trust_input: input warnings are in the messages, but do not change the verdict.
         bubble: "real" (the default: vapour condenses at a finite rate, and the surroundings damp the motion), "field"
             (the default of the paper's networks: equilibrium contents, unbounded liquid), "auto" (both, and the
-            evidence chooses), or a `Bubble`. With one that the network does not know the search begins all over the
-            ranges, and takes some seconds. Beside the answer of the real bubble stands that of the field's, and the
-            other way round.
-        verify: "auto" (the default): the network's draws lead to a few hundred simulations that weigh draws by the
-            likelihood, and to as many as "full" has where these cannot be trusted; "none": the network's own draws;
+            evidence chooses), or a `Bubble`. For a bubble that the network does not know, the search starts all over
+            the ranges and takes some seconds. The real bubble's answer is compared with the field's, and vice versa.
+        verify: "auto" (the default): starting from the network's draws, a few hundred simulations weight draws by the
+            likelihood, or as many as with "full" if these weights cannot be trusted; "none": the network's own draws;
             "map": the posterior's maximum and the Gaussian about it; "full": more weighted draws, from starts all over
-            the ranges. For a network that gives one value, "auto" is "none".
-        discrepancy: whether the verification (inference/verify) allows for what no simulation follows.
-        seed: of its draws.
+            the ranges. For a network that gives one value, "auto" means "none".
+        discrepancy: whether the likelihood allows for differences that no simulation follows (inference/noise.py).
+        seed: random seed of the draws.
 
     Returns:
-        The answer, SI. A curve that cannot be answered gives a Posterior without draws whose checks.messages say why.
+        The answer in SI units. If the curve cannot be answered, it has no draws, and its checks.messages say why.
 
     Raises:
-        InputError: unknown model, or a setting out of its domain.
+        InputError: unknown model, or a setting outside its domain.
 
     Source: docs/method/posterior.md.
     """
@@ -88,13 +86,13 @@ def infer_many(
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
-    """`infer` for many curves on all cores; what is not named here is as there.
+    """`infer` for many curves on all cores; arguments that are not listed are those of `infer`.
 
     Args:
-        curves: R(t), s and m.
-        workers: cores that are used, by default all that this process may use: from two curves on, by a process
-            each. The answers do not depend on it.
-        done: called with the index and the answer of each curve as it is found, verified if that is asked.
+        curves: R(t), in s and m.
+        workers: number of cores; default: all that this process may use. From two curves on, each core runs a process.
+            The answers do not depend on this number.
+        done: called with the index and the finished answer of each curve when it is ready.
 
     Returns:
         An answer for each curve, in their order.
@@ -129,38 +127,38 @@ def fit_many(
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
-    """Nonlinear least squares on the simulated radius, from many starts, with weighted draws about the best.
+    """Nonlinear least squares of the simulated radius from many starts, with weighted draws about the best minimum.
 
     Args:
-        curves: R(t), s and m.
-        material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "qkv", "zener", ...);
-            "auto": the simplest of AUTO that the evidence does not reject, the others being in `Posterior.others`.
+        curves: R(t), in s and m.
+        material: a law of `cavirheo laws` ("nhkv", "qkv", "zener", ...), all of whose parameters are fitted; "auto":
+            the simplest law of AUTO that the evidence does not reject, with the other laws in `Posterior.others`.
         medium: constants of the liquid or gel, or the name of a set.
-        window: collapses that are fitted, up to the middle of the rebound after the last; "all" for the
+        window: number of collapses that are fitted, up to the middle of the rebound after the last one; "all": the
             whole recording. Default: 3, or as many as there are, unless `end` is given.
-        end: s after R_max at which the window ends at the latest.
-        stretch: R_max/R_0 where it is known; "plateau": free, with the late plateau as prior; "free"; default: free,
-            with the stretch that the file states, if it does, as prior.
-        free: of "t0" (the clock: true time of R_max minus fitted one), "scale" (radius calibration: true radius over
-            measured one) and "rmax" (R_max of the motion over that read off the curve, the calibration being right).
-        t0_bound: s, largest |t0|; default: all times of R_max that the frames near it leave possible.
-        scale_bound: largest deviation of the others from 1.
-        weights: "learnt" (the residuals tell how much less frames count where the wall moves fast) or "equal".
+        end: latest end of the window, s after R_max.
+        stretch: R_max/R_0 if it is known; "plateau": fitted, with the late plateau as prior; "free": fitted; default:
+            fitted, with the stretch that the file states, if any, as prior.
+        free: which of these are fitted: "t0" (clock: true time of R_max minus fitted one), "scale" (radius calibration:
+            true radius over measured one) and "rmax" (R_max of the motion over that of the curve, at the right scale).
+        t0_bound: largest |t0|, s; default: all times of R_max that the frames near it allow.
+        scale_bound: largest deviation of scale and rmax from 1; that of rmax is larger if the noise requires it.
+        weights: "learnt" (frames count less where the wall moves fast, by as much as the residuals show) or "equal".
         bubble: "real" (vapour condenses at a finite rate, and the surroundings damp the motion), "field" (equilibrium
             contents, unbounded liquid), "auto" (both, and the evidence chooses as for materials), or a `Bubble`.
-        others: look at the other of these two bubbles, too; what it and other modes answer is in `Posterior.others`.
-        trust_input: warnings on the recording or its settings are said, but decide no verdict.
-        seed: of the draws.
-        workers: cores that are used, by default all that this process may use: from two curves on, by a process
-            each. The answers do not depend on it.
-        done: called with the index of each curve and its answer as it is found.
+        others: fit the other of these two bubbles, too; its answer and those of other modes are in `Posterior.others`.
+        trust_input: input warnings are in the messages, but do not change the verdict.
+        seed: random seed of the draws.
+        workers: number of cores; default: all that this process may use. From two curves on, each core runs a process.
+            The answers do not depend on this number.
+        done: called with the index and the answer of each curve when it is ready.
 
     Returns:
-        An answer for each curve, in their order, SI. A curve that cannot be fitted gives a Posterior without draws
-        whose checks.messages say why.
+        An answer for each curve, in their order, in SI units. If a curve cannot be fitted, its answer has no draws, and
+        its checks.messages say why.
 
     Raises:
-        InputError: unknown material or a setting out of its domain.
+        InputError: unknown material or a setting outside its domain.
 
     Source: docs/method/fit.md.
     """
@@ -174,7 +172,7 @@ P = ParamSpec("P")
 
 
 class OfOne(Protocol[P]):
-    """To type checkers: a function of one curve with the options of one of many."""
+    """The type of a function of one curve that takes the options of a function of many curves."""
 
     def __call__(self, curve: RadiusCurve, *args: P.args, **kwargs: P.kwargs) -> Posterior: ...
 
@@ -190,12 +188,12 @@ def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior
     """The parameters of a law whose simulation follows one measured curve best.
 
     Args:
-        curve: R(t), s and m.
+        curve: R(t), in s and m.
         material: a law of `cavirheo laws`, or "auto".
         options: those of `fit_many`.
 
     Returns:
-        The answer, SI; one without draws says in its checks.messages why it failed.
+        The answer in SI units. If the fit failed, it has no draws, and its checks.messages say why.
 
     Raises:
         InputError: as `fit_many`.

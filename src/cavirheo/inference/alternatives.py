@@ -1,5 +1,5 @@
-"""What other models, and other modes of the same model, mean for an answer: a message each; and the answers of several
-laws for one curve as one, in which each law has the part that its evidence gives."""
+"""Messages on what other models, and other modes of the same model, mean for an answer; and the average of the answers
+of several laws for one curve, weighted by their evidence."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from cavirheo.messages import Message, of_bound
 from cavirheo.parameters import LOG10, natural_name, of_the_law, parameter_of, units
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, intervals
 
-LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (docs/validation.md)
-LIMIT = 0.2  # prior probability that nothing resists in a real bubble: then it is the field's
-LEAST_PROBABILITY = 1e-3  # of that, from which it counts
+LAPLACE = 5.0  # standard error of the log of Laplace's integral, compared with that of draws (docs/validation.md)
+LIMIT = 0.2  # prior probability that a real bubble has no damping and condenses instantly: it is then the field's
+LEAST_PROBABILITY = 1e-3  # probability of a model below which it does not count
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
-_FOLLOWED = ("ok", "undetermined")  # verdicts of answers that their simulation follows
-ELASTIC = 0.05  # probability of the laws with a shear modulus, from which the answer has one
+_FOLLOWED = ("ok", "undetermined")  # verdicts of answers whose simulation follows the measurement
+ELASTIC = 0.05  # probability of the laws with a shear modulus above which the average has one
 _MODULUS = LOG10 + "shear_modulus"
-# a viscosity of a law with an exponent is that at 1e5 1/s
+# the viscosity of a law with an exponent is its viscosity at 1e5 1/s
 _SAME = {"viscosity": "reference_viscosity", "reference_viscosity": "viscosity"}
-_NEWTONIAN = {"exponent": 0.0}  # log10 of what a law without it has; any other parameter is at the end of its range
-DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible
+_NEWTONIAN = {"exponent": 0.0}  # log10 of its value in a law without it; other parameters: the low end of their range
+DECISIVE = 3.0  # log evidence (a factor of 20) by which a model must be larger to be preferred; below, it is possible
 
 
 def contenders(evidences: Sequence[Evidence | None], sizes: Sequence[int]) -> list[int]:
-    """Indices of the models that the evidence cannot tell from the best, the one with the fewest parameters first: the
-    only rule by which models are chosen. These lie below the largest log evidence by no more than DECISIVE and the
-    standard error of the difference; of Laplace's integrals that is LAPLACE each."""
+    """Indices of the models that the evidence cannot distinguish from the best one, those with the fewest parameters
+    first. All choices of models use this rule. The log evidence of these models is below the largest one by no more
+    than DECISIVE plus the standard error of the difference; a Laplace integral has the error LAPLACE."""
     valid = {i: evidence for i, evidence in enumerate(evidences) if evidence is not None and np.isfinite(evidence.log)}
     if not valid:
         return []
@@ -40,13 +40,14 @@ def contenders(evidences: Sequence[Evidence | None], sizes: Sequence[int]) -> li
 
 
 def rejects(gain: float, errors: Iterable[float | None]) -> bool:
-    """Whether a log evidence, of one shot or summed over shots, that is larger by `gain` rejects the smaller one.
-    errors: the standard error of each term of the difference, None for a Laplace integral."""
+    """Whether a model whose log evidence, of one shot or summed over shots, is larger by `gain` rejects the other
+    model. errors: the standard error of each term of the difference, None for a Laplace integral."""
     return gain > DECISIVE + float(np.linalg.norm([LAPLACE if error is None else error for error in errors]))
 
 
 class Averaged(NamedTuple):
-    """log_weight: (k + m,) of both models' draws, whose sum is the evidence. probability: of the limit."""
+    """The average of a model and its limit. log_weight: (k + m,) of the draws of both; the weights sum to the evidence.
+    probability: that of the limit."""
 
     log_weight: Floats
     evidence: Evidence
@@ -54,8 +55,8 @@ class Averaged(NamedTuple):
 
 
 def averaged(log_weight: Floats, evidence: Evidence, limit_weight: Floats, limit: Evidence) -> Averaged:
-    """The weighted draws (k,) of a model beside those (m,) of its limit, which has the prior probability LIMIT: each
-    by the probability of its model (Hoeting et al. 1999, doi:10.1214/ss/1009212519)."""
+    """Combine the weighted draws (k,) of a model with those (m,) of its limit, whose prior probability is LIMIT: each
+    model by its posterior probability (Hoeting et al. 1999, doi:10.1214/ss/1009212519)."""
     whole, part = np.log(1.0 - LIMIT) + evidence.log, np.log(LIMIT) + limit.log
     log = float(np.logaddexp(whole, part))
     probability = float(np.exp(part - log))
@@ -66,8 +67,8 @@ def averaged(log_weight: Floats, evidence: Evidence, limit_weight: Floats, limit
 
 
 def judged(answer: Posterior, messages: Iterable[Message] = ()) -> Checks:
-    """Its checks with these messages and those of `compared`, each once; "other_model_preferred" where the evidence
-    rejects the model of an answer that its simulation follows."""
+    """The checks of an answer with these messages and those of `compared`, each once. The verdict is
+    "other_model_preferred" if the evidence rejects the model of an answer whose simulation follows the measurement."""
     checks, this = answer.checks, as_alternative(answer)
     rejected = any(_surely_above(rival, this) for rival in _rivals(answer))
     verdict: Verdict = "other_model_preferred" if rejected and checks.verdict in _FOLLOWED else checks.verdict
@@ -77,10 +78,10 @@ def judged(answer: Posterior, messages: Iterable[Message] = ()) -> Checks:
 
 
 def compared(answer: Posterior) -> list[Message]:
-    """A message on the other model with the largest evidence if that prefers it, whatever the errors, or if another
-    bubble that it does not reject gives a parameter of the law whose 90 % interval does not meet the answer's; and one
-    on each other mode of the same model whose evidence is not smaller by more than DECISIVE and whose interval of such
-    a parameter does not meet the answer's."""
+    """Messages on other models and modes. One is on the model with the largest evidence of those that reject the
+    answer's, and of those with the same law and another bubble whose log evidence is not smaller by more than DECISIVE
+    and whose 90 % interval of a parameter of the law does not overlap the answer's. Other modes of the answer's model
+    have a message under the last two conditions."""
     this, messages = as_alternative(answer), list[Message]()
 
     def other_bubble_disagrees(rival: OtherAnswer) -> bool:
@@ -100,14 +101,14 @@ def compared(answer: Posterior) -> list[Message]:
 
 
 def _rivals(answer: Posterior) -> list[OtherAnswer]:
-    """Of each other model the mode with the largest evidence."""
+    """The mode with the largest evidence of each other model."""
     best = {model_of(mode): mode for mode in sorted(answer.others, key=_log)}
     best.pop(model_of(answer), None)
     return list(best.values())
 
 
 def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[Message]:
-    """A message on what the evidence says of the models that the answer was chosen from, if there are others."""
+    """A message that compares the evidence of the models among which the answer was chosen, if there are others."""
     this = as_alternative(answer)
     rivals = [mode for mode in map(as_alternative, candidates) if model_of(mode) != model_of(this) and mode.evidence]
     if not (rivals and this.evidence):
@@ -120,14 +121,14 @@ def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[Mes
 
 
 def as_alternative(answer: Posterior) -> OtherAnswer:
-    """An answer as one beside that of another model."""
+    """An answer in the form of the alternatives to another answer."""
     ends = intervals(answer.names, answer.theta, answer.log_weight)
     rmse = answer.checks.rmse_over_rmax
     return OtherAnswer(answer.material, answer.bubble, answer.best, ends, answer.evidence, rmse)
 
 
 def model_of(answer: OtherAnswer | Posterior) -> tuple[str, str]:
-    """Law and model of the bubble, by which answers are of one model."""
+    """Law and name of the bubble; answers for which both are the same are answers of one model."""
     return answer.material, answer.bubble.name
 
 
@@ -136,34 +137,34 @@ def _log(model: OtherAnswer) -> float:
 
 
 def equal(gain: float) -> bool:
-    """Whether two models that differ by so much of log evidence are equally likely, as far as a reader is concerned."""
+    """Whether two models whose log evidences differ by `gain` are called equally likely."""
     return abs(gain) < 1.0
 
 
 def _above(first: OtherAnswer, second: OtherAnswer) -> float:
-    """How far the log evidence of the first lies above that of the second; NaN where one has none."""
+    """The log evidence of the first model minus that of the second; NaN if one of them has none."""
     return first.evidence.log - second.evidence.log if first.evidence and second.evidence else float("nan")
 
 
 def _surely_above(first: OtherAnswer, second: OtherAnswer) -> bool:
-    """Whether the evidence rejects the second beside the first, by the rule of `contenders`."""
+    """Whether the evidence of the first model rejects the second, by the rule of `contenders`."""
     return rejects(_above(first, second), [model.evidence.error for model in (first, second) if model.evidence])
 
 
 def _disjoint(first: Mapping[str, _Interval], second: Mapping[str, _Interval]) -> bool:
-    """Whether two intervals of a parameter of the law do not meet."""
+    """Whether the two intervals of any parameter of the law do not overlap."""
     pairs = [(first[name], second[name]) for name in first if name in second and of_the_law(name)]
     return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
 
 
 def _described(model: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
-    """A model in a message: its law, its bubble in words, and the values of the law's parameters."""
+    """The description of a model in a message: its law, its bubble in words, and the values of the law's parameters."""
     ends = {name: value for name, value in _ends(model).items() if of_the_law(name) or (stretch and name == "stretch")}
     return {"material": model.material, "bubble": model.bubble.title, "values": ends, "interval": bool(model.intervals)}
 
 
 def _both(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
-    """Two in a message, and how far the log evidence of the first lies above the second's (`rough`: roughly known)."""
+    """Two models in a message, and the log evidence of the first minus the second's (`rough`: known only roughly)."""
     gain = _above(rival, this)
     return {
         "rival": _described(rival, stretch=stretch),
@@ -175,22 +176,23 @@ def _both(rival: OtherAnswer, this: OtherAnswer, *, stretch: bool = False) -> di
 
 
 def _ends(model: OtherAnswer) -> Mapping[str, _Interval]:
-    """Its intervals; without any, each best value as both ends of one."""
+    """The intervals of a model; if it has none, each best value as both ends of an interval."""
     return model.intervals or {name: (value, value, value) for name, value in model.best.items()}
 
 
 def comparable(answers: Sequence[Posterior]) -> bool:
-    """Whether answers are of several laws and one bubble, with draws and evidences whose errors are known."""
+    """Whether answers are of different laws with one bubble, with draws and with evidences whose errors are known."""
     laws = {answer.material for answer in answers}
     usable = all(answer.evidence and answer.evidence.error is not None and len(answer.theta) > 1 for answer in answers)
     return len(laws) == len(answers) > 1 and len({answer.bubble for answer in answers}) == 1 and usable
 
 
 def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
-    """The answer of the likeliest law with the draws of the others beside its own, each law by its probability; the
-    laws are equally likely before the curve is seen (Hoeting et al. 1999, doi:10.1214/ss/1009212519). A parameter that
-    a law lacks has the value at which the likeliest law becomes it: no modulus, an exponent of 1. A law with a modulus
-    adds it to the answer. answers: those that are `comparable`; each by itself is in `laws`."""
+    """The average over laws: the answer of the likeliest law with the draws of all laws, each weighted by its posterior
+    probability. All laws have the same prior probability (Hoeting et al. 1999, doi:10.1214/ss/1009212519). A parameter
+    that a law lacks has the value at which the likeliest law becomes that law: no modulus, an exponent of 1. The
+    average has a modulus if the laws with one have a probability above ELASTIC. answers: must be `comparable`; `laws`
+    has each of them."""
     logs = np.array([answer.evidence.log for answer in answers if answer.evidence])
     share = dict(zip((answer.material for answer in answers), np.exp(logs - log_sum(logs)).tolist(), strict=True))
     top = max(answers, key=lambda answer: share[answer.material])
@@ -214,7 +216,7 @@ def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
 
 
 def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
-    """Those of the likeliest law, with what the average bounds in place of what this law bounds, and all shares."""
+    """The checks of the likeliest law, but with the bounds of the average, and with the probabilities of all laws."""
     checks, ends = answer.checks, intervals(answer.names, answer.theta, answer.log_weight)
     inferred = {name: answer.bound(name) for name in ends if of_the_law(name) or name == "stretch"}
     bounds = [of_bound(name, bound, ends[name]) for name, bound in inferred.items() if bound]
@@ -228,8 +230,8 @@ def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
 
 
 def of_one_law(answers: Sequence[Posterior]) -> list[Posterior]:
-    """The answers of shots of one material, each average over laws replaced by its answer by the law with the largest
-    evidence of all such shots together; a shot that has no draws of this law stays as it is."""
+    """The answers of shots of one material, with each average over laws replaced by its answer for one law: that with
+    the largest evidence of all these shots together. A shot without draws of this law keeps its answer."""
     several, evidences = [answer for answer in answers if answer.laws], list[dict[str, float]]()
     for answer in several:
         of_modes = {m.material: m.evidence.log for m in answer.others if m.evidence and m.bubble == answer.bubble}
@@ -241,7 +243,7 @@ def of_one_law(answers: Sequence[Posterior]) -> list[Posterior]:
 
 
 def _as(answer: Posterior, names: Sequence[str], prior: dict[str, tuple[float, ...]]) -> Floats:
-    """(draws, names) of an answer in the parameters of another law."""
+    """Draws (draws, names) of an answer, in the parameters of another law."""
     columns = []
     for name in names:
         natural = natural_name(name)

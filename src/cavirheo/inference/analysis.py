@@ -1,4 +1,4 @@
-"""Analysis: all that is asked of a curve. `infer`, `fit`, the command line, the app and the cluster build one."""
+"""Analysis: the settings for the analysis of a curve, used by `infer`, `fit`, the command line, app and cluster."""
 
 from __future__ import annotations
 
@@ -35,28 +35,28 @@ _log = logging.getLogger(__name__)
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
 LEVELS = ("auto", "none", "map", "full")  # of verification (inference/verify)
 _DOING = {"infer": "inferring", "bdt": "inferring", "fit": "fitting", "search": "searching"}
-Job = tuple[RadiusCurve, Posterior | None]  # a curve, and the answer that its own begins with
+Job = tuple[RadiusCurve, Posterior | None]  # a curve, and the answer with which its analysis starts
 _LABELS = {"name", "label", "group", "group_source", "column", "notes", "hints", "source", "source_sha256"}
-_LABELS |= {"flags", "contact_sheet"}  # of `RadiusCurve.meta`: no answer depends on these
+_LABELS |= {"flags", "contact_sheet"}  # keys of `RadiusCurve.meta` on which no answer depends
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """What is asked of a curve. Equal settings that are written differently become the same ones.
+    """The settings for the analysis of a curve. Equal settings are stored in one form, however they are written.
 
     Attributes:
-        method: "infer" (a posterior network, then weighted draws), "bdt" (the paper's networks; `model` decides between
-            these two), "fit" (the conventional fit), or "search" (the posterior from a search over windows that grow).
-        model: the network of infer and bdt, as of `infer`.
-        material, medium, stretch, window, trust_input, discrepancy, seed: as of `infer`; the window of fit and search
-            as of `fit_many`.
-        bubble: as of `infer`; a tuple of `Bubble` once it is made.
-        verify: as of `infer`; of a search "map" (its maximum), or "auto" (weighted draws that begin there).
-        end, free, t0_bound, scale_bound, weights, others: as of `fit_many`; of a search, too.
-        ranges: of the priors of a search, as of `Verification`.
+        method: "infer" (a posterior network, then weighted draws) or "bdt" (the paper's networks), which `model`
+            decides; "fit" (the conventional fit); or "search" (the posterior from a search over windows that grow).
+        model: the network of infer and bdt, as in `infer`.
+        material, medium, stretch, window, trust_input, discrepancy, seed: as in `infer`; the window of fit and search
+            as in `fit_many`.
+        bubble: as in `infer`; stored as a tuple of `Bubble`.
+        verify: as in `infer`; for fit and search "map" (the maximum) or "auto" (weighted draws that start there).
+        end, free, t0_bound, scale_bound, weights, others: as in `fit_many`; a search uses them, too.
+        ranges: prior ranges of a search, as in `Verification`.
 
     Raises:
-        InputError: an unknown model, law or bubble, a setting out of its domain, or settings that do not go together.
+        InputError: an unknown model, law or bubble, a setting outside its domain, or settings that exclude each other.
     """
 
     method: Literal["infer", "bdt", "fit", "search"] = "infer"
@@ -85,7 +85,7 @@ class Analysis:
         require(self.verify in levels, message, "option.verify")
         expect_whole(self.seed, "seed", 0, "option.seed")
         name = str(self.model)
-        model = str(Path(name).absolute()) if name.endswith(".onnx") else name  # other processes may be elsewhere
+        model = str(Path(name).absolute()) if name.endswith(".onnx") else name  # other processes have other folders
         settings: dict[str, Any] = {"model": model, "medium": medium_of(self.medium)}
         kind = card(path_of(str(self.model))) if self._networked else {}
         point = kind.get("kind") == "point"
@@ -127,12 +127,12 @@ class Analysis:
 
     @property
     def bubbles(self) -> tuple[Bubble, ...]:
-        """All that are looked at."""
+        """The bubbles that are analysed."""
         return bubbles_of(self.bubble)  # type: ignore[arg-type]
 
     @property
     def laws(self) -> Sequence[str]:
-        """All that are looked at: with damage those with an elastic part. Raises InputError: none has one."""
+        """The laws that are analysed; with damage, those with an elastic part. Raises InputError: none has one."""
         laws = AUTO if self.material == "auto" else (str(self.material),)
         if self.bubbles[0].damage == "none":
             return laws
@@ -143,12 +143,12 @@ class Analysis:
 
     @property
     def doing(self) -> str:
-        """What goes on, in a word."""
+        """A word for the work in progress."""
         return "weighing" if self.before else _DOING[self.method]
 
     @property
     def before(self) -> Analysis | None:
-        """That whose answers this one begins with; None where it begins with the curves alone."""
+        """The analysis whose answers are the start of this one; None if this one starts with the curves alone."""
         return replace(self, verify="map") if self.method == "search" and self.verify != "map" else None
 
     def _options(self, bubble: Bubble) -> Options:
@@ -157,21 +157,21 @@ class Analysis:
 
     @property
     def network(self) -> Network | PosteriorModel:
-        """That of infer and bdt. Raises InputError."""
+        """The network of infer and bdt. Raises InputError."""
         return network_of(str(self.model))
 
     def key(self, curve: RadiusCurve) -> str:
-        """By which an answer is known again: of the samples of the curve and what is known about them, of all that is
-        asked, of our version and of the network. The curve's name, file and group do not count."""
+        """A hash that identifies the answer: of the samples of the curve and its metadata, of all settings, of the
+        version of this package and of the network. The curve's name, file and group do not change it."""
         content = {field.name: getattr(curve, field.name) for field in fields(curve)}
-        if len(curve.time):  # a curve without samples is like no other
+        if len(curve.time):  # a curve without samples keeps its labels, which distinguish it
             content["meta"] = {name: value for name, value in curve.meta.items() if name not in _LABELS}
         made_with = self.network.sha256 if self._networked else ""
         return key_of([version("cavirheo"), made_with, self, content])
 
     def check(self, curves: Sequence[RadiusCurve]) -> None:
-        """Raises InputError: none of these curves can be answered so: the wall has no distance, or is too near for
-        every curve; where it is for some, those fail."""
+        """Raises InputError: none of these curves can be answered with these settings, because the wall is within R_max
+        of every curve. If it is within R_max of some curves, only these fail."""
         largest = [float(np.max(curve.radius, initial=0.0, where=curve.radius > 0)) for curve in curves]
         for bubble in self.bubbles:
             if bubble.wall_distance is not None:
@@ -184,9 +184,9 @@ class Analysis:
         done: Callable[[int, Posterior], None] | None = None,
         starts: Sequence[Posterior] | None = None,
     ) -> list[Posterior]:
-        """An answer for each curve, in their order, on so many cores (all by default); the answers do not depend on
-        it. done: called with the index and the answer of each curve as it is found. starts: for each what `answer`
-        takes. Raises InputError: none of the curves can be answered so."""
+        """An answer for each curve, in their order, computed on `workers` cores (default: all), on whose number it does
+        not depend. done: called with the index and the answer of each curve when it is ready. starts: the `start` of
+        `answer` for each curve. Raises InputError: none of the curves can be answered with these settings."""
         curves = several(curves)
         self.check(curves)
         function, jobs, executor = self._workload(curves, starts, None, workers)
@@ -198,8 +198,8 @@ class Analysis:
         starts: Sequence[Posterior | None] | None = None,
         executor: Executor | None = None,
     ) -> Generator[tuple[int, Posterior], None, None]:
-        """(index of the curve, its answer) as they are found, by an executor or on all cores of this machine. starts:
-        as of `run`. Closing it drops what has not begun."""
+        """(index of the curve, its answer) in the order in which they are ready, computed by an executor or on all
+        cores of this machine. starts: as in `run`. Closing the generator cancels the curves that have not started."""
         function, jobs, chosen = self._workload(curves, starts, executor, None)
         return chosen.flow(function, jobs)
 
@@ -210,15 +210,15 @@ class Analysis:
         executor: Executor | None,
         workers: int | None,
     ) -> tuple[Callable[[Job], Posterior], list[Job], Executor]:
-        """A unit of work, what it is given for each curve, and where it is done."""
+        """The function that answers one job, the job of each curve, and the executor."""
         threads = 1 if executor else max(cores(workers) // max(len(curves), 1), 1)
         chosen = executor or (Threads(workers) if self.verify == "none" else of_this_machine(len(curves), workers))
         jobs = list(zip(curves, starts or repeat(None, len(curves)), strict=True))
         return partial(_answer, self, threads), jobs, chosen
 
     def answer(self, curve: RadiusCurve, start: Posterior | None = None, *, workers: int | None = None) -> Posterior:
-        """The answer for one curve, on so many threads; without draws, and with the reason, where there is none. start:
-        what `before` answers, if it is known."""
+        """The answer for one curve, on `workers` threads; if it fails, it has no draws and gives the reason. start: the
+        answer of `before`, if it is known."""
         shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
         settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
         if self.method == "infer":
@@ -235,15 +235,15 @@ class Analysis:
                 if self.verify == "none":
                     return answers[0]
                 return verify(curve, answers, workers=workers, **settings)
-        except InputError:  # none of the curves can be answered so
+        except InputError:  # no curve can be answered with these settings
             raise
-        except Exception as error:  # a defect, of ours or of a library, costs this curve alone
+        except Exception as error:  # a defect of this package or of a library: only this curve fails
             _log.exception("%s has no answer", curve.name)
             empty = self._empty_answer(curve, self.laws[0], self.bubbles[0])
             return replace(empty, checks=failed(error, curve, medium_of(self.medium)))
 
     def starts(self, curve: RadiusCurve, workers: int | None = None) -> list[Posterior]:
-        """What the verification begins with, of each law and bubble: a failed one says why."""
+        """The answers that start the verification, one for each law and bubble; a failed one gives the reason."""
         if self.before:
             return [self.before.answer(curve, workers=workers)]
         if self.method == "bdt":
@@ -251,7 +251,7 @@ class Analysis:
         return [self._start(curve, law, bubble) for law, bubble in product(self.laws, self.bubbles)]
 
     def _start(self, curve: RadiusCurve, law: str, bubble: Bubble) -> Posterior:
-        """Law, bubble, window and input warnings, and what a network reads off the curve."""
+        """The start for one law and bubble: window, input warnings, and the answer of the network, if there is one."""
         began, network, medium = perf_counter(), self.network if self._networked else None, medium_of(self.medium)
         if isinstance(network, Network):
             check_outputs(network)
@@ -268,7 +268,7 @@ class Analysis:
                     values, warnings = read_draws(shot, network, checks, self.discrepancy, self.seed, self.verify)
                 warnings += wall_warnings(shot)
             values["checks"] = warned(values["checks"], [*curve_warnings(curve, medium), *warnings], self.trust_input)
-        except ERRORS as error:  # of this curve alone
+        except ERRORS as error:  # only this curve fails
             values = {"checks": failed(error, curve, medium)}
         provenance = {**empty.provenance, **values.pop("provenance", {})}
         return replace(empty, **values, provenance=provenance, seconds=perf_counter() - began)
@@ -293,5 +293,5 @@ class Analysis:
 
 
 def _answer(analysis: Analysis, workers: int, job: Job) -> Posterior:
-    """A unit of work of an executor."""
+    """Answer one job of an executor."""
     return analysis.answer(*job, workers=workers)

@@ -1,4 +1,4 @@
-"""What is assumed of a shot: the law (Family), and what is fitted of its recording, and how (Options)."""
+"""Assumptions about a shot: its law (Family), and what is fitted of its recording, and how (Options)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cavirheo.physics.bubble import FIELD, FROM_NOTHING, Bubble
 from cavirheo.physics.materials import LAWS, Material, combine, with_consistency
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
-FREED = ("t0", "rmax")  # by default
+FREED = ("t0", "rmax")  # free by default
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
 
 _STRETCHES, _WEIGHTS = ("plateau", "free"), ("learnt", "equal")
@@ -36,12 +36,12 @@ _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 @dataclass(frozen=True)
 class Options:
-    """Of an experiment: arguments of `fit_many`, which says what they are. Raises InputError."""
+    """Options of an experiment: arguments of `fit_many`, which describes them. Raises InputError."""
 
     window: int | str | None = None
     end: float | None = None
     stretch: float | str | None = None
-    free: Sequence[str] | str = FREED  # or several with commas; kept as a tuple
+    free: Sequence[str] | str = FREED  # or a text with commas; stored as a tuple
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
     weights: str = "learnt"
@@ -55,7 +55,7 @@ class Options:
             value = getattr(self, name)
             try:
                 fine = holds(value)
-            except (TypeError, ValueError):  # of no such kind
+            except (TypeError, ValueError):  # a value of a wrong type
                 fine = False
             require(fine, f"{name} must be {expected}; got {value!r}", f"option.{name}")
         object.__setattr__(self, "free", tuple(self.free))
@@ -69,7 +69,7 @@ class Options:
 
 
 def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
-    """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
+    """The given numbers of the bubble model that are not 0, by name. Raises InputError: the wall is within R_max."""
     values = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
     if bubble.wall_distance is not None:
         values["confinement_inertia"] = bubble.inertia(max_radius)
@@ -77,7 +77,7 @@ def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
 
 
 def check_stretch(stretch: float | str | None) -> None:
-    """Raises InputError for a stretch that no bubble at its largest radius has."""
+    """Raises InputError: no bubble at its largest radius has such a stretch."""
     message = f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}"
     fine = stretch is None or (isinstance(stretch, Real) and 1 < stretch < 100)
     require(fine, message, "option.stretch")
@@ -88,7 +88,7 @@ def _parameters(law: str) -> list[Field[Any]]:
 
 
 def _unfittable(law: str) -> list[str]:
-    """Parameters that neither have a range nor a default."""
+    """Parameters of a law that have neither a range nor a default."""
     return [f.name for f in _parameters(law) if not PARAMETERS[inferred_as(f.name)].searched and f.default is MISSING]
 
 
@@ -99,12 +99,12 @@ ABLE = [law for law in LAWS if not _unfittable(law)]
 class Family:
     """All materials of a law, or of a sum of laws ("gent + newtonian"): log10 of the parameters -> Material.
 
-    A parameter that two laws of a sum have is followed by the number of the later one: viscosity, viscosity_2. One
-    without a range (parameters.py) keeps the default of its law. In place of a consistency K stands the reference
-    viscosity K (1e5 1/s)^(n-1).
+    If two laws of a sum have a parameter of one name, that of the later law is followed by its number: viscosity,
+    viscosity_2. A parameter without a range (parameters.py) keeps the default of its law. The reference viscosity K
+    (1e5 1/s)^(n-1) replaces the consistency K.
 
     Raises:
-        InputError: unknown law, one with a parameter for which no range is set, or laws that no material can have both.
+        InputError: an unknown law, a parameter with neither range nor default, or laws that exclude each other.
     """
 
     name: str
@@ -125,7 +125,7 @@ class Family:
             terms.append((law, searched))
         object.__setattr__(self, "_terms", terms)
         object.__setattr__(self, "parameters", tuple(names))
-        usual = self.material(np.mean(self.bounds(started=True), axis=1))  # refused where the laws exclude each other
+        usual = self.material(np.mean(self.bounds(started=True), axis=1))  # an error if the laws exclude each other
         object.__setattr__(self, "elastic", usual.elastic is not None)
 
     def material(self, log10: Floats) -> Material:
@@ -135,6 +135,6 @@ class Family:
         return combine([LAWS[law](**with_consistency(parameters)) for law, parameters in terms])
 
     def bounds(self, *, started: bool = False) -> Floats:
-        """(parameters, 2): the ranges searched, or the parts of them that searches start from."""
+        """Ranges (parameters, 2) of a search, or with `started` the parts of them in which searches start."""
         names = [name for _, searched in self._terms for name in searched]
         return np.array([PARAMETERS[n].started if started else PARAMETERS[n].searched for n in names])

@@ -1,31 +1,33 @@
-"""Clock, radius scale and R_max of a recording, integrated for each simulation: none of them costs a simulation.
+"""Clock, radius scale and R_max factor of a recording, integrated out for each simulation without further simulations.
 
 They move the frames of a bubble that is already solved. In units of t_c its radius is f R*((t - t_0)/(s f t_c)) with
-clock t_0, radius scale s and R_max factor f. What goes with p t_c scales with size: a viscosity or a relaxation time of
-the law is s f times that of the simulation (`rescaled`). Else size enters R* through heat and mass transfer, and hardly
-through surface tension and sound: 1 % of size changes R* by 0.15 % of R_max RMS. Where frames are sharp enough to tell
-(`resolves_size`), a second simulation gives R* to first order in size; else one beside the maximum does for all, for it
-hardly changes across a posterior.
+clock t_0, radius scale s and R_max factor f. Parameters that scale with p t_c scale with the size: a viscosity or a
+relaxation time of the law is s f times that of the simulation (`rescaled`). Otherwise size changes R* through heat and
+mass transfer, and hardly through surface tension and sound: 1 % of size changes R* by 0.15 % of R_max RMS. If frames
+are accurate enough to show this (`resolves_size`), a second simulation gives R* to first order in size. Otherwise one
+near the maximum is used for all simulations, because the effect hardly changes across a posterior.
 
-For each simulation the most likely (t_0, s, f) = p is found by Gauss-Newton steps on the frames, and the integral over
-p is Laplace's about it, H the curvature of -log(likelihood x prior) there:
+For each simulation, Gauss-Newton steps on the frames find the most likely p = (t_0, s, f). The integral over p is
+Laplace's about it, with the curvature H of -log(likelihood x prior) there:
 
     p(frames | simulation) = p(frames | p) prior(p) (2 pi)^(m/2) |H|^(-1/2).
 
-That leads to maxima. Where a collapse is beside a frame, the curvature depends on which side of the frame the most
-likely clock is, and this integral is wrong by 1 in log, at times by 6. What counts is therefore not integrated so:
-draws of a surrogate are of p, too (surrogate.py); simulations that are weighed have an integral by points (mode.py).
+This integral is used to find maxima. If a collapse is close to a frame, the curvature depends on the side of the frame
+on which the most likely clock is, and the logarithm of the integral is wrong by 1, at times by 6. Answers therefore do
+not use it: draws of a surrogate include p (surrogate.py), and weighted simulations are integrated over p by importance
+sampling (mode.py).
 
-The clock is not linearised about one value for all simulations: that is what bends posteriors. Its prior is normal
-here, with the standard deviation of the uniform one within its bound.
+The clock is not linearised about one value for all simulations, because its nonlinear effect bends posteriors. Its
+prior is normal here, with the standard deviation of the uniform one within its bound.
 
-A residual is extended by what is needed of the camera: its first n numbers are the frames, measured minus simulated
-over R_max; then p in units of its prior's standard deviations, as m pulls; then the logarithm of what the integral has
-besides likelihood and exp(-pulls^2/2); then the shape of the bubble, from which its frames can be had again.
+An extended residual has four parts: n frames, measured minus simulated over R_max; p in units of its prior's standard
+deviations, as m pulls; the logarithm of the factor of the integral besides likelihood and exp(-pulls^2/2); and the
+shape of the bubble, from which its frames can be computed again.
 
 A shape is the instants of the collapses, over the length of the grid, and R/R_max at nodes between them, at fixed
-shares of the way from one to the next. R at an instant has a kink where a collapse passes it, a shape has none: it is
-what changes smoothly with a parameter. Where size counts, what a bubble that is SIZE_STEP larger has more follows.
+shares of the time from one to the next. As a function of a parameter, R at a fixed instant has a kink where a collapse
+passes it; a shape has none and changes smoothly. If size counts, the change of the shape for a bubble that is larger by
+SIZE_STEP follows.
 """
 
 from __future__ import annotations
@@ -44,24 +46,24 @@ from cavirheo.parameters import parameter_of
 from cavirheo.physics.cache import compiled, kernel
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
-FINEST = 0.004  # t_c between the instants at which a simulation is kept,
-PER_FRAME = 3.0  # or so many for each frame
-MOST = 4000  # of them
-STEPS = 20  # Gauss-Newton steps, at most,
-ROUGH_GAIN, SHAPE_GAIN, GAIN = 0.1, 0.02, 1e-5  # until one gains less in log density: all, the best of a shape or not
-# where these steps begin, in standard deviations of the clock; it may be far off where R_max is read off noisy frames
+FINEST = 0.004  # largest step of the grid of a simulation, t_c
+PER_FRAME = 3.0  # fewest steps of this grid for each frame
+MOST = 4000  # most steps of this grid
+STEPS = 20  # Gauss-Newton steps at most
+ROUGH_GAIN, SHAPE_GAIN, GAIN = 0.1, 0.02, 1e-5  # steps end at this gain: rough; then for a shape, a simulation
+# clocks at which these steps start, in standard deviations: a clock read off noisy frames may be far off
 CLOCKS = (-2.4, -1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8, 2.4)
-CLIMBED = 4  # clocks at most that the steps go on from: those that are likelier than the ones beside them,
-LIKELIEST = 2  # and so many of the likeliest
-SIZE_STEP = 0.02  # by which the bubble of the second simulation is larger
-SIZE_EFFECT = 0.15  # RMS change of R* over a relative change of size, about,
-SIZE_SHARE = 0.25  # of the noise, from which such a change counts
-INSTANTS, SHAPE_INSTANTS = 9, 3  # in an exposure, of a simulation and of a shape
-MOST_COLLAPSES = 4  # of a shape
-SHAPED = 0.1  # of the noise: RMS of what a shape may miss
-NODES = 40  # of a shape between two collapses, dense at these
-ROUGH_SHARE, SHARE = 0.1, 0.01  # of a size of the discrepancy in the noise, below which these leave it out
-# of `_angle`, the highest power first
+CLIMBED = 4  # starts at most from which steps are made: those that are likelier than both neighbours,
+LIKELIEST = 2  # and this number of the likeliest
+SIZE_STEP = 0.02  # relative difference in size of the bubble of the second simulation
+SIZE_EFFECT = 0.15  # RMS change of R* over the relative change of size, approximately
+SIZE_SHARE = 0.25  # share of the noise above which such a change counts
+INSTANTS, SHAPE_INSTANTS = 9, 3  # instants in an exposure, for a simulation and for a shape
+MOST_COLLAPSES = 4  # collapses of a shape at most
+SHAPED = 0.1  # largest RMS error of a shape, over the noise
+NODES = 40  # intervals between nodes of a shape from one collapse to the next, short near a collapse
+ROUGH_SHARE, SHARE = 0.1, 0.01  # least share of a noise grid point that counts in rough and final steps
+# coefficients of `_angle`, the highest power first
 ANGLE = (
     0.07969721832, -0.08889298994, 0.07098148633, -0.005915243983, 0.02323865936, 0.02799663997, 0.0477702493,
     0.1061027352, 0.6366197756,
@@ -71,9 +73,9 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class SimulatedCurve(NamedTuple):
-    """A simulation at regular instants: R/R_max, its derivative (1/s), and the derivatives of both by the logarithm of
-    the bubble's size, 0 where that does not count; or a shape whose last instant is the `last` one: then the others are
-    empty."""
+    """A simulation at regular instants: R/R_max, its time derivative (1/s), and the derivatives of both by the
+    logarithm of the bubble's size, 0 if size does not count. Or a shape: then these arrays are empty, and `last` is the
+    index of the grid's last instant."""
 
     radius: Floats
     speed: Floats
@@ -84,8 +86,8 @@ class SimulatedCurve(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """What `CameraNuisances` says of (n,) frames, as compiled functions take it; free: (m,) indices of what is not
-    exact of clock, scale and factor."""
+    """The fields of `CameraNuisances` for (n,) frames, as compiled functions take them, with `time` counted from the
+    middle of the clock's prior. free: (m,) indices of those of clock, scale and factor that are not exact."""
 
     time: Floats
     measured: Floats
@@ -98,12 +100,11 @@ class Frames(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CameraNuisances:
-    """What the camera may have changed of (n,) frames. time: (n,) s after the R_max that was read. measured: (n,)
-    R/R_max. widths: standard deviations of t_0 (s), s and f; 0 for one that is exact. exposure: s of a frame. step: s
-    between the instants at which a simulation is needed. collapses: in these frames. sized: whether the frames tell
-    what the size of each bubble changes besides time. by_size: (numbers,) what a bubble that is SIZE_STEP larger has
-    more in its shape, of all bubbles alike, where each has not its own; else empty. clock: s, the middle of the prior
-    of t_0."""
+    """Clock t_0, radius scale s and R_max factor f of the camera for (n,) frames. time: (n,) s after the measured
+    R_max. measured: (n,) R/R_max. widths: prior standard deviations of t_0 (s), s and f; 0 for an exact one. exposure:
+    of a frame, s. step: of the grid of a simulation, s. collapses: number in a shape. sized: whether each simulation
+    has its own effect of the bubble's size. by_size: (numbers,) change of the shape for a bubble that is larger by
+    SIZE_STEP, the same for all bubbles; empty if it is not used. clock: middle of the prior of t_0, s."""
 
     time: Floats
     measured: Floats
@@ -117,43 +118,43 @@ class CameraNuisances:
 
     @cached_property
     def free(self) -> NDArray[np.int64]:
-        """(m,) indices of what is not exact."""
+        """(m,) indices of those of t_0, s and f that are not exact."""
         return np.flatnonzero(self.widths > 0)
 
     @property
     def size(self) -> int:
-        """Numbers of an extended residual."""
+        """Length of an extended residual."""
         return len(self.time) + len(self.free) + 1 + (2 if self.sized else 1) * self.numbers
 
     @property
     def numbers(self) -> int:
-        """Of the shape of one bubble."""
+        """Length of the shape of one bubble."""
         return self.collapses + (self.collapses + 1) * (NODES + 1)
 
     @cached_property
     def frames(self) -> Frames:
-        """For simulations."""
+        """The frames for simulations."""
         instants, shares = exposed(self.exposure, INSTANTS)
         return Frames(self.time - self.clock, self.measured, self.widths, self.free, instants, shares, self.step)
 
     @cached_property
     def shape_frames(self) -> Frames:
-        """For shapes, with fewer instants."""
+        """The frames for shapes, with fewer instants."""
         instants, shares = exposed(self.exposure, SHAPE_INSTANTS)
         return self.frames._replace(instants=instants, shares=shares)
 
     @cached_property
     def grid(self) -> Floats:
-        """(k,) s after R_max at which a simulation is needed, all frames with any clock and scale between them."""
+        """Instants (k,) of a simulation, s after R_max, which cover all frames with any likely clock and scale."""
         end = (float(np.max(self.time)) - self.clock + 3.0 * self.widths[0] + 0.5 * self.exposure) * 1.05
         return np.asarray(self.step * np.arange(int(np.ceil(end / self.step)) + 3))
 
     def resolves_size(self, noise: Noise) -> bool:
-        """Whether frames with this noise tell what the size of the bubble changes besides time and what scales."""
+        """Whether the effect of the bubble's size on R* counts in frames with this noise."""
         return SIZE_EFFECT * float(np.hypot(*self.widths[1:])) > SIZE_SHARE * noise.typical
 
     def extended(self, run: SimulatedCurve, noise: Noise) -> tuple[Floats, Floats]:
-        """(size,) extended residual of a simulation on `grid` and the curvature H (m, m) in units of the prior."""
+        """Extended residual (size,) of a simulation on `grid`, and the curvature H (m, m) in units of the prior."""
         how = noise.covariances, noise.constants, noise.power
         residual, curvature = _integrated(run, self.frames, self.starts, GAIN, *how)
         shape = _shape(run, self.step, self.collapses)
@@ -164,8 +165,9 @@ class CameraNuisances:
         return np.concatenate([residual, shape, _shape(larger, self.step, self.collapses) - shape]), curvature
 
     def with_collapses(self, run: SimulatedCurve, z: Floats, noise: Noise) -> CameraNuisances:
-        """With those collapses in a shape that were counted and that a simulation on `grid` has before the last frame;
-        or with more, if it takes them to give the frames by a camera about z (m,), whenever its clock began."""
+        """The camera with as many collapses in a shape as the frames of a simulation on `grid` need: at least those
+        that were counted and that it has before the last frame; more if the shape does not give its frames otherwise,
+        by a camera about z (m,) with any start of the clock."""
         counted = _shape(run, self.step, self.collapses)[: self.collapses] * self.grid[-1]
         views = z + np.array(CLOCKS)[:, None] * (self.free == 0)
         best, least = self, np.inf
@@ -180,7 +182,7 @@ class CameraNuisances:
         return best
 
     def missed_by_shape(self, run: SimulatedCurve, z: Floats) -> Floats:
-        """(n,) measured minus simulated by a camera z (m,), beyond what the shape of a simulation on `grid` gives."""
+        """Radius (n,) by the shape of a simulation on `grid` minus that by the simulation, with a camera z (m,)."""
         shape = _shape(run, self.step, self.collapses)
         by_shape = _difference_of_shapes(shape[None], z[None], len(self.grid) - 1.0, self.shape_frames)[0]
         columns = np.empty((len(self.time), len(self.free) + 1))
@@ -188,13 +190,14 @@ class CameraNuisances:
         return columns[:, -1] - by_shape
 
     def of_shapes(self, shapes: Floats, noise: Noise) -> Floats:
-        """(k, n + m + 1) extended residuals of bubbles of these shapes (k, numbers), without shapes."""
+        """Extended residuals (k, n + m + 1) of bubbles of these shapes (k, numbers), without the shapes."""
         how = noise.covariances, noise.constants, noise.power
         shapes, last = np.ascontiguousarray(shapes[:, : self.numbers]), len(self.grid) - 1.0
         return np.asarray(_of_shapes(shapes, last, self.shape_frames, self.starts, *how))
 
     def difference_of_shapes(self, shapes: Floats, z: Floats) -> Floats:
-        """(k, n) measured minus simulated of bubbles of these shapes (k, numbers) by a camera z (k, m), or NaN."""
+        """Measured minus simulated (k, n) of bubbles of these shapes (k, numbers) with a camera z (k, m); NaN where the
+        simulation failed."""
         if self.sized or len(self.by_size):
             values = self.natural(z)
             grown = values["radius_scale"] * values["max_radius_factor"] - 1.0
@@ -210,10 +213,10 @@ class CameraNuisances:
 
     @cached_property
     def starts(self) -> Floats:
-        """(k, m) where the steps to the most likely clock, scale and factor begin."""
+        """Starts (k, m) of the steps to the most likely clock, scale and factor."""
         m = len(self.free)
         starts = np.zeros((len(CLOCKS) if m and not self.free[0] else 1, m))
-        if len(starts) > 1:  # frames beside a collapse may have two clocks
+        if len(starts) > 1:  # frames near a collapse may allow two clocks
             starts[:, 0] = CLOCKS
         return starts
 
@@ -225,11 +228,11 @@ class CameraNuisances:
         return values
 
     def z(self, residuals: Floats) -> Floats:
-        """(..., m) the most likely clock, scale and factor, in units of their prior, of extended residuals."""
+        """The most likely clock, scale and factor (..., m), in units of their prior, in extended residuals."""
         return residuals[..., len(self.time) : len(self.time) + len(self.free)]
 
     def draw(self, middle: Floats, curvature: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """z (k, m) of Gaussians of this curvature (m, m) about `middle` (k, m), and the log density (k,) of each."""
+        """Draws z (k, m) of Gaussians with this curvature (m, m) about `middle` (k, m), and log densities (k,)."""
         k, m = middle.shape
         off = rng.standard_normal((k, m))
         height = 0.5 * float(np.linalg.slogdet(curvature)[1]) - 0.5 * m * _LOG_2PI
@@ -238,14 +241,15 @@ class CameraNuisances:
 
 
 def exposed(exposure: float, count: int) -> tuple[Floats, Floats]:
-    """Offsets of `count` instants (Gauss-Legendre) within an exposure, in its unit, and their shares; one without."""
+    """Offsets of `count` Gauss-Legendre instants in an exposure, in its unit, and their weights. An exposure of 0 has
+    one instant."""
     nodes, shares = np.polynomial.legendre.leggauss(count if exposure else 1)
     return 0.5 * exposure * nodes, 0.5 * shares
 
 
 def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
-    """log10 values x (k, d) of a law's parameters for bubbles that are `size` (k,) times as large as the simulated
-    ones: what goes with p t_c grows with them. NaN for a size that no bubble has."""
+    """log10 values (k, d) of a law's parameters for bubbles that are `size` (k,) times as large as simulated ones with
+    the values x (k, d): viscosities and relaxation times grow with the size. NaN for a negative size."""
     x = np.array(x)
     with np.errstate(invalid="ignore"):
         log_size = np.log10(size)
@@ -261,8 +265,8 @@ def _integrated(
     run: SimulatedCurve, frames: Frames, starts: Floats, finest: float, covariances: Covariances, constants: Floats,
     power: float,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """What `CameraNuisances.extended` gives but for the shape, from starts z (k, m) of steps, the last of which gain
-    less than `finest`, and the noise's covariances."""
+    """The result of `CameraNuisances.extended` without the shape. starts: z (k, m) at which the steps start. finest:
+    gain at which the last steps end. covariances, constants, power: of the noise."""
     weight, moved, rank, factor = covariances
     m, residuals = len(frames.free), np.empty((len(starts), len(frames.time)))
     columns, next_columns = np.empty((len(frames.time), m + 1)), np.empty((len(frames.time), m + 1))
@@ -283,7 +287,7 @@ def _integrated(
     order = order[hill[order]]
     top, best = -np.inf, starts[order[0]]
     tries = min(CLIMBED, len(order))
-    for k in range(tries + 1):  # a few steps from each, then all the way from the best end
+    for k in range(tries + 1):  # a few steps from each start, then all steps from the best end
         z, least = (starts[order[k]], ROUGH_GAIN) if k < tries else (best, finest)
         if m and (k == 0 or k == tries):
             counted = np.flatnonzero(largest > (ROUGH_SHARE if k < tries else SHARE) * np.max(largest))
@@ -308,7 +312,7 @@ def _integrated(
                 break
         if value > top or k == tries:
             top, best = value, z
-    integral = -0.5 * _solved(curvature, best)[1]  # each prior and each integral has a (2 pi)^(1/2)
+    integral = -0.5 * _solved(curvature, best)[1]  # the factors (2 pi)^(1/2) of prior and integral cancel
     return np.concatenate((columns[:, m], best, np.array([integral]))), curvature + np.eye(m)
 
 
@@ -336,9 +340,9 @@ def _solved(curvature: Floats, vector: Floats) -> tuple[Floats, float]:
 
 @kernel
 def _film(run: SimulatedCurve, frames: Frames, z: Floats, columns: Floats) -> None:
-    """Into columns (n, m + 1): the simulated frames' derivatives by z (m,), and measured minus simulated.
+    """Write the derivatives of the simulated frames by z (m,), and measured minus simulated, into columns (n, m + 1).
 
-    A bubble is even about 0. What size changes is a line between two instants.
+    R is an even function of time. The effect of size is linear between two instants.
     """
     free, step, m = frames.free, frames.step, len(frames.free)
     clock, scale, factor = _seen(frames, z)
@@ -387,7 +391,7 @@ def _seen(frames: Frames, z: Floats) -> tuple[float, float, float]:
 
 @kernel
 def _radius_at(run: SimulatedCurve, away: float, step: float) -> tuple[float, float]:
-    """R/R_max `away` steps of the grid after it was largest, and its derivative by these: cubic Hermite pieces between
+    """R/R_max at `away` steps of the grid after its maximum, and its derivative by `away`: cubic Hermite pieces between
     regular instants, or between the nodes of a shape."""
     if not len(run.shape):
         i = min(int(away), len(run.radius) - 2)
@@ -406,7 +410,7 @@ def _radius_at(run: SimulatedCurve, away: float, step: float) -> tuple[float, fl
 
 @kernel
 def _between_nodes(shape: Floats, first: int, place: float) -> tuple[float, float]:
-    """R/R_max at a place, from 0 to NODES, among nodes that begin at `first` of a shape, and its derivative by it."""
+    """R/R_max at `place`, from 0 to NODES, between nodes from index `first` of a shape on, and its derivative."""
     i = min(int(place), NODES - 1)
     low, high = shape[first + i], shape[first + i + 1]
     rise = high - low
@@ -425,9 +429,9 @@ def _cubic(low: float, high: float, begin: float, end: float, t: float) -> tuple
 
 @kernel
 def _place(share: float, part: int, collapses: int) -> tuple[float, float]:
-    """Where a share of the way from one collapse to the next is among the nodes, from 0 to NODES, and the derivative,
-    as it is a quarter of the way to the next node at a collapse. After the last collapse the nodes are dense at its
-    side alone."""
+    """Place between the nodes, from 0 to NODES, of a share of the time from one collapse to the next, and its
+    derivative, which at a collapse is that a quarter of the way to the next node. After the last collapse the nodes are
+    dense at its side alone."""
     least = (0.25 / NODES) ** 2
     if part == collapses:
         return NODES * np.sqrt(share), 0.5 * NODES / np.sqrt(max(share, least))
@@ -437,7 +441,7 @@ def _place(share: float, part: int, collapses: int) -> tuple[float, float]:
 
 @kernel
 def _angle(share: float) -> float:
-    """arcsin(share^(1/2)) over pi/2, from 0 to 1, but for 3e-9: a polynomial, in a tenth of the time."""
+    """arcsin(share^(1/2)) over pi/2, from 0 to 1, with an error of 3e-9: a polynomial, in a tenth of the time."""
     low = min(share, 1.0 - share)
     series = 0.0
     for i in range(len(ANGLE)):
@@ -448,15 +452,15 @@ def _angle(share: float) -> float:
 
 @kernel
 def _share(place: float, part: int, collapses: int) -> float:
-    """Of the way from one collapse to the next, at a place among the nodes."""
+    """Share of the time from one collapse to the next, at a place between the nodes: the inverse of `_place`."""
     way = place / NODES
     return way**2 if part == collapses else np.sin(0.5 * np.pi * way) ** 2
 
 
 @compiled
 def _shape(run: SimulatedCurve, step: float, collapses: int) -> Floats:
-    """Shape of a simulation at regular instants, `step` s from each other. A collapse that it has not is put at the
-    end: there one leaves the grid that comes later."""
+    """Shape of a simulation at regular instants, `step` s from each other. Collapses that it lacks are put at the end
+    of the grid, where a later collapse leaves it."""
     last, knots, count = len(run.radius) - 1, np.empty(collapses + 2), 0
     knots[0], knots[-1] = 0.0, last
     for i in range(1, last):
@@ -475,8 +479,8 @@ def _shape(run: SimulatedCurve, step: float, collapses: int) -> Floats:
 
 @kernel
 def _turn(first: float, second: float, fall: float, rise: float) -> float:
-    """Where R is least between two instants, from 0 to 1, with these radii and derivatives: R^5 is cubic there, for an
-    empty cavity collapses as R^5 = A (t - t_0)^2 (Rayleigh 1917, doi:10.1080/14786440808635681)."""
+    """Place of the minimum of R between two instants, from 0 to 1, with these radii and derivatives. R^5 is cubic
+    there, because an empty cavity collapses as R^5 = A (t - t_0)^2 (Rayleigh 1917, doi:10.1080/14786440808635681)."""
     change, begin, end = second**5 - first**5, 5.0 * first**4 * fall, 5.0 * second**4 * rise
     square = 3.0 * (begin + end) - 6.0 * change
     linear = end - begin - square
@@ -489,7 +493,7 @@ def _of_shapes(
     shapes: Floats, last: float, frames: Frames, starts: Floats, covariances: Covariances, constants: Floats,
     power: float,
 ) -> Floats:  # fmt: skip
-    """What `CameraNuisances.of_shapes` gives."""
+    """The result of `CameraNuisances.of_shapes`."""
     residuals, nothing = np.empty((len(shapes), len(frames.time) + len(frames.free) + 1)), np.empty(0)
     for k in range(len(shapes)):
         run = SimulatedCurve(nothing, nothing, nothing, nothing, shapes[k], last)
@@ -499,7 +503,7 @@ def _of_shapes(
 
 @compiled
 def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames) -> Floats:
-    """What `CameraNuisances.difference_of_shapes` gives: as `_film`, without derivatives, which take as long again."""
+    """The result of `CameraNuisances.difference_of_shapes`: as `_film`, in half the time without derivatives."""
     count, each, difference = len(frames.time), len(frames.instants), np.empty((len(shapes), len(frames.time)))
     collapses = (shapes.shape[1] - NODES - 1) // (NODES + 2)
     knots, rates = np.zeros(collapses + 2), np.empty(collapses + 1)
@@ -523,7 +527,7 @@ def _difference_of_shapes(shapes: Floats, z: Floats, last: float, frames: Frames
                     part -= 1
                 share[n * each + j] = min(max((away - knots[part]) * rates[part], 0.0), 1.0)
                 parts[n * each + j] = part
-        for i in range(len(share)):  # apart from the others, so that it is done for several at once
+        for i in range(len(share)):  # a loop of its own, so that the compiler vectorises it
             share[i] = NODES * (np.sqrt(share[i]) if parts[i] == collapses else _angle(share[i]))
         for n in range(count):
             radius = 0.0

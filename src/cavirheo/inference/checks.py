@@ -1,17 +1,17 @@
-"""The checks of an answer: its simulation over the measured curve, and warnings on the recording and its settings, with
-which an answer is never `ok`.
+"""The checks of an answer: the comparison of its simulation with the measured curve, and input warnings on the
+recording and its settings, with which an answer is never `ok`.
 
-Frames that stand out count only where they move the answer: the recording is then read once more without them. A
-maximum between two frames, or up to a frame before the first, is no warning: the prior of the clock and of R_max holds
-it (experiment.py), and so does the interval.
+Frames that stand out give a warning only if they change the answer: the recording is read once more without them. A
+maximum between two frames, or up to one frame before the first, gives no warning, because the priors of the clock and
+of R_max allow for it (experiment.py), and so does the interval.
 
-*Scale and rate.* The first collapse in a gel with the shear modulus G comes sqrt(1 + Be G/p) times earlier than that in
-a liquid, and so it does in a soft material whose radii were given too large, or whose times too short. The stretch
-R_max/R_0 tells these apart: that of soft gels is 5 to 10, in open recordings it is about 7 at 28 kPa and 4 at 115 kPa,
-and that of stiffer gels is smaller: the bubble oscillates about a level not far below R_max. So where the first
-collapse comes at a time that liquids and soft gels do not show, the curve is laid over coarse simulations of gels with
-the stretch that they have, on the clock as stated, and of soft materials, on any clock. Times are in units of the first
-collapse, so that simulations made once serve all curves.
+*Scale and rate.* The first collapse in a gel with the shear modulus G comes sqrt(1 + Be G/p) times earlier than in a
+liquid. It also comes earlier in a soft material whose radii were given too large, or whose times too short. The stretch
+R_max/R_0 distinguishes these: that of soft gels is 5 to 10, in open recordings it is about 7 at 28 kPa and 4 at 115
+kPa, and that of stiffer gels is smaller, where the bubble oscillates about a level not far below R_max. If the first
+collapse comes at a time that liquids and soft gels do not show, the curve is therefore compared with coarse simulations
+of gels with their usual stretch on the stated clock, and with those of soft materials on any clock. Times are in units
+of the first collapse time, so that the same simulations serve all curves.
 """
 
 from __future__ import annotations
@@ -44,29 +44,29 @@ if TYPE_CHECKING:
     from cavirheo.inference.experiment import Experiment
 
 _log = logging.getLogger(__name__)
-# what may end the answer of one curve: numbers that it, numpy or scipy refuse (InputError and LinAlgError are
+# errors with which the analysis of one curve may fail: numbers that are refused (InputError and LinAlgError are
 # ValueErrors), simulations that fail, and a curve too large for the memory
 ERRORS = ValueError, ArithmeticError, SolverError, MemoryError
-MISFIT = 0.03  # RMSE/R_max above which the model is said not to fit (docs/method/verdicts.md)
-_POINTS = 800  # of the curve that is drawn
-REBOUND = 3  # frames after the first collapse, from which a rebound is seen
-FACTOR = 1.5  # by which a parameter must move for a warning
-USUAL_COLLAPSE = (0.7, 1.4)  # Rayleigh times after R_max that the first collapse of liquids and gels below 50 kPa comes
-STIFF, SMALL, FALL = 4e5, 3.4, 0.25  # stretch of gels: at most 3.4 from 400 kPa on, below 3.4 (400 kPa/G)^0.25
-WRONG = 0.22  # natural logarithm of the factor of the clock from which a scale or rate is wrong
-FOLLOWS = 0.045  # of R_max RMS: a simulation that misses by more does not explain a curve
-LEFT = 0.006  # of R_max RMS: what coarse simulations leave of any curve
-BETTER = 1.2  # factor of misfits from which one explanation is clearly better
-PERIODS = 6.0  # times of the first collapse that are compared
-PLATEAU = 1.2  # factor by which the stretch of a late plateau may be off
+MISFIT = 0.03  # RMSE/R_max above which the model does not fit (docs/method/verdicts.md)
+_POINTS = 800  # points of a simulated curve, for drawing
+REBOUND = 3  # fewest frames after the first collapse that show a rebound
+FACTOR = 1.5  # factor by which a parameter must change for a warning
+USUAL_COLLAPSE = (0.7, 1.4)  # first collapse of liquids and gels below 50 kPa, Rayleigh times after R_max
+STIFF, SMALL, FALL = 4e5, 3.4, 0.25  # largest stretch of gels: 3.4 for G above 400 kPa, else 3.4 (400 kPa/G)^0.25
+WRONG = 0.22  # natural logarithm of the factor of the clock above which a scale or rate is wrong
+FOLLOWS = 0.045  # largest RMS misfit over R_max of a simulation that explains a curve
+LEFT = 0.006  # RMS error of coarse simulations over R_max
+BETTER = 1.2  # factor between misfits above which one explanation is clearly better
+PERIODS = 6.0  # length of the comparison, first collapse times
+PLATEAU = 1.2  # largest factor between a stretch and that of the late plateau
 
-_RADIUS = 150e-6  # m, of the simulations
-_GRID = np.linspace(0.0, 1.1 * PERIODS, 661)  # times over that of the first collapse
-_FINER = np.exp(np.linspace(-0.06, 0.06, 9))  # factors of the time of the first collapse: a frame may be off
-_SHIFTS = np.array([-0.7, 0.0, 0.7])  # frames: so well is the time of R_max known
-_BETWEEN = 0.16  # natural logarithm of the clock's factor: as much as lies between two moduli of the simulations
-_VISCOUS = (0.004, 0.015, 0.05, 0.13, 0.35)  # Pa s
-_BUBBLES: dict[str, list[Any]] = {  # G in Pa, mu in Pa s, stretch and confinement damping, each with each
+_RADIUS = 150e-6  # m, R_max of the simulations
+_GRID = np.linspace(0.0, 1.1 * PERIODS, 661)  # times of the simulations over that of the first collapse
+_FINER = np.exp(np.linspace(-0.06, 0.06, 9))  # factors of the time of the first collapse, which is known to a frame
+_SHIFTS = np.array([-0.7, 0.0, 0.7])  # shifts of the time of R_max within its uncertainty, frames
+_BETWEEN = 0.16  # natural logarithm of the clock's factor between two moduli of the simulations
+_VISCOUS = (0.004, 0.015, 0.05, 0.13, 0.35)  # viscosities of the simulations, Pa s
+_BUBBLES: dict[str, list[Any]] = {  # all combinations of G (Pa), mu (Pa s), stretch and confinement damping
     "soft": [((1e3, 1.2e4, 4e4), _VISCOUS, (4.0, 4.5, 5.2, 6.2, 7.5, 9.0, 11.0), (0.1,))],
     "fast": [
         ((7.5e4, 1.3e5, 2.3e5), _VISCOUS, (1.3, 1.7, 2.1, 2.5, 2.9, 3.5, 4.2, 5.0), (0.1,)),
@@ -81,9 +81,9 @@ _BUBBLES: dict[str, list[Any]] = {  # G in Pa, mu in Pa s, stretch and confineme
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The part of a curve that is compared: from R_max to `end` s after it, and what it holds."""
+    """The part of a curve that is compared: from R_max to `end` s after it."""
 
-    curve: RadiusCurve  # cut to the window; its R_max and time of R_max are those of the whole
+    curve: RadiusCurve  # cut to the window, with R_max and time of R_max of the whole curve
     end: float  # s after R_max
     collapses: int
 
@@ -109,8 +109,8 @@ def window(curve: RadiusCurve, *, collapses: int | None = None, end: float | Non
 def reconstruct(
     view: Window, material: Material, medium: Medium, stretch: float, bubble: Bubble = FIELD
 ) -> dict[str, Floats]:
-    """The fields of `Checks` that the simulation of an answer gives; frames before R_max (where a fit has moved the
-    clock) are compared with the mirrored fall after it. Raises SolverError if it cannot be simulated."""
+    """The fields of `Checks` that the simulation of an answer gives. Frames before R_max (if a fit has moved the clock)
+    are compared with the mirrored fall after it. Raises SolverError: the answer cannot be simulated."""
     curve, since = view.curve, np.abs(view.since_max)
     times = np.union1d(since, np.linspace(0.0, view.end, _POINTS))
     run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium, bubble=bubble)
@@ -130,8 +130,8 @@ def check_simulation(
     messages: Sequence[Message],
     limit: float = MISFIT,
 ) -> Checks:
-    """The checks of an answer with this reconstruction: this verdict, unless the simulation misses the measurement by
-    more than the limit and the noise from frame to frame. time_scale is t_c in s."""
+    """The checks of an answer with this reconstruction and this verdict, unless the simulation misses the measurement
+    by more than the limit and the frame-to-frame noise together. time_scale is t_c in s."""
     residual = simulated["residual_over_rmax"]
     rmse, limit = float(np.sqrt(np.mean(residual**2))), float(np.hypot(limit, view.curve.noise / view.curve.max_radius))
     if rmse > limit:
@@ -151,8 +151,8 @@ def check_simulation(
 
 
 def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
-    """What the curve shows by itself: frames that stand several times or in reverse, an R_max further before the first
-    frame than the clock of an answer is free, a wrong scale."""
+    """Warnings that need the curve alone: repeated or reversed frames, an R_max that lies further before the first
+    frame than the clock of an answer can reach, a wrong scale."""
     radius, messages = curve.radius[np.isfinite(curve.radius)], [*curve.warnings]
     if repeats := landmarks.repeated(radius):
         equal, times = repeats
@@ -167,8 +167,8 @@ def curve_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
 
 
 def wall_warnings(shot: Experiment) -> list[Message]:
-    """A message if nothing tells the viscosity of a liquid from what else lengthens a first collapse
-    (docs/real-bubbles.md); the G of elastic laws holds the answer together."""
+    """A message if the model has no walls and no counted rebound distinguishes them from the viscosity of a liquid,
+    which also lengthens the first collapse (docs/real-bubbles.md). Laws with an elastic part need none."""
     bubble, curve = shot.options.bubble, shot.curve
     if shot.family.elastic or bubble.confinement_inertia or bubble.confinement_damping or bubble.wall_distance:
         return []
@@ -181,15 +181,15 @@ def wall_warnings(shot: Experiment) -> list[Message]:
 def spike_warnings(
     curve: RadiusCurve, names: Sequence[str], read: Callable[[RadiusCurve], Floats], theta: Floats
 ) -> list[Message]:
-    """A message if a parameter would be another by more than FACTOR without the frames that stand out. theta:
-    (parameters,) that were read off the curve, by their names in the prior's scale; read: reads them again."""
+    """A message if a parameter changes by more than FACTOR without the frames that stand out. theta: (parameters,)
+    values with these names in the prior's scale, read off the curve; read: reads them off another curve."""
     wrong, radius = curve.spikes(), curve.radius.copy()
     if not wrong:
         return []
     radius[wrong] = np.nan
     try:
         change = read(replace(curve, radius=radius)) - theta
-    except InputError:  # read so it is no curve: nothing to compare
+    except InputError:  # not a valid curve without these frames: nothing to compare
         return []
     logs = [(name, by) for name, by in zip(names, change, strict=True) if name.startswith(LOG10)]
     factors = {natural_name(name): float(10.0**by) for name, by in logs}
@@ -198,14 +198,14 @@ def spike_warnings(
 
 
 def failed(error: Exception, curve: RadiusCurve, medium: Medium) -> Checks:
-    """The checks of a curve whose answer an error ended; what is wrong with the input may be the cause."""
+    """The checks of a curve whose analysis ended with an error. They have its input warnings, a possible cause."""
     _log.debug("%s has no answer", curve.name, exc_info=error)
     return warned(Checks("failed", (of_error(error),)), curve_warnings(curve, medium), trust_input=False)
 
 
 def warned(checks: Checks, warnings: Iterable[Message], trust_input: bool) -> Checks:
-    """The checks with these input warnings first, which decide the verdict unless the user vouches for the input (or
-    it failed)."""
+    """The checks with these input warnings first. The verdict becomes "check_input", unless the user vouches for the
+    input or the answer failed."""
     warnings = tuple(warnings)
     keeps = trust_input or not warnings or checks.verdict == "failed"
     verdict: Verdict = checks.verdict if keeps else "check_input"
@@ -223,7 +223,7 @@ class Shapes(NamedTuple):
 
 @cache
 def shapes(kind: str) -> Shapes:
-    """Bubbles of 150 um in water-like media; others differ by their surface tension and heat alone. Half a second."""
+    """Simulated bubbles of 150 um in water-like media (half a second); others differ by surface tension and heat."""
     rows = []
     for modulus, viscosity, stretch, damping in chain.from_iterable(product(*ways) for ways in _BUBBLES[kind]):
         early = RAYLEIGH / np.sqrt(1.0 + _elastic(stretch) * modulus / WATER.pressure)
@@ -251,8 +251,8 @@ def _elastic(stretch: Any) -> Any:
 
 def scale_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     """A message if the first collapse comes at an unusual time, and another scale or frame rate explains the curve
-    clearly better than a material, or none has such a collapse; with the smallest and the largest factor by which radii
-    are then too large, or times too short."""
+    clearly better than any material, or no material has such a collapse. It holds the smallest and the largest factor
+    by which radii are too large, or times too short."""
     ratio = curve.rayleigh_ratio(medium.density, medium.pressure)
     if ratio is None or USUAL_COLLAPSE[0] <= ratio <= USUAL_COLLAPSE[1]:
         return []
@@ -263,7 +263,7 @@ def scale_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
     modulus = np.maximum(((1.0 + elastic * both.modulus / p) * clock**2 - 1.0) * p / elastic, 1.0)
     time, radius = curve.normalised(medium)
     time = time / (ratio * RAYLEIGH)
-    frame = float(np.median(np.diff(time)))  # as well as maximum and collapse are placed
+    frame = float(np.median(np.diff(time)))  # uncertainty of the times of maximum and collapse
     reached = np.abs(np.log(clock)) < _BETWEEN + frame
     right = reached & (both.stretch <= 1.001 * (SMALL * np.maximum(1.0, STIFF / modulus) ** FALL))
     wrong = (np.arange(len(clock)) < len(soft.first)) & (np.abs(np.log(clock)) > WRONG)
@@ -283,7 +283,7 @@ def scale_warnings(curve: RadiusCurve, medium: Medium) -> list[Message]:
 
 
 def _missed(shapes: Floats, time: Floats, radius: Floats, shifts: Floats) -> Floats:
-    """(k,) smallest RMS difference of simulations (k, n) from frames (m,) on clocks that are a little off."""
+    """Smallest RMS difference (k,) of simulations (k, n) from frames (m,), over small changes of the clock."""
     best = np.full(len(shapes), np.inf)
     for factor, shift in product(_FINER, shifts):
         at = np.clip(np.abs(time * factor + shift) / _GRID[1], 0.0, len(_GRID) - 1.001)

@@ -1,9 +1,9 @@
-"""G and mu from collapse times: a table of (R_max, lambda, t_1), or one curve, whose answer starts a fit of R(t).
+"""G and mu from collapse times: of a table of (R_max, lambda, t_1), or of one curve, to start a fit of R(t).
 
 The residual of a shot is r = [(t_1/t_RC)^2 (t_RC/t_model)^2 - 1]/2, which is ln(t_1/t_model) near a fit and stays
-finite where the model sees no collapse (Zhu et al. 2025, doi:10.1039/D5SM00397K, minimise the same). Huber's loss, with
-its knee at two standard deviations of the residuals (from their median absolute value), keeps a few wrong t_1 from
-deciding. `exact` puts simulations in the place of the analytic model, from its answer on.
+finite where the model has no collapse (Zhu et al. 2025, doi:10.1039/D5SM00397K, minimise the same). Huber's loss, with
+its knee at two standard deviations of the residuals (from their median absolute value), limits the effect of a few
+wrong t_1. `exact` replaces the analytic model by simulations and starts from its answer.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from cavirheo.writing.document import Finite, Record
 MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean (mu = 0), Newtonian (G = 0)
 NAMES = ("G", "µ")
 CONFIDENCE = 0.95
-USUAL_STRETCH = 7.0  # a guess where nothing is known: lambda of laser-made bubbles in gels is 5 to 10
+USUAL_STRETCH = 7.0  # lambda if it is not known; laser-made bubbles in gels have 5 to 10
 
-_UNIT = np.array([1e4, 0.1])  # Pa and Pa s: what the solver counts in
-_LARGEST = np.array([1e6, 10.0])  # bounds; the lower ones are zero
+_UNIT = np.array([1e4, 0.1])  # Pa and Pa s: units of the solver's variables
+_LARGEST = np.array([1e6, 10.0])  # upper bounds in Pa and Pa s; the lower ones are zero
 _GRID = (np.append(0.0, np.geomspace(1e2, 1e6, 33)), np.append(0.0, np.geomspace(1e-4, 10.0, 41)))
-_PAIRS = np.append(0.0, np.geomspace(1e-3, 1.0, 19))  # viscosities of equally good pairs, Pa s
-_STEP, _LEAST_STEP = 0.02, 0.005  # of the derivatives of a simulation, relative and in units
-_KNEE = 2.0  # standard deviations
-_FLOOR = 1e-5  # of t_1: scatter below it is that of the digits
+_PAIRS = np.append(0.0, np.geomspace(1e-3, 1.0, 19))  # viscosities for which equally good pairs are sought, Pa s
+_STEP, _LEAST_STEP = 0.02, 0.005  # steps of derivatives by simulation: relative, and the least one in units
+_KNEE = 2.0  # knee of Huber's loss, standard deviations
+_FLOOR = 1e-5  # relative scatter of t_1: a smaller one is that of rounding
 _SINGULAR = 1e3  # condition number of the normalised Jacobian beyond which G and mu are one unknown
 _USUAL = 0.03  # largest usual scatter of t_1: gels have 1.2 %
-_EQUAL = 1e-3  # of t_1: pairs as good as one another
-_LEAST_RE = 3.0  # of pairs: below it hardly a bubble collapses (docs/method/collapse-time.md)
-_HOPELESS = 0.1  # of t_1: a pair so far off is no answer
+_EQUAL = 1e-3  # relative difference of t_1 within which pairs are equally good
+_LEAST_RE = 3.0  # least Reynolds number of pairs: below it hardly any bubble collapses (docs/method/collapse-time.md)
+_HOPELESS = 0.1  # relative misfit of t_1 above which a pair is no answer
 _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/method/collapse-time.md)
 
 
@@ -95,12 +95,12 @@ class CollapseEstimate(Record):
 
     @property
     def complete(self) -> bool:
-        """Whether there is a number for both."""
+        """Whether G and mu both have a value."""
         return self.shear_modulus_Pa.value is not None and self.viscosity_Pa_s.value is not None
 
     @property
     def start(self) -> tuple[float, float] | None:
-        """(G, mu) for a fit of R(t) to begin with: the estimate, or the middle of the pairs, if any."""
+        """(G, mu) to start a fit of R(t): the estimate, or the middle one of the pairs, if there are any."""
         G, mu = self.shear_modulus_Pa.value, self.viscosity_Pa_s.value
         middle = self.pairs[len(self.pairs) // 2] if self.pairs else None
         return middle if G is None or mu is None else (G, mu)
@@ -117,7 +117,7 @@ class Shots:
         names: of the shots in messages; "1", "2", ... if none are given.
 
     Raises:
-        InputError: arrays that are not (n,) of one length, or a value out of its domain (which).
+        InputError: arrays that are not (n,) of one length, or a value outside its domain (the message names the shot).
     """
 
     max_radius: Floats
@@ -145,7 +145,7 @@ class Shots:
 
 
 def unusable(max_radius: float, stretch: float, time: float) -> str:
-    """Why such a shot cannot be used; empty if it can."""
+    """The reason why a shot with these values cannot be used; empty if it can."""
     for name, value, least in (("R_max", max_radius, 0.0), ("t_1", time, 0.0), ("lambda = R_max/R_0", stretch, 1.0)):
         if not least < value < np.inf:
             return f"{name} must be finite and above {least:g}, got {value:.4g}"
@@ -156,8 +156,8 @@ def unusable(max_radius: float, stretch: float, time: float) -> str:
 
 
 def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | None = None) -> tuple[Shots, str]:
-    """(the curve's R_max, lambda and t_1; where lambda comes from: the one given, else R_max over the late plateau,
-    else what the file states, else `guess`). Raises InputError: no maximum, no collapse, or no lambda."""
+    """The curve's R_max, lambda and t_1, and the source of lambda: the one given, else R_max over the late plateau,
+    else the value in the file, else `guess`. Raises InputError: no maximum, no collapse, or no lambda."""
     times, name = curve.collapse_times(), curve.name
     require(len(times) > 0, "the curve shows no collapse", "collapse_time.no_collapse", name)
     plateau = curve.stretch_from_tail() if stretch is None else None
@@ -189,18 +189,18 @@ def estimate(
 ) -> CollapseEstimate:
     """G and/or mu of one material from n collapse times, or from one curve: a start for a fit of R(t) in 20 ms.
 
-    One collapse time cannot give both G and mu: without one of the two the answer is `pairs`, equally good (G, mu).
-    A lambda that is neither given nor in the curve or its file is guessed as 7 (and `message` says so).
+    One collapse time cannot give both G and mu: unless one of the two is given, the answer is `pairs`, equally good (G,
+    mu). A lambda that is neither given nor in the curve or its file is taken as 7, and `message` says so.
 
     Args:
         material: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
         stretch: lambda of a curve, if it is known.
-        shear_modulus: Pa, where it is known; viscosity is then fitted alone.
-        viscosity: Pa s, where it is known; shear_modulus is then fitted alone.
-        exact: with simulated collapse times, from the analytic answer on: 5 ms per shot, unknown and iteration.
+        shear_modulus: Pa, if it is known; viscosity is then fitted alone.
+        viscosity: Pa s, if it is known; shear_modulus is then fitted alone.
+        exact: use simulated collapse times, starting from the analytic answer: 5 ms per shot, unknown and iteration.
 
     Raises:
-        InputError: unknown material, a given value out of its domain, nothing to fit, a curve without a collapse.
+        InputError: unknown material, a given value outside its domain, nothing to fit, a curve without a collapse.
         SolverError: a simulation of the exact fit failed.
     """
     origin, medium = "", medium_of(medium)
@@ -229,7 +229,7 @@ def estimate(
 
 
 def _fixed(material: str, shear_modulus: float | None, viscosity: float | None) -> Floats:
-    """(2,) G and mu, NaN where to be fitted."""
+    """(2,) G and mu; NaN for a value that is fitted."""
     unknown = f"unknown material {material!r}; collapse times know {', '.join(MATERIALS)}"
     require(material in MATERIALS, unknown, "collapse_time.material")
     values = {"shear modulus": shear_modulus, "viscosity": viscosity}
@@ -256,8 +256,8 @@ class _CollapseFit(NamedTuple):
 class _CollapseProblem:
     shots: Shots
     medium: Medium
-    fixed: Floats  # (2,) G and mu, NaN where to be fitted
-    exact: bool  # by simulations
+    fixed: Floats  # (2,) G and mu; NaN for a value that is fitted
+    exact: bool  # whether t_model is simulated
 
     @property
     def free(self) -> np.ndarray:
@@ -270,7 +270,7 @@ class _CollapseProblem:
         return values
 
     def ratios(self, values: Floats) -> Floats:
-        """(n,) t_model/t_RC, infinite where the model sees no collapse."""
+        """(n,) t_model/t_RC, infinite where the model has no collapse."""
         R, stretch, (G, mu) = self.shots.max_radius, self.shots.stretch, values
         time = simulated_time if self.exact else analytic_time
         return time(R, stretch, G, mu, self.medium) / rayleigh_time(R, self.medium)
@@ -291,34 +291,34 @@ class _CollapseProblem:
         return np.array([G, mu])[:, np.argmin(off)]
 
     def jacobian(self, x: Floats, base: Floats) -> Floats:
-        """(n, p) by differences from the residual at x: upwards, so that zero needs no exception."""
+        """Derivatives (n, p) of the residual by forward differences from x, which also work at zero."""
         steps = (1.0 if self.exact else 1e-3) * np.maximum(_STEP * x, _LEAST_STEP)
         moved = [(self.residual(x + step) - base) / size for step, size in zip(np.diag(steps), steps, strict=True)]
         return np.stack(moved, axis=1)
 
     def solve(self, start: Floats) -> _CollapseFit:
-        """The least squares from a start (2,) on; of G and mu the free ones move."""
+        """The least-squares fit of the free ones of G and mu, from a start (2,)."""
         from scipy.optimize import least_squares  # a third of a second to import
 
         most = (_LARGEST / _UNIT)[self.free]
-        # the same points are asked for again, and a simulation takes milliseconds
+        # the solver asks for the same points again, and a simulation takes milliseconds
         fun = _remembered(self.residual)
         jac = _remembered(lambda x: self.jacobian(x, fun(x)))
         options: dict[str, Any] = {"method": "dogbox", "bounds": (0.0, most), "max_nfev": 30 if self.exact else 200}
         options |= {"xtol": 1e-5 if self.exact else 1e-9, "ftol": 1e-7 if self.exact else 1e-12, "gtol": 1e-12}
         knee = np.inf
         fit = least_squares(fun, np.clip((start / _UNIT)[self.free], 0.0, most), jac, **options)
-        if len(self.shots) > len(self.free) + 2:  # fewer shots cannot outvote one another
+        if len(self.shots) > len(self.free) + 2:  # fewer shots do not show which one is wrong
             for _ in range(1 if self.exact else 4):
                 knee = _KNEE * max(float(1.4826 * np.median(np.abs(fit.fun))), _FLOOR)
                 fit = least_squares(fun, fit.x, jac, loss="huber", f_scale=knee, **options)
-        # the solver's own Jacobian carries the weights of the loss
+        # the Jacobian is computed again, because the solver's includes the weights of the loss
         bound = (fit.x <= 1e-9) | (fit.x >= most * (1 - 1e-9))
         return _CollapseFit(self.values(fit.x), fun(fit.x), jac(fit.x), bound, knee)
 
 
 def _remembered(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
-    """The function with its values kept; least_squares weights them in place, so each call copies."""
+    """The function with a cache of its values. Each call copies, because least_squares weights them in place."""
     cached = cache(lambda key: function(np.frombuffer(key)))
     return lambda x: cached(x.tobytes()).copy()
 
@@ -337,7 +337,7 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
     inside = np.abs(r) <= solved.knee
     weight = np.where(inside, 1.0, solved.knee / np.maximum(np.abs(r), _FLOOR))
     scatter = float(np.sqrt(np.sum((weight * r) ** 2) / (n - p)) / np.mean(inside)) if n > p else np.nan
-    inner = ~solved.bound  # a parameter at its bound does not vary with the others
+    inner = ~solved.bound  # a parameter at its bound does not vary
     normal = np.full((p, p), np.nan)
     if inner.any() and _condition(J[:, inner]) < np.inf:
         normal[:] = 0.0
@@ -346,12 +346,12 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
     covariance[np.ix_(free, free)] = scatter**2 * normal * np.outer(unit, unit)
     slope[free] = -0.01 * unit * (normal @ J.sum(axis=0))
     quantile = float(student.ppf((1 + CONFIDENCE) / 2, n - p)) if n > p else np.nan
-    full = np.linalg.pinv(J.T @ J)  # for how far one at its bound may be from it
+    full = np.linalg.pinv(J.T @ J)  # for the possible distance of a parameter at its bound from the bound
     bound, half = solved.bound, np.zeros(2)
     at_its_bound = quantile * scatter * np.sqrt(np.diag(full)) * unit
     half[free] = np.where(bound, at_its_bound, quantile * np.sqrt(np.diag(covariance)[free]))
     at_bound = [NAMES[k] for k in free[bound]]
-    # also where there is no inverse (NaN)
+    # half is NaN if there is no inverse, which counts as wide
     wide = [NAMES[k] for k in free[~bound] if n > p and not half[k] < solved.values[k]]
     G, mu = (
         CollapseValue(value=value, low=max(value - away, 0.0), high=value + away, per_percent=change)
@@ -386,7 +386,7 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
 
 
 def _pairs(problem: _CollapseProblem, exact: bool = False) -> list[tuple[float, float]]:
-    """The best G for each of some viscosities, if it is as good as the best of all (95 %)."""
+    """Pairs with the best G for each of some viscosities, if they fit as well as the best pair (95 %)."""
     from scipy.stats import f as fisher
 
     pairs, costs = [], []
@@ -406,7 +406,7 @@ def _pairs(problem: _CollapseProblem, exact: bool = False) -> list[tuple[float, 
 
 
 def _outside(problem: _CollapseProblem, values: Floats) -> str:
-    """A sentence where the analytic model is known to be poor."""
+    """A sentence if the analytic model is known to be inaccurate for these shots; else empty."""
     medium, shots = problem.medium, problem.shots
     inverse_re = values[1] * medium.velocity_scale / (medium.pressure * shots.max_radius)
     poor = {

@@ -1,10 +1,10 @@
-"""What a shot would tell before it is taken: the expected posterior of a recording that a rig could make.
+"""The expected posterior of a recording that a setup could make, before the shot is taken.
 
-A recording is simulated as the rig would film it, for materials drawn from what is known, and read like a measured one.
-At the maximum of its posterior, reached from the truth, the Fisher information is F = J' W J, J = d(frames)/du, u the
-coordinates in which the prior is standard normal. Clock, radius scale, R_max and stretch are free, so the law's
-parameters l have the information that is left when all others n are integrated out (Chaloner and Verdinelli 1995,
-doi:10.1214/ss/1177009939, on the Gaussian approximation),
+Materials are drawn from what is known. A recording of each is simulated as the setup would film it, and read like a
+measured one. At the maximum of its posterior, which is searched from the truth, the Fisher information is F = J' W J,
+with J = d(frames)/du and u the coordinates in which the prior is standard normal. Clock, radius scale, R_max and
+stretch are free, so the information on the law's parameters l is what is left when all others n are integrated out
+(Chaloner and Verdinelli 1995, doi:10.1214/ss/1177009939, on the Gaussian approximation),
 
     P = (F + 1)_ll - (F + 1)_ln (F + 1)_nn^-1 (F + 1)_nl - 1_ll.
 """
@@ -36,19 +36,19 @@ from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
 from cavirheo.prior import log_normal
 
-ROUNDS = 4  # of the weight of the frames and the maximum
+ROUNDS = 4  # iterations of the weight of the frames and of the maximum
 GRID = 8001  # points of a marginal density
 LN10 = float(np.log(10.0))
-GROWTH = 0.8  # t_c before R_max, from which a recording begins
+GROWTH = 0.8  # t_c before R_max at which a recording begins
 NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
-_NODES = np.linspace(-0.5, 0.5, 9)  # of an exposure
+_NODES = np.linspace(-0.5, 0.5, 9)  # instants in an exposure, in its unit
 _STARTED: Any = PARAMETERS["accommodation"].started
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is chosen for a shot. max_radius: m, the rig's aim. frame_rate: 1/s. noise: m, of the radius of a frame;
-    relative_noise: over R_max, added in quadrature. frames: how many are recorded. exposure: s. Raises InputError."""
+    """The settings of a shot. max_radius: m, the intended R_max. frame_rate: 1/s. noise: m, of the radius of a frame;
+    relative_noise: over R_max, added in quadrature. frames: their number. exposure: s. Raises InputError."""
 
     max_radius: float
     frame_rate: float
@@ -70,15 +70,15 @@ class Setting:
 
     @property
     def sigma(self) -> float:
-        """Of the radius of a frame, m."""
+        """Standard deviation of the radius of a frame, m."""
         return float(np.hypot(self.noise, self.relative_noise * self.max_radius))
 
     def film(
         self, family: Family, law: Floats, stretch: float, medium: Medium = WATER, seed: int = 0, bubble: Bubble = REAL
     ) -> tuple[RadiusCurve, dict[str, float]]:
-        """The recording of one bubble in the material of (parameters,) log10 `law`, and the truth about it by natural
-        name: clock and scale are off as those of a camera, what is free of the bubble is drawn. Raises InputError or
-        SolverError."""
+        """A simulated recording of one bubble in the material of (parameters,) log10 `law`, and its true parameters by
+        natural name. Clock and scale have errors as those of a camera; free parameters of the bubble are drawn. Raises
+        InputError or SolverError."""
         rng = np.random.Generator(np.random.Philox(seed))
         late, off = rng.uniform(), rng.normal()
         frame = 1.0 / self.frame_rate
@@ -106,8 +106,9 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What one shot tells, for one draw of what is known: information: (l, l), of the likelihood about log10 of the
-    law's parameters at the truth. half_width: (l,) decades, half of the 90 % interval that the shot alone leaves."""
+    """The expected information of one shot, for one draw of what is known. information: (l, l) of the likelihood on
+    log10 of the law's parameters, at the truth. half_width: (l,) decades, half of the 90 % interval that the shot alone
+    gives."""
 
     information: Floats
     half_width: Floats
@@ -116,7 +117,7 @@ class Expected:
 def expected(
     curve: RadiusCurve, truth: dict[str, float], family: Family, medium: Medium = WATER, bubble: Bubble = REAL
 ) -> Expected:
-    """Of a recording whose truth is known. Raises InputError: it cannot be read."""
+    """`Expected` of a recording with this truth. Raises InputError: it cannot be read, or SolverError."""
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options)
     target = Target(shot, shot.prior(), shot.noise(discrepancy=True))
@@ -136,8 +137,9 @@ def expected(
 
 
 def interval(middle: float, deviation: float, low: float, high: float) -> tuple[float, float]:
-    """Ends of the 90 % interval of log10 of a parameter whose likelihood is a Gaussian of the parameter itself, of this
-    deviation in decades at its middle; a modulus that is hardly seen has no lower end but that of its even prior."""
+    """Ends of the 90 % interval of log10 of a parameter whose likelihood is a Gaussian of the parameter itself, with
+    this middle and this deviation in decades. If the frames hardly determine a modulus, the interval reaches down to
+    the low end of its uniform prior."""
     x = np.linspace(low, high, GRID)
     density = np.exp(-0.5 * (np.expm1(LN10 * (x - middle)) / (LN10 * deviation)) ** 2)
     below = np.cumsum(density) / np.sum(density)
@@ -146,14 +148,14 @@ def interval(middle: float, deviation: float, low: float, high: float) -> tuple[
 
 
 def linearised(noise: MarginalNoise, u: Floats, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
-    """Mean (d,) and covariance (d, d) of the posterior in u, if the frames are linear in it: residual (n,) and jacobian
-    (n, d) at u (d,). One Gaussian for each size of the discrepancy (noise.py), about its own maximum, weighed by its
-    evidence: where the frames do not tell how large the discrepancy is, the wide ones count, too."""
+    """Mean (d,) and covariance (d, d) of the posterior in u, if the frames are linear in u: residual (n,) and jacobian
+    (n, d) at u (d,). Each size of the discrepancy (noise.py) has one Gaussian, about its own maximum and weighted by
+    its evidence: if the frames do not show how large the discrepancy is, wide Gaussians count, too."""
     size, both = len(u), np.column_stack([jacobian, residual])
     middles, spreads, heights = [], [], []
     for product, constant in zip(noise.products(both), noise.constants, strict=True):
         curved, slope, square = product[:size, :size], product[:size, -1], float(product[-1, -1])
-        for _ in range(ROUNDS):  # the frames' own size decides their weight (Student's t)
+        for _ in range(ROUNDS):  # the size of the residual decides the weight of the frames (Student's t)
             weight = noise.power / (SHAPE + 0.5 * square)
             covariance = np.linalg.inv(weight * curved + np.eye(size))
             step = covariance @ (weight * slope - u)
@@ -170,8 +172,8 @@ def linearised(noise: MarginalNoise, u: Floats, residual: Floats, jacobian: Floa
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """What a shot may meet: law (draws, l) log10 of the parameters of `family`, stretch (draws,), medium and bubble.
-    The noise of a draw, by the seed, is the same at all settings."""
+    """Draws of the material of a shot: law (draws, l) log10 of the parameters of `family`, stretch (draws,), medium and
+    bubble. The noise of a draw depends on the seed and is the same at all settings."""
 
     family: Family
     law: Floats
@@ -181,8 +183,7 @@ class Draws:
     seed: int = 0
 
     def shot(self, setting: Setting, k: int) -> tuple[RadiusCurve, Expected] | None:
-        """The recording of a draw and what it tells; None: it cannot be read, such as one that ends before the
-        collapse."""
+        """The recording of draw k and its `Expected`; None if it cannot be read: it ends before the collapse, say."""
         family, medium, bubble = self.family, self.medium, self.bubble
         with suppress(InputError, SolverError, np.linalg.LinAlgError):
             curve, truth = setting.film(family, self.law[k], float(self.stretch[k]), medium, self.seed + k, bubble)
@@ -192,7 +193,7 @@ class Draws:
     def expected(
         self, settings: Sequence[Setting], workers: int | None = None, done: Callable[[], None] | None = None
     ) -> list[list[Expected | None]]:
-        """Of each setting with each draw; None: a recording that cannot be read."""
+        """The `Expected` of each draw at each setting; None for a recording that cannot be read."""
         count = len(self.law)
         jobs = [(setting, k) for setting in settings for k in range(count)]
         shots = each(lambda job: self.shot(*job), jobs, workers, (lambda *_: done()) if done else None)
@@ -200,8 +201,8 @@ class Draws:
         return [expectations[i : i + count] for i in range(0, len(jobs), count)]
 
     def reached(self, setting: Setting, workers: int | None = None) -> tuple[Floats, Floats]:
-        """Half-widths (answers, l) in decades that are expected of simulated recordings, and those of the intervals
-        that `infer` then gives; of the recordings that have both."""
+        """Expected half-widths (answers, l) of simulated recordings in decades, and those of the intervals that `infer`
+        gives for them; only for recordings that have both."""
         from cavirheo.inference import infer_many
 
         shots = [shot for shot in each(lambda k: self.shot(setting, k), range(len(self.law)), workers) if shot]
@@ -218,23 +219,23 @@ class Draws:
 
 
 def variance(ends: Floats) -> Floats:
-    """(l,) decades squared, of 90 % intervals: (l, 3) log10 of low, median and high."""
+    """Variances (l,) in decades squared from 90 % intervals: (l, 3) log10 of low, median and high."""
     return np.asarray(((ends[:, 2] - ends[:, 0]) / (2.0 * NORMAL_90)) ** 2)
 
 
 def gain(information: Floats, covariance: Floats) -> float:
-    """Nats that a shot adds to what is known of a material: half log det(1 + covariance information), both (l, l)."""
+    """Information gain of a shot on a material in nats: half log det(1 + covariance information), both (l, l)."""
     return 0.5 * float(np.linalg.slogdet(np.eye(len(covariance)) + covariance @ information)[1])
 
 
 def shared(information: Floats, scatter: Floats) -> Floats:
-    """(l, l) of one shot about the material; scatter: (l, l) covariance of its shots about it, decades squared."""
+    """Information (l, l) of one shot on the material; scatter: (l, l) covariance of shots about it, decades squared."""
     return np.asarray(np.linalg.solve(np.eye(len(information)) + information @ scatter, information))
 
 
 def shots_wanted(information: Floats, covariance: Floats, half_width: float, most: int = 10_000) -> int | None:
-    """How many such shots bring each parameter's 90 % interval to `half_width` decades about the median; None: more
-    than `most`. information: (l, l) of one about the material. covariance: (l, l), of what is known."""
+    """Number of shots that bring each parameter's 90 % interval to `half_width` decades about the median; None if it is
+    more than `most`. information: (l, l) of one shot on the material. covariance: (l, l) of what is known."""
     before = np.linalg.inv(covariance)
 
     def enough(count: int) -> bool:

@@ -1,12 +1,12 @@
-"""Experiment: one curve, and everything that is assumed of it. Fit, posterior and evidence speak to this object.
+"""Experiment: one curve and all assumptions about it. Fit, posterior and evidence use this object.
 
-A frame at t_i shows the mean of R over its exposure; the clock is off by t_0, the radii by a scale, and R_max of the
+A frame at t_i shows the mean of R over its exposure; the clock is wrong by t_0, the radii by a scale, and R_max of the
 motion by a factor (docs/method/posterior.md):
 
     y_i = <R(t_i - t_0)>/(scale R_max) + e_i,    R(0) = scale x factor x R_max,    R_max that of the curve.
 
-The parameters x are the law's in log10, log10 of the stretch (if it is not given), and what is free of t_0, scale and
-factor as fractions of their half-widths, from -1 to 1.
+The parameters x are log10 of the law's parameters, log10 of the shot's (such as the stretch, if it is not given), and
+the free ones of t_0, scale, factor, walls and vapour as fractions of their half-widths about the middle, from -1 to 1.
 """
 
 from __future__ import annotations
@@ -46,33 +46,33 @@ from cavirheo.physics.simulate import Simulation, simulate
 from cavirheo.posterior import Checks, Verdict, intervals, weighted_quantile
 from cavirheo.prior import Prior
 
-CLOCK, WIDTH = 0.02, 0.015  # half-widths of the priors of clock (t_c) and R_max where frame and noise are smaller
-FORWARD = 1e-3  # step of forward differences of x, decades or the like
+CLOCK, WIDTH = 0.02, 0.015  # smallest half-widths of the priors of the clock (t_c) and of the R_max factor
+FORWARD = 1e-3  # step of forward differences of x, times `Experiment.steps`
 FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
-TIMING = 1.0 / np.sqrt(12.0)  # frames: standard deviation of an instant within one
-SHARPEST = 1e-3  # of R_max: the solver's own error; less noise is not believed
-# of walls (inertia, sound) and of vapour (over p_inf): standard deviations of priors cut at 0 and at LARGEST
+TIMING = 1.0 / np.sqrt(12.0)  # standard deviation of an instant within a frame, frames
+SHARPEST = 1e-3  # smallest noise over R_max that is used: the error of the solver
+# scales of the half-normal priors of walls (inertia, damping) and of vapour (over p_inf), which are cut at LARGEST
 BETA, ZETA, EXCESS = 0.3, 0.3, 0.03
-LARGEST = 10.0 / 3.0  # of them
-SIGMAS = 3.0  # standard deviations of these within their bounds
-CLEAN = 1.5e-4  # of R_max: deviation of the radius of a curve that no camera took: a simulation must follow it,
-LEFT = 1e-3  # of R_max RMS: by so much or less
-STATED = 0.1  # of a stretch that the file states: its standard deviation, if none is stated
-TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # motion within a frame that may be noise, over radius noise
+LARGEST = 10.0 / 3.0  # in these scales
+SIGMAS = 3.0  # standard deviations from the middle to the bound of radius scale and R_max factor
+CLEAN = 1.5e-4  # deviation of the radius over R_max below which a curve is no measurement
+LEFT = 1e-3  # largest RMS misfit over R_max of a simulation of such a curve
+STATED = 0.1  # least standard deviation of a stretch that the file states, over the stretch
+TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # values of j that are tried (`Experiment`)
 _LN10 = float(np.log(10.0))
 
 
 def half_widths(frame: Floats, noise: Floats, late: Floats) -> tuple[Floats, Floats]:
-    """Half-widths of the priors of the clock (in t_c) and of the factor of R_max, from the frame interval in t_c, the
-    noise over R_max, and late: 1 where no growth is recorded, so that R_max may lie up to a frame from the first one,
-    where the radius is smaller by about (frame/t_c)^2/2."""
+    """Half-widths of the priors of the clock (in t_c) and of the factor of R_max, from the frame interval in t_c and
+    the noise over R_max. late: 1 if no growth is recorded. R_max may then be up to a frame from the first one, where
+    the radius is smaller by about (frame/t_c)^2/2."""
     read = np.minimum(2.25 * noise + late * frame**2, 0.2)
     return np.maximum(0.5 * (1.0 + late) * frame, CLOCK), np.maximum(WIDTH, read)
 
 
 def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[float, float] | None:
-    """(mean, standard deviation) of the stretch as the file states it (wider by as much as it misses this shot's
-    plateau, for it is often the mean of many shots), or as the late plateau shows it."""
+    """(mean, standard deviation) of the stretch's prior, from the file or the late plateau; None if there is none. A
+    value of the file is often the mean of many shots: its deviation is at least its distance to the plateau."""
     plateau = curve.stretch_from_tail() if requested in (None, "plateau") else None
     stated = curve.stretch if requested is None else None
     if not stated or not STRETCH_RANGE[0] < stated < STRETCH_RANGE[1]:
@@ -82,40 +82,41 @@ def _known_stretch(curve: RadiusCurve, requested: float | str | None) -> tuple[f
 
 
 class Prediction(NamedTuple):
-    """A simulation as the camera would have measured it; all (m,), over the measured R_max."""
+    """A simulation as the camera would have measured it; all arrays are (m,), over the measured R_max."""
 
     radius: Floats
     speed: Floats  # |dR/dt|, 1/s
-    velocity: Floats  # its derivative by the time of the frame, 1/s: before R_max the bubble is mirrored
+    velocity: Floats  # dR/dt, 1/s; before R_max the bubble is mirrored
 
 
 @dataclass
 class Simulations:
-    """How many simulations were run, and how many of them failed; threads may count at once."""
+    """Number of simulations and of failed ones. Several threads may count at the same time."""
 
     runs: int = 0
     failures: int = 0
     _lock: Lock = field(default_factory=Lock, repr=False)
 
     def count(self, good: bool) -> None:
-        """One more."""
+        """Count one simulation."""
         with self._lock:
             self.runs += 1
             self.failures += not good
 
 
 class Experiment:
-    """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x. It does not change:
-    another window and other weights are another experiment (`cut_to`, `reweighted`), whose simulations count here.
+    """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x. It is immutable:
+    another window or other weights are a new experiment (`cut_to`, `reweighted`), with the same counter of simulations.
 
-    A frame counts with sigma^2 = sigma_R^2 + (j U dt/sqrt(12))^2: sigma_R is the radius noise (its own where the file
-    states one, else that of the curve from frame to frame, at least 0.7 % of R_max), U the wall's speed and dt the
-    frame interval, within which its instant may not be known; j is 0 but in what `reweighted` gives.
+    A frame has the variance sigma^2 = sigma_R^2 + (j U dt/sqrt(12))^2: sigma_R is the radius noise (that of the frame
+    if the file states it, else the frame-to-frame noise of the curve, at least 0.7 % of R_max), U the wall's speed, and
+    dt the frame interval, within which the instant of the frame may be unknown. j is 0 except in the result of
+    `reweighted`.
 
     names: (d,) of x. bounds: (d, 2). since, measured, sigma: (m,) of the measured frames in the window: s after R_max,
     R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift. Raises InputError: the
-    curve has no maximum, or not the window; an exposure longer than the frame interval; damage to a law without
-    elasticity; a wall nearer than R_max."""
+    curve has no maximum or not enough collapses for the window; an exposure longer than the frame interval; damage of a
+    law without elasticity; a wall nearer than R_max."""
 
     def __init__(
         self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options | None = None, *,
@@ -134,7 +135,7 @@ class Experiment:
         self.simulations: Simulations = simulations or Simulations()
         stretch = None if isinstance(options.stretch, str) else options.stretch
         self.stretch: float | None = float(stretch) if stretch else None
-        # (mean, standard deviation) of the stretch where the file or the late plateau tells it
+        # (mean, standard deviation) of the stretch if the file or the late plateau gives it
         self.stretch_prior: tuple[float, float] | None = _known_stretch(curve, options.stretch)
         read = max(options.scale_bound, self.usual_half_widths[1])
         # (middle, half-width, unit of the steps of finite differences) of clock and scales, and which are free
@@ -156,12 +157,12 @@ class Experiment:
             "accommodation": bubble.contents == "kinetic" and bubble.accommodation == "free",
             "damage_modulus": bubble.damage != "none", "damage_radius": bubble.damage != "none",
         }  # fmt: skip
-        self.logs: tuple[str, ...] = tuple(name for name, free in free_logs.items() if free)  # of the shot, log10 in x
+        self.logs: tuple[str, ...] = tuple(name for name, free in free_logs.items() if free)  # of the shot; log10 in x
         self.shot_names: tuple[str, ...] = (*self.logs, *self.free)
-        self.law: int = len(family.parameters)  # how many of x are the law's
+        self.law: int = len(family.parameters)  # number of parameters of the law, the first in x
         self.names: tuple[str, ...] = (*family.parameters, *self.shot_names)
         units = [unit / width for _, width, unit in self.free.values()]
-        self.steps: Floats = np.array([1.0] * (len(self.names) - len(units)) + units)  # over that of differences
+        self.steps: Floats = np.array([1.0] * (len(self.names) - len(units)) + units)  # steps of x over FORWARD
         ranges = [PARAMETERS[name].searched if name in self.logs else (-1.0, 1.0) for name in self.shot_names]
         self.bounds: Floats = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
         requested, recorded = options.window, len(curve.collapse_times())
@@ -172,7 +173,7 @@ class Experiment:
         self._cut(*self.cut)
 
     def cut_to(self, collapses: int | None, end: float | None = None) -> Experiment:
-        """The same cut to so many collapses (None: all) and at most `end` s, with equal weights."""
+        """The experiment cut to this number of collapses (None: all) and at most `end` s, with equal weights."""
         experiment = copy(self)
         experiment._cut(collapses, end)
         return experiment
@@ -193,8 +194,8 @@ class Experiment:
         self.sigma: Floats = np.where(self.counted, self._radius_sigma, np.inf)
 
     def reweighted(self, prediction: Prediction) -> Experiment:
-        """The same with the sigma of the frames, and the share of the wall's motion in it, that are most likely for
-        what a simulation leaves in them; neighbours that are alike count as one (noise_factor)."""
+        """The experiment with the sigma of the frames, and the share j of the wall's motion in it, for which the
+        residuals of a simulation are most likely. Neighbours with similar residuals count as one (noise_factor)."""
         noise, motion = self._radius_sigma, prediction.speed * self.frame * TIMING
         missed = self.measured - prediction.radius
         shares = np.array(TIMED if self.options.weights == "learnt" else (0.0,))
@@ -227,7 +228,8 @@ class Experiment:
 
     @property
     def _clock(self) -> tuple[float, float]:
-        """Middle and half-width, s, of the prior of the clock: with all times of R_max that frames near it allow."""
+        """Middle and half-width, s, of the prior of the clock; with all times of R_max that the frames near it allow,
+        unless a bound is given."""
         if self.options.t0_bound:
             return 0.0, self.options.t0_bound
         usual = self.usual_half_widths[0] * self.time_scale
@@ -236,7 +238,8 @@ class Experiment:
         return 0.5 * (low + high), 0.5 * (high - low)
 
     def natural(self, x: Floats) -> dict[str, Any]:
-        """stretch, time_origin (s), radius_scale and max_radius_factor from x (d,), or from (d, draws)."""
+        """Natural values by name of the shot's parameters (stretch, time_origin in s, radius_scale, max_radius_factor,
+        ...) from x (d,) or (d, draws)."""
         values: dict[str, Any] = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}
         values |= self.bubble
         if self.stretch:
@@ -248,7 +251,7 @@ class Experiment:
         return values
 
     def simulated(self, natural: Mapping[str, Any]) -> Bubble:
-        """The bubble of these natural values, as `simulate` takes it."""
+        """The bubble with these natural values, as `simulate` takes it."""
         values = {name: natural[name] for name in ("accommodation", *FROM_NOTHING) if name in natural}
         damage = self.options.bubble.damage
         if isinstance(damage, str) and damage != "none":
@@ -256,7 +259,7 @@ class Experiment:
         return replace(self.options.bubble, wall_distance=None, **values)
 
     def starts(self, x: Floats) -> Floats:
-        """x (..., d) with what is free of clock, scales, walls and vapour where a search begins: at nothing."""
+        """x (..., d) with clock, scales, walls and vapour, if free, where a search starts: at hardly any effect."""
         x = np.array(x)
         for i, name in enumerate(self.names):
             if name in self.free:
@@ -264,7 +267,7 @@ class Experiment:
         return x
 
     def from_best(self, best: Mapping[str, float]) -> Floats:
-        """x (d,) from natural values by name; what they lack is where a search begins."""
+        """x (d,) from natural values by name, clipped to the ranges; parameters without a value have a default."""
         x = self.starts(np.zeros(len(self.names)))
         for i, name in enumerate(self.names):
             if name in self.free and name in best:
@@ -275,8 +278,8 @@ class Experiment:
         return np.clip(x, *self.bounds.T)
 
     def as_limit(self, x: Floats, names: Sequence[str]) -> Floats:
-        """(draws, all) of x (draws, names) of the same curve, law and camera in a bubble where nothing resists: the
-        accommodation at the end of its range, the damping none."""
+        """x (draws, all) of draws x (draws, names) of the field's bubble with the same curve, law and camera, which is
+        the limit of the real one: the accommodation at the upper end of its range, and no damping."""
         at_limit = np.tile(self.bounds[:, 0], (len(x), 1))
         for i, name in enumerate(self.names):
             if name in names:
@@ -286,28 +289,29 @@ class Experiment:
         return at_limit
 
     def best(self, x: Floats) -> dict[str, float]:
-        """Every parameter by its natural name in SI, what was held fixed included."""
+        """Every parameter by its natural name in SI, including those that were held fixed."""
         law = dict(zip(self.family.parameters, (10.0 ** x[: self.law]).tolist(), strict=True))
         return law | {name: float(value) for name, value in self.natural(x).items()}
 
     def answer(self, x: Floats) -> tuple[tuple[str, ...], Floats]:
-        """Names and theta (draws, d) as in a Posterior from x (draws, d): log10 of the law's, the others natural."""
+        """Names and theta (draws, d) as in a Posterior from x (draws, d): log10 for the law, natural values for the
+        rest."""
         natural = self.natural(x.T)
         names = (*(LOG10 + name for name in self.family.parameters), *self.shot_names)
         return names, np.column_stack([x[:, : self.law], *(natural[name] for name in self.shot_names)])
 
     def log_stretched(self, theta: Floats) -> Floats:
-        """(draws,) log |dtheta/dx| of theta (draws, d) as of `answer`: a density over x is one over theta times it."""
-        logs = theta[:, self.law : self.law + len(self.logs)]  # not the logarithms, as in x
+        """log |dtheta/dx| (draws,) at theta (draws, d) of `answer`; it is added to log densities over theta, for x."""
+        logs = theta[:, self.law : self.law + len(self.logs)]  # values, not logarithms as in x
         widths = np.sum(np.log([width for _, width, _ in self.free.values()]))
         return np.asarray(widths + np.sum(np.log(logs * _LN10), axis=1))
 
     def prior(self, ranges: Mapping[str, Sequence[float]] | None = None) -> Prior:
-        """The proper prior of x. log10 of the law's parameters and of the stretch: uniform in the ranges that a fit
-        searches, or in `ranges` ({"shear_modulus": [low, high] in SI}); the stretch normal where file or plateau give
-        it. Time origin: uniform within its bound. Radius scale and R_max: normal, a third of their bound wide. Walls
-        and vapour above saturation: the half of a normal from 0 up. Raises InputError: a range of an unknown parameter,
-        or one that is not positive and rising."""
+        """The proper prior of x. log10 of the parameters of law and shot: uniform in the ranges that a fit searches, or
+        in `ranges` ({"shear_modulus": [low, high] in SI}); the stretch is normal if the file or the plateau gives it.
+        Time origin: uniform within its bound. Radius scale and R_max factor: normal, with a third of their bound as
+        standard deviation. Walls and vapour above saturation: half-normal. Raises InputError: a range of an unknown
+        parameter, or one that is not positive and rising."""
         bounds, unused = self.bounds.copy(), dict(ranges or {})
         mean, std = np.zeros(len(self.names)), np.full(len(self.names), np.inf)
         for i, name in enumerate(self.names):
@@ -328,13 +332,13 @@ class Experiment:
         return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std)
 
     def of_law(self, prior: Prior) -> dict[str, tuple[float, ...]]:
-        """What a Posterior says of its prior: the part of the law's parameters, by their names in theta."""
+        """The prior of the law's parameters, by their names in theta, as a Posterior stores it."""
         rows = prior.to_dict()
         return {LOG10 + name: tuple(rows[name]) for name in self.family.parameters}
 
     def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, since: Floats | None = None) -> Prediction | None:
-        """What the camera would have measured at x (d,), in its frames or those at other times since R_max (m,), s;
-        None if that failed. Instants before R_max are mirrored (R is even to third order there)."""
+        """The frames that the camera would have measured at x (d,), at their times or at other times since R_max (m,),
+        s; None if the simulation failed. Instants before R_max are mirrored (R is even to third order there)."""
         natural, (offsets, shares) = self.natural(x), exposed(self.exposure, INSTANTS)
         since = self.since if since is None else since
         instants = (since[:, None] - natural["time_origin"] + offsets).ravel()
@@ -352,22 +356,22 @@ class Experiment:
     def _run(
         self, x: Floats, natural: Mapping[str, Any], max_radius: float, time: Floats, accuracy: Accuracy
     ) -> Simulation | None:  # fmt: skip
-        """The bubble of x (d,) and its natural values at these times, s; None, and counted, where that failed."""
+        """The simulation of x (d,) with its natural values at these times, s; None if it failed. Both are counted."""
         try:
             run = simulate(
                 self.family.material(x[: self.law]), max_radius=max_radius, stretch=natural["stretch"], time=time,
                 medium=self.medium, bubble=self.simulated(natural), accuracy=accuracy, throw=False,
             )  # fmt: skip
             good = run.ok and bool(np.all(np.isfinite(run.radius)))
-        except InputError:  # parameters that exclude each other: as a failed simulation
+        except InputError:  # parameters that exclude each other count as a failed simulation
             good = False
         self.simulations.count(good)
         return run if good else None
 
     @property
     def camera(self) -> CameraNuisances:
-        """What clock, radius scale and R_max factor may do to the frames that count."""
-        units = (1.0 / np.sqrt(3.0), 1.0 / SIGMAS, 1.0 / SIGMAS)  # of a uniform clock, and of what is cut at SIGMAS
+        """The unknown clock, radius scale and R_max factor of the frames that count."""
+        units = (1.0 / np.sqrt(3.0), 1.0 / SIGMAS, 1.0 / SIGMAS)  # deviations over half-widths
         widths = [
             self.free[name][1] * unit if name in self.free else 0.0 for name, unit in zip(NAMES, units, strict=True)
         ]
@@ -380,15 +384,15 @@ class Experiment:
     def extended(
         self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = DEFAULT
     ) -> tuple[Floats, Floats]:  # fmt: skip
-        """(size,) extended residual (camera.py) of x (d,), whose camera does not count, and the curvature (m, m) about
-        its most likely one; NaN where the simulation failed."""
+        """Extended residual (size,) (camera.py) of x (d,), without the camera's part of x, and the curvature (m, m)
+        about the most likely camera; NaN if the simulation failed."""
         curve, m = self.sampled(x, camera, accuracy), len(camera.free)
         if curve is None:
             return np.full(camera.size, np.nan), np.full((m, m), np.nan)
         return camera.extended(curve, noise)
 
     def sampled(self, x: Floats, camera: CameraNuisances, accuracy: Accuracy = DEFAULT) -> SimulatedCurve | None:
-        """The bubble of x (d,) on the camera's grid, as `extended` has it; None where the simulation failed."""
+        """The simulation of x (d,) on the camera's grid, for `extended`; None if it failed."""
         natural, by_size, speed_by_size = self.natural(x), *np.zeros((2, len(camera.grid)))
         run = self._run(x, natural, self.max_radius, camera.grid, accuracy)
         if run is None:
@@ -405,17 +409,17 @@ class Experiment:
         return SimulatedCurve(run.radius / self.max_radius, run.velocity / self.max_radius, by_size, speed_by_size)
 
     def residual(self, prediction: Prediction | None) -> Floats:
-        """(m,) (measured - simulated)/sigma; a failed simulation misses by R_max everywhere: large, but finite."""
+        """(m,) (measured - simulated)/sigma; a failed simulation differs by R_max everywhere: large, but finite."""
         difference = self.measured - prediction.radius if prediction is not None else np.ones(len(self.measured))
         return np.asarray(difference / (self.sigma * self.noise_factor))
 
     def camera_slopes(self, x: Floats, prediction: Prediction, by_law: Floats) -> Floats:
-        """(m, camera) derivatives of the residual by what is free of clock, scale and factor, without a simulation:
+        """Derivatives (m, camera) of the residual by the free ones of clock, scale and factor, without a simulation:
         bubbles of all sizes are alike (camera.py). prediction: at x. by_law: (m, law) derivatives by the law's."""
         natural, weight = self.natural(x), 1.0 / (self.sigma * self.noise_factor)
         power = rescaled(self.family.parameters, x[None, : self.law], np.array([10.0]))[0] - x[: self.law]
         later = prediction.velocity * (self.since - natural["time_origin"])
-        same = by_law @ power / _LN10  # a larger bubble in the same law is as one in a thinner law
+        same = by_law @ power / _LN10  # a larger bubble is like an equal one in a thinner law
         slopes = {
             "time_origin": prediction.velocity * weight,
             "radius_scale": (later * weight - same) / natural["radius_scale"],
@@ -425,20 +429,21 @@ class Experiment:
         return np.array(columns).reshape(len(columns), len(self.since)).T
 
     def difference(self, x: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
-        """(n,) measured minus simulated, over R_max, of the frames that count; NaN where the simulation failed."""
+        """(n,) measured minus simulated, over R_max, of the frames that count; NaN if the simulation failed."""
         prediction = self.predict(x, accuracy, since=self.since[self.counted])
         measured = self.measured[self.counted]
         return np.full(len(measured), np.nan) if prediction is None else measured - prediction.radius
 
     def misfit(self, difference: Floats) -> float:
-        """What measured minus simulated (n,), over R_max, has beyond the noise from frame to frame, RMS."""
+        """RMS of the part of measured minus simulated (n,), over R_max, that exceeds the frame-to-frame noise."""
         excess = float(np.mean(difference**2)) - (self.curve.noise / self.max_radius) ** 2
         return float(np.sqrt(max(excess, 0.0)))
 
     def noise(self, discrepancy: bool) -> Noise:
         """The distribution of the frames that count about the simulation (noise.py). The assumed deviations are those
-        of the file or of the frame-to-frame noise; with `discrepancy` at least 0.7 % of R_max, and more where the wall
-        turns: by what half a frame of delay changes there. Raises InputError: fewer than three frames count."""
+        of the file, else the frame-to-frame noise. With `discrepancy` the latter is at least 0.7 % of R_max, and
+        deviations are larger where the wall turns, by its curvature over half a frame. Raises InputError: fewer than
+        three frames count."""
         count = int(np.sum(self.counted))
         message = f"{count} frames are too few for a posterior"
         require(count >= 3, message, "experiment.too_few_frames", self.curve.name)
@@ -454,7 +459,7 @@ class Experiment:
         return Noise(deviation, self.since[self.counted], self.time_scale, discrepancy=False)
 
     def checks(self, x: Floats, verdict: Verdict, messages: Sequence[Message]) -> Checks:
-        """Those of the simulation on the clock and scale of x; what is drawn is on those of the measurement."""
+        """The checks of the simulation at x. What is drawn has clock and scale of the measurement, not those of x."""
         natural, cut = self.natural(x), self.view.curve
         scale, origin = natural["radius_scale"], natural["time_origin"]
         maximum = (cut.time_of_max + origin, self.max_radius * scale * natural["max_radius_factor"])
@@ -470,14 +475,14 @@ class Experiment:
 
     @property
     def clean(self) -> bool:
-        """Whether the curve is no measurement: its deviation, the stated one first, is smaller than a camera's."""
+        """Whether the curve is no measurement: its stated deviation, else its noise, is smaller than a camera's."""
         stated = self.curve.radius_std[self.curve.radius_std > 0]
         deviation = float(np.median(stated)) if len(stated) else self.curve.noise
         return deviation < CLEAN * self.max_radius
 
     def unbounded(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> list[Message]:
-        """A message of each parameter of the law, and of the stretch, whose central 90 % of x (draws, d) reach an end
-        of their range, low to high (d,)."""
+        """A message for each parameter of the law, and for the stretch, of which the central 90 % of x (draws, d) reach
+        an end of the range from low to high (d,)."""
         messages = list[Message]()
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
             if name not in (*self.family.parameters, "stretch") or len(x) < 2:
@@ -489,7 +494,7 @@ class Experiment:
 
     @property
     def messages(self) -> list[Message]:
-        """Which frames do not count, and what becomes of a stretch that the recording tells."""
+        """Messages on frames that do not count, and on the use of a stretch that the recording gives."""
         spikes = int(np.count_nonzero(~self.counted & ~self._drifting(self.since + self.curve.time_of_max)))
         messages, stated, (low, high) = list[Message](), self.curve.stretch, STRETCH_RANGE
         if self.stretch_prior:
@@ -507,6 +512,6 @@ class Experiment:
         return messages
 
     def _drifting(self, time: Floats) -> Bools:
-        """Which frames at these times (m,), s, are those of a radius that rises again."""
+        """Which frames at these times (m,), s, do not count because the radius drifts upwards (`drifts_from`)."""
         first = self.curve.drifts_from
         return time >= (np.inf if first is None else first)

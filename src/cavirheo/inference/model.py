@@ -1,10 +1,10 @@
 """Shipped or user-made network: an .onnx file and the card (.json) beside it, which `cavirheo train` writes.
 
-A model that is not shipped is a stranger's: its graph is looked at before anything of it runs. It may have the
-operators below and nothing else (no loops, no functions, no numbers from other files), none of which takes a shape from
-the values of the curve. Then one run under limits (session.py) shows what every later run takes. The file is a message
-of protocol buffers: fields with a number and a value, of which some are messages themselves
-(https://github.com/onnx/onnx/blob/main/onnx/onnx.proto). Read are those few that decide.
+A model that is not shipped is not trusted: its graph is checked before any of it runs. It may have the operators below
+and nothing else (no loops, no functions, no numbers from other files), and none of them may take a shape from the
+values of the curve. Then one run under limits (session.py) shows what every later run takes. The file is a message of
+protocol buffers: fields with a number and a value, of which some are messages themselves
+(https://github.com/onnx/onnx/blob/main/onnx/onnx.proto). Only the few fields that decide are read.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from cavirheo.parameters import LOG10, natural, parameter_of
 from cavirheo.prior import TrainingProblem
 
 DEFAULT = "posterior"
-LARGEST, LARGEST_CARD = 100_000_000, 10_000_000  # bytes that are read
-MOST_FIELDS = 300_000  # a network has some thousand
+LARGEST, LARGEST_CARD = 100_000_000, 10_000_000  # bytes: largest .onnx file and card
+MOST_FIELDS = 300_000  # of a graph; a usual network has some thousand
 _ALLOWED = """
 Abs Add And ArgMax ArgMin AveragePool BatchNormalization Cast CastLike Ceil Clip Concat Constant ConstantOfShape Conv
 Cos CumSum Div Einsum Elu Equal Erf Exp Expand Flatten Floor Gather GatherElements GatherND Gelu Gemm GlobalAveragePool
@@ -40,7 +40,7 @@ ScatterElements ScatterND Selu Shape Sigmoid Sign Sin Size Slice Softmax Softplu
 Tan Tanh Tile TopK Transpose Trilu Unsqueeze Where Xor
 """
 _OPERATORS = frozenset(_ALLOWED.split())
-# the inputs that say how large the result is
+# indices of the inputs that decide the size of the result
 _SIZES = {"ConstantOfShape": (0,), "Range": (0, 1, 2), "Slice": (1, 2, 3, 4), "Pad": (1, 3)}
 _SIZES |= dict.fromkeys(("Expand", "Reshape", "Split", "Squeeze", "Tile", "TopK", "Unsqueeze"), (1,))
 _SIZES |= {name: (1,) for name in _OPERATORS if name.startswith("Reduce")}
@@ -216,9 +216,10 @@ class PosteriorCard(BaseModel):
 
 
 class Network:
-    """A network that reads R/R_max on the grid of its training problem and answers in the prior's scale; outputs: the
-    names in it. Raises InputError: the file or its card is missing, damaged or not one of ours, it is not the file that
-    its card describes, or it is not run for what it holds ("graph...") or takes ("model.time", ...)."""
+    """A network that reads R/R_max on the grid of its training problem and gives values in the prior's scale. outputs:
+    the names of these values. Raises InputError: the file or its card is missing, damaged or not from this package, the
+    file is not the one that its card describes, or it is refused for its content ("graph...") or its demands
+    ("model.time", ...)."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.name = path, path.stem
@@ -232,8 +233,8 @@ class Network:
         self._run = session(content)
 
     def __call__(self, features: ArrayLike) -> Floats:
-        """(curves, outputs) in the prior's scale from R/R_max (curves, frames). Raises InputError: it answers a curve
-        with what is no number ("model.not_finite")."""
+        """Values (curves, outputs) in the prior's scale from R/R_max (curves, frames). Raises InputError: a value is
+        not finite ("model.not_finite")."""
         theta = self._run(features)
         with np.errstate(over="ignore"):
             values = [natural(name, column) for name, column in zip(self.outputs, theta.T, strict=True)]
@@ -244,8 +245,8 @@ class Network:
 
 
 def checked_content(path: Path, sha256: str, inputs: Sequence[str], frames: int = 0, outputs: int = 0) -> bytes:
-    """Of the .onnx file whose card has this sha256. One that is not shipped is tried out: `check_graph` and session.py
-    say how, and what inputs, frames and outputs are. Raises InputError as `Network`."""
+    """The content of the .onnx file whose card has this sha256. A file that is not shipped is checked and tried out;
+    `check_graph` and session.py describe this and the arguments. Raises InputError as `Network`."""
     content = read_bytes(path, LARGEST)
     digest = hashlib.sha256(content).hexdigest()
     message = f"{path} is not the file that its card describes (sha256 {digest[:12]}...)"
@@ -260,7 +261,7 @@ def checked_content(path: Path, sha256: str, inputs: Sequence[str], frames: int 
 
 
 def check_graph(content: bytes, inputs: Sequence[str] = ("radius",)) -> None:
-    """Raises InputError ("graph." and a word) unless the file is made of the allowed parts alone and reads `inputs`."""
+    """Raises InputError ("graph." and a word): the file has parts that are not allowed, or reads other inputs."""
     try:
         _Graph(content).check(inputs)
     except (LookupError, TypeError, UnicodeDecodeError) as error:  # it ends early; a number is where text belongs
@@ -277,7 +278,7 @@ class _Graph:
         require(not sparse, "the model has sparse tensors", "graph.sparse")
 
     def fields(self, message: Value) -> Fields:
-        """The values in a message."""
+        """The values in a message, by the number of their field."""
         if isinstance(message, int):
             raise TypeError("a number, not a message")
         at = 0
@@ -330,7 +331,7 @@ class _Graph:
 
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:
-    """A number of seven bits a byte, the lowest first, and where it ends. Raises IndexError."""
+    """An integer of seven bits per byte, the lowest first, and the index after it. Raises IndexError."""
     value = 0
     for shift in range(0, 70, 7):
         byte = message[at + shift // 7]
@@ -348,15 +349,15 @@ def _text(values: Sequence[Value]) -> str:
 
 
 def predict(path: str | Path, features: ArrayLike) -> Floats:
-    """What the network of one's own .onnx file answers, as `Network` does; no card is needed."""
+    """The output of the network in the user's own .onnx file, as that of `Network`; no card is needed."""
     return session(read_bytes(path, LARGEST))(features)
 
 
 def card(path: Path) -> dict[str, Any]:
-    """The card beside an .onnx file. Raises InputError: one of the two is missing, or it is not a card of ours."""
+    """The card beside an .onnx file. Raises InputError: one of the two is missing, or the card is not valid."""
     file = path.with_suffix(".json")
     message = f"a model is an .onnx file with its card beside it; expected {path} and {file}"
-    require(isfile(path) and isfile(file), message, "model.missing")  # which a name that is too long is not, either
+    require(isfile(path) and isfile(file), message, "model.missing")  # isfile is False for a name that is too long, too
     content = read_object(file, LARGEST_CARD)
     kind = PosteriorCard if content.get("kind") == "posterior" else ModelCard
     try:
@@ -368,7 +369,7 @@ def card(path: Path) -> dict[str, Any]:
 
 
 def shipped(kind: str | None = None) -> dict[str, Path]:
-    """Names of the models that come with the package, or of those of a kind ("point", "posterior"), and their files."""
+    """Files of the models that come with the package, by name; of all, or of one kind ("point", "posterior")."""
     folder = Path(str(files("cavirheo") / "models"))
     paths = {path.stem: path for path in sorted(folder.glob("*.onnx"))}
     return {name: path for name, path in paths.items() if kind is None or card(path)["kind"] == kind}

@@ -1,13 +1,13 @@
 """What networks read off one curve: the fields of a Posterior.
 
-The draws of a posterior network (posterior_network.py) are an answer by themselves, in milliseconds, and its interval
-is as good as its training. Weighed by simulations (inference/verify, level "auto") they are the answer that `infer`
-gives; where it cannot read a recording, a search begins.
+The draws of a posterior network (posterior_network.py) are an answer by themselves, in milliseconds, and their interval
+is as good as the training. `infer` starts from them, and simulations weight the draws of its answer (inference/verify,
+level "auto"). If the network cannot read a recording, a search starts instead.
 
-The paper's networks are used as the paper uses them: a value read off the curve at equal Cauchy and Reynolds numbers
-(`TrainingProblem.to_shot`). That is not enough: surface tension, heat and mass transfer do not scale, and a 60 um
-bubble read as a 245 um one looks 0.3 to 0.4 decades too viscous (docs/method/physics.md, section 1), so other sizes are
-outside the network's range. The stretch, which it does not give, is fitted.
+The paper's networks are used as the paper uses them: a value is read off the curve at equal Cauchy and Reynolds numbers
+(`TrainingProblem.to_shot`). This is not exact: surface tension, heat and mass transfer do not scale, and a 60 um bubble
+read as a 245 um one looks 0.3 to 0.4 decades too viscous (docs/method/physics.md, section 1). Other sizes are therefore
+outside the network's range. The stretch is not an output of these networks; it is fitted.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from cavirheo.posterior import Checks, Diagnostics, Verdict
 from cavirheo.prior import log_normal, natural_values
 
 DRAWS = 1000
-STARTED = 100  # draws where a verification weighs others
-SIMULATED = 8  # of the draws, those that the network takes for the likeliest, simulated to check the answer
+STARTED = 100  # draws if a verification follows
+SIMULATED = 8  # number of draws, the likeliest for the network, that are simulated to check the answer
 MODULUS = "shear_modulus"
-SHORTEST = 0.9  # of the network's samples that must lie inside the recording; the others are taken as the last one
-SIZES = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by 0.03 or less (docs/reproduction.md)
-_COMPARED = Accuracy(48, 1e-3)  # of simulations that are only compared with each other
+SHORTEST = 0.9  # least share of the network's samples inside the recording; the others repeat the last one
+SIZES = (0.73, 1.35)  # R_max over that of the training, with an error of log10 mu up to 0.03 (docs/reproduction.md)
+_COMPARED = Accuracy(48, 1e-3)  # accuracy of simulations that are only compared with each other
 
 Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks` with a verdict, and input warnings
 
@@ -46,9 +46,9 @@ Answer = tuple[dict[str, Any], list[Message]]  # fields of a Posterior, `checks`
 def read_draws(
     shot: Experiment, model: PosteriorModel, checks: Checks, discrepancy: bool, seed: int, verify: str
 ) -> Answer:
-    """What a posterior network answers, with these checks. discrepancy: whether more than white noise may lie between
-    frames and law. verify: level of the verification that starts from the answer; "none": the likeliest draws are
-    simulated, and InputError is raised where the network cannot read the curve."""
+    """The answer of a posterior network, with these checks. discrepancy: whether frames and law may differ by more than
+    white noise. verify: level of the verification that starts from the answer. With "none" the likeliest draws are
+    simulated, and InputError is raised if the network cannot read the curve."""
     checked, draws = verify == "none", DRAWS if verify in ("none", "map") else STARTED
     source = "given" if shot.stretch else "inferred with the other parameters"
     fields: dict[str, Any] = {"checks": checks, "diagnostics": Diagnostics(stretch_source=source)}
@@ -70,7 +70,7 @@ def read_draws(
         middle = shot.starts(np.zeros((1, len(shot.names))))
         middle[:, : shot.law] = np.mean(shot.family.bounds(started=True), axis=1)
         names, theta = shot.answer(middle)
-        return fields | {"names": names, "units": units(names), "theta": theta}, []  # a verification says why
+        return fields | {"names": names, "units": units(names), "theta": theta}, []  # the verification gives the reason
     x = proposal.prior.to_x(u)
     names, theta = shot.answer(x)
     log_q = proposal.log_density(u) - log_normal(u) + proposal.prior.log_density(x)
@@ -88,22 +88,22 @@ def read_draws(
 
 
 def check_outputs(network: Network) -> None:
-    """Raises InputError: a network of one value that does not answer all of its law."""
+    """Raises InputError: a network of one value that does not give all parameters of its law."""
     needed, outputs = set(network.problem.prior.names) - {"stretch"}, ", ".join(network.outputs)
     message = f"the model {network.name} answers only {outputs}; its law needs {', '.join(sorted(needed))}"
     require(needed == {*network.outputs}, message, "model.outputs")
 
 
 def network_window(network: Network, curve: RadiusCurve, medium: Medium, collapses: int | None) -> Window:
-    """What a network of one value reads of a curve, and at most so many collapses. Raises InputError."""
+    """The window of a curve that a network of one value reads, of at most `collapses` collapses. Raises InputError."""
     problem = network.problem
     end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
     return window(curve, collapses=collapses, end=end)
 
 
 def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[Floats, dict[str, float], int]:
-    """(outputs,) in the prior's scale for the reference R_max, the values by name for the shot (SI), at equal Cauchy
-    and Reynolds numbers, and how many samples the recording lacks. Raises InputError: it is too short."""
+    """Values (outputs,) in the prior's scale for the reference R_max, values by name for the shot (SI) at equal Cauchy
+    and Reynolds numbers, and the number of samples that the recording lacks. Raises InputError: too few."""
     problem, top = network.problem, curve.max_radius
     step, frames = problem.grid_step(top, medium), problem.grid.frames
     features = curve.resampled(step, frames, allow_short=True) / top
@@ -120,15 +120,14 @@ def shot_values(network: Network, curve: RadiusCurve, medium: Medium) -> tuple[F
 
 
 def for_shot(network: Network, values: dict[str, float]) -> Floats:
-    """(outputs,) in the prior's scale, of values of `shot_values`."""
+    """Values of `shot_values` by name as (outputs,) in the prior's scale."""
     return np.array([scaled(name, value) for name, value in zip(network.outputs, values.values(), strict=True)])
 
 
 def read_values(
     curve: RadiusCurve, network: Network, medium: Medium, stretch: float | None, collapses: int | None
 ) -> Answer:
-    """What a network of one value answers; the stretch is fitted unless it is given, in a window of at most so many
-    collapses."""
+    """The answer of a network of one value. The stretch, if not given, is fitted to at most `collapses` collapses."""
     problem, outputs = network.problem, network.outputs
     theta, values, missing = shot_values(network, curve, medium)
     view = network_window(network, curve, medium, collapses)
@@ -175,14 +174,14 @@ def read_values(
 
 
 def _outside(name: str, value: float, low: float, high: float, **more: float) -> Message:
-    """A value outside the range of the training; of the law's parameters log10 at the training scale."""
+    """A message on a value outside the range of the training; the law's are log10 at the reference R_max."""
     numbers = {"value": float(value), "low": float(low), "high": float(high)}
     return Message(f"training_range.{name}", {"name": name, **numbers, **more})
 
 
 def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
-    """The stretch R_max/R_0 with the smallest RMSE; as a rebound may slip by a period, the whole range is looked over
-    first. Raises SolverError: no simulation succeeded."""
+    """The stretch R_max/R_0 with the smallest RMSE. The whole range is scanned first, because a rebound may slip by a
+    period. Raises SolverError: no simulation succeeded."""
     top, measured = view.curve.max_radius, view.normalised
     shot: Any = {"max_radius": top, "time": view.since_max, "medium": medium, "workers": 1, "accuracy": _COMPARED}
 

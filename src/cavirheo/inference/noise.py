@@ -2,17 +2,17 @@
 
 The residuals e of an experiment (experiment.py) are e ~ N(0, k^2 C) with C = D + L K L + M K M.
 
-D = diag(d_i^2) the frames' assumed variances, k^2 an unknown factor on all of them (inverse gamma, shape A, scale A:
-between 0.4 and 5.6 in 90 %). K_ij = exp(-|t_i - t_j|/tau) is an Ornstein-Uhlenbeck process, and two of them are the
-discrepancy between any simulation and a real bubble, alike in neighbouring frames: the radius is off by r d, L = r d,
-and the simulated bubble is early or late by s d t_c/R_max, which moves a frame by the wall's velocity, M = s d t_c U_i;
-d is the median of d_i. k^2 is integrated out exactly,
+D = diag(d_i^2) has the assumed variances of the frames, and k^2 is an unknown factor on C (inverse gamma, shape A,
+scale A: between 0.4 and 5.6 in 90 %). K_ij = exp(-|t_i - t_j|/tau) is the covariance of an Ornstein-Uhlenbeck process.
+Two such processes are the discrepancy between any simulation and a real bubble, which is alike in neighbouring frames:
+the radius is wrong by r d, L = r d, and the simulated bubble is early or late by s d t_c/R_max, which moves a frame by
+the wall's velocity, M = s d t_c U_i; d is the median of d_i. k^2 is integrated out exactly,
 
     p(e | r, s, tau) = Gamma(A + n/2)/Gamma(A) (2 pi A)^(-n/2) |C|^(-1/2) (1 + e' C^-1 e/(2 A))^-(A + n/2),
 
-Student's t, and (r, s, tau) are summed over a grid: neither costs a simulation. K has a tridiagonal inverse, so that
-e' C^-1 e = e' D^-1 e - e' D^-1 H (P + H' D^-1 H)^-1 H' D^-1 e takes O(n) (Woodbury), H = [L M] and P the inverse of K
-for each of them, frame by frame. Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294, on the discrepancy.
+Student's t, and (r, s, tau) are summed over a grid. Neither needs a simulation. K has a tridiagonal inverse, so that e'
+C^-1 e = e' D^-1 e - e' D^-1 H (P + H' D^-1 H)^-1 H' D^-1 e takes O(n) (Woodbury), with H = [L M] and P the inverses of
+K for both, ordered by frame. On the discrepancy: Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from scipy.special import gammaln
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.physics.cache import compiled
 
-SHAPE = 2.0  # A: the frame-to-frame noise is a good guess of the noise, but no more
+SHAPE = 2.0  # A: the frame-to-frame noise is only a guess of the noise
 RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
 CLOCKS = (0.0, 1.0, 4.0)  # s/r
 TIMES = (0.1, 0.5, 2.0)  # tau/t_c: a collapse, half of the first fall, the whole window
@@ -37,9 +37,9 @@ ABSENT = 1.0 / 6.0  # prior probability that there is no discrepancy
 
 
 class Noise:
-    """The distribution of (n,) residuals at (n,) times, s, with assumed deviations (n,) and, with a discrepancy, the
-    wall's velocities (n,), 1/s; tau and the clock in units of `scale`, s. typical: the median deviation. constants:
-    (grid,) what a log density has besides e' C^-1 e."""
+    """The distribution of (n,) residuals at (n,) times, s, with assumed deviations (n,) and, for a discrepancy, the
+    wall's velocities (n,), 1/s. scale: unit of tau and of the clock, s. typical: the median deviation. constants:
+    (grid,) the part of a log density that does not depend on e' C^-1 e."""
 
     def __init__(
         self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0
@@ -57,7 +57,7 @@ class Noise:
         self.constants: Floats = constant - 0.5 * log_det + self.log_prior
 
     def only(self, residuals: Floats, least: float) -> Noise:
-        """With the grid points alone that have a share of `least` in the density of any of residuals (k, n)."""
+        """The noise with only those grid points whose share in the density of any residual (k, n) exceeds `least`."""
         share = np.max(self._shares(residuals)[1], axis=1)
         noise, some, (weight, *parts) = copy(self), share > least, self.covariances
         noise.covariances = Covariances(weight, *(part[some] for part in parts))
@@ -65,18 +65,18 @@ class Noise:
         return noise
 
     def products(self, columns: Floats) -> Floats:
-        """(grid, k, k) columns' C^-1 columns, of (n, k)."""
+        """columns' C^-1 columns (grid, k, k), of columns (n, k)."""
         return np.asarray(products(np.ascontiguousarray(columns), *self.covariances))
 
     def _shares(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
-        """log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
+        """Log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
         squares = np.asarray(squared(np.ascontiguousarray(residuals), *self.covariances))
         terms = self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE))
         total = log_sum(terms, axis=0)
         return total, np.exp(terms - total), squares
 
     def log_density(self, residuals: Floats) -> Floats:
-        """(k,) of residuals (k, n); -inf where one is not finite."""
+        """Log density (k,) of residuals (k, n); -inf where one is not finite."""
         log_density = np.full(len(residuals), -np.inf)
         good = np.all(np.isfinite(residuals), axis=1)
         if np.any(good):
@@ -84,14 +84,14 @@ class Noise:
         return log_density
 
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
-        """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of measured minus simulated, (n,), with the
-        simulated's `jacobian` (n, d)."""
+        """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of a residual (n,), measured minus simulated;
+        jacobian: (n, d) of the simulated frames."""
         both = np.column_stack([jacobian, residual])
         _, gradient, curvature = expanded(both, *self.covariances, self.constants, self.power)
         return gradient, curvature
 
     def describe(self, residual: Floats) -> dict[str, float]:
-        """The noise over that assumed, the probability of a discrepancy, and its standard deviation, of a (n,)."""
+        """Of a residual (n,): noise over assumed noise, probability of a discrepancy, and its standard deviation."""
         _, share, squares = self._shares(residual[None])
         variance = (SHAPE + 0.5 * squares) / (self.power - 1.0)
         moved = np.sum(self.covariances.moved**2, axis=(1, 2))[:, None] / self.size
@@ -103,9 +103,9 @@ class Noise:
 
 
 class Covariances(NamedTuple):
-    """C = D + sum of (h K h') over the columns h of `moved`, for each of some grid points; without columns, white
-    noise. weight: (n,) of D^-1. moved: (grid, n, 2). rank: (grid,) how many of its columns are not 0. factor: (grid, 3,
-    2 n) the upper Cholesky factor of P + H' D^-1 H, diagonal by diagonal, the main one last and inverted."""
+    """C = D + sum of (h K h') over the columns h of `moved`, for each grid point; white noise if these are 0. weight:
+    (n,) diagonal of D^-1. moved: (grid, n, 2). rank: (grid,) number of its columns that are not 0. factor: (grid, 3, 2
+    n) the upper Cholesky factor of P + H' D^-1 H, diagonal by diagonal, with the main one last and inverted."""
 
     weight: Floats
     moved: Floats
@@ -114,7 +114,7 @@ class Covariances(NamedTuple):
 
     @classmethod
     def of(cls, deviation: Floats, time: Floats, grid: Sequence[tuple[Floats, float]]) -> tuple[Covariances, Floats]:
-        """Of deviations (n,) at times (n,) and (moved (n, 2), tau) of each grid point, with their log |C| (grid,)."""
+        """Covariances and log |C| (grid,) of deviations (n,) at times (n,) and (moved (n, 2), tau) by grid point."""
         n, weight = len(time), 1.0 / deviation**2
         rank = np.array([np.count_nonzero(np.any(moved != 0.0, axis=0)) for moved, _ in grid])
         factor, log_det = np.zeros((len(grid), 3, 2 * n)), np.full(len(grid), 2.0 * float(np.sum(np.log(deviation))))
@@ -141,7 +141,7 @@ class Covariances(NamedTuple):
 
 @compiled
 def products(columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
-    """(grid, k, k) columns' C^-1 columns of (n, k), by Woodbury's identity; the others are those of `Covariances`."""
+    """columns' C^-1 columns (grid, k, k) of columns (n, k), by Woodbury; the rest are fields of `Covariances`."""
     n, k = columns.shape
     white = np.zeros((k, k))
     for i in range(n):
@@ -204,7 +204,7 @@ def expanded(
     power: float,
 ) -> tuple[float, Floats, Floats]:  # fmt: skip
     """Log density of a residual (n,), the last of the columns (n, d + 1), and gradient (d,) and Gauss-Newton curvature
-    (d, d) of its negative by what the other columns are the simulated frames' derivatives by."""
+    (d, d) of its negative by d parameters, of which the other columns are the derivatives of the simulated frames."""
     d = columns.shape[1] - 1
     product = products(columns, weight, moved, rank, factor)
     total, share = summed(product[:, d, d], constants, power)
@@ -229,46 +229,46 @@ def summed(squares: Floats, constants: Floats, power: float) -> tuple[float, Flo
 
 
 class MarginalNoise:
-    """The distribution of extended residuals (k, size), which hold m pulls, the logarithm of the rest of an integral
-    over the camera and the shape of the bubble (camera.py) beside the n frames that `frames` is about."""
+    """The distribution of extended residuals (k, size), camera.py: n frames, whose distribution is `frames`, m pulls,
+    the logarithm of the rest of an integral over the camera, and the shape of the bubble."""
 
     def __init__(self, frames: Noise, pulls: int, size: int) -> None:
         self.frames, self.pulls, self.size = frames, pulls, size
         self.power, self.constants = frames.power, frames.constants
 
     def split(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
-        """Frames (..., n), pulls (..., m) and the logarithm of the rest (...,)."""
+        """Frames (..., n), pulls (..., m) and the logarithm of the rest (...,), of extended residuals (..., size)."""
         n = self.frames.size
         return residuals[..., :n], residuals[..., n : n + self.pulls], residuals[..., n + self.pulls]
 
     def shapes(self, residuals: Floats) -> Floats:
-        """(..., numbers) of extended residuals (..., size)."""
+        """Shapes (..., numbers) in extended residuals (..., size)."""
         return residuals[..., self.frames.size + self.pulls + 1 :]
 
     def log_density(self, residuals: Floats) -> Floats:
-        """(k,) of extended residuals (k, size); -inf where one is not finite."""
+        """Log density (k,) of extended residuals (k, size); -inf where one is not finite."""
         frames, pulls, log_integral = self.split(residuals)
         log_density = self.frames.log_density(frames) - 0.5 * np.sum(pulls**2, axis=1) + log_integral
         return np.where(np.isfinite(log_density), log_density, -np.inf)
 
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
-        """As that of `frames`, of an extended residual (size,) with the derivatives (size, d)."""
+        """As `Noise.newton`, of an extended residual (size,) with the derivatives (size, d)."""
         frames, pulls, _ = self.split(residual)
         by_frames, by_pulls, by_rest = (part.T for part in self.split(jacobian.T))
         gradient, curvature = self.frames.newton(frames, by_frames)
         return gradient - by_pulls.T @ pulls + by_rest, curvature + by_pulls.T @ by_pulls
 
     def only(self, residuals: Floats, least: float) -> MarginalNoise:
-        """As that of `frames`."""
+        """As `Noise.only`."""
         return MarginalNoise(self.frames.only(self.split(residuals)[0], least), self.pulls, self.size)
 
     def products(self, columns: Floats) -> Floats:
-        """As that of `frames`, of (size, k); the pulls have 1 for C^-1, the rest nothing."""
+        """As `Noise.products`, of columns (size, k); the pulls have the covariance 1, the rest is left out."""
         frames, pulls, _ = (part.T for part in self.split(columns.T))
         return self.frames.products(frames) + pulls.T @ pulls
 
     def describe(self, residual: Floats) -> dict[str, float]:
-        """As that of `frames`."""
+        """As `Noise.describe`."""
         return self.frames.describe(self.split(residual)[0])
 
 

@@ -1,20 +1,21 @@
-"""A posterior network answers: draws of the parameters with their density, for any recording, in milliseconds.
+"""A posterior network gives draws of the parameters and their density, for any recording, in milliseconds.
 
 It reads the frames of an experiment's window in bins of t* = t/t_c, whatever the camera (`binned`), and gives the
-density of nine latent coordinates z that all its laws and bubbles share, one by one, each a mixture of Gaussians given
-those before it: what may be known beforehand comes first. Each is standard normal under its prior. A parameter of a
-law, the stretch and the accommodation have z = Phi^-1((log10 value - low)/(high - low)), low to high the range of a
-search; two laws have one coordinate for what acts alike. The damping has the half of a normal. That of a power law's
-reference viscosity is z = (log10 mu_ref + 1.5)/2. R_max, clock and scale are over the half-widths of their priors.
+density of nine latent coordinates z that all its laws and bubbles share. The coordinates come one after the other, each
+as a mixture of Gaussians given those before it; the first ones may be known in advance. Most have a standard normal
+prior. A parameter of a law, the stretch and the accommodation have z = Phi^-1((log10 value - low)/(high - low)), with
+low to high the range of a search; parameters of two laws with a similar effect share a coordinate. The damping is
+half-normal. A power law's reference viscosity has z = (log10 mu_ref + 1.5)/2. R_max, clock and scale are in units of
+their prior's width.
 
-It was trained in water; in another medium the same Cauchy and Reynolds numbers make nearly the same curve:
+It was trained in water; in another medium the same Cauchy and Reynolds numbers give nearly the same curve:
 
     G = G_water p/p_water,   mu = mu_water (p t_c)/(p t_c)_water,   t_c at the shot's R_max.
 
-A parameter that is not inferred (a stated stretch, an accommodation that is given, a clock that is exact) keeps its
-coordinate at its value: those after it are answered given it, and those before it as if it were free. The draws are a
-proposal: what they are worth the simulations say (inference/verify). A network ships with the package or is one that a
-user trained: an .onnx file and the card beside it.
+If a parameter is not inferred (a given stretch, a given accommodation, an exact clock), its coordinate is fixed: those
+after it are conditioned on its value, and those before it are drawn as if it were free. The draws are a proposal, which
+simulations weight (inference/verify). A network ships with the package or was trained by a user: an .onnx file and the
+card beside it.
 """
 
 from __future__ import annotations
@@ -41,22 +42,22 @@ from cavirheo.physics.bubble import FIELD, FREE, Bubble
 from cavirheo.physics.media import WATER
 from cavirheo.prior import Prior
 
-BINS, END = 192, 6.0  # of a recording as the network reads it, and t* at the end of the last one
+BINS, END = 192, 6.0  # number of bins of a recording, and t* at the end of the last one
 CHANNELS, SCALARS = 7, 9  # numbers of each bin, and of the recording
-SIZE = BINS * CHANNELS + SCALARS  # of the input
+SIZE = BINS * CHANNELS + SCALARS  # length of the input
 SCALE = 0.005  # standard deviation of the radius scale
 CAMERA = ("max_radius_factor", "time_origin", "radius_scale")
 COORDINATES = ("stretch", "confinement_damping", "accommodation", "viscosity", "shear_modulus", "shape", *CAMERA)
-BUBBLE_NAMES = {"field": (), "real": ("confinement_damping", "accommodation")}  # beside those of all
+BUBBLE_NAMES = {"field": (), "real": ("confinement_damping", "accommodation")}  # coordinates besides the common ones
 _SHARED = {"reference_viscosity": "viscosity", "stiffening": "shape", "exponent": "shape"}
 _REFERENCE = (-1.5, 2.0)  # mean and standard deviation of log10 of a reference viscosity
-_FARTHEST = 3.0  # z of a given damping: training has one in a thousand beyond
-_INSIDE = 1e-9  # of the probability, that z keeps away from the bounds
-_POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is found, and the smallest share
+_FARTHEST = 3.0  # largest |z| of a given damping: one in a thousand of the training is beyond
+_INSIDE = 1e-9  # least probability between z and a bound
+_POOL, _LEAST = 1000, 0.01  # draws that estimate the share within the bounds, and its smallest value
 KNOWN_BUBBLES = "the real and the field's bubble, without damage, confinement inertia or excess of vapour"
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
-_MARGIN = 0.1  # of a constant that all its curves share: the weights allow for no more
-_VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
+_MARGIN = 0.1  # largest relative difference of a constant from that of all training curves
+_VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # factor: 14 to 37 degrees C
 
 
 def binned(
@@ -71,11 +72,11 @@ def binned(
     discrepancy: Floats,
     late: Floats,
 ) -> NDArray[np.float32]:
-    """(m, SIZE) inputs of m recordings: of each bin the mean radius, mean time, count and scatter of its frames, and
-    how radius and time go together; an empty one between frames is passed by a straight line. sample: (n,) to which
-    recording a frame belongs. time: (n,) t* after R_max, ascending. radius: (n,) R/R_max. Of each recording, (m,):
-    R_max in m, frame interval and exposure in t_c, noise over R_max, discrepancy (1 where more than white noise lies
-    between frames and simulation), late (1 where no growth is recorded)."""
+    """Inputs (m, SIZE) of m recordings: for each bin the mean radius, mean time, count and scatter of its frames, and
+    the covariance of radius and time; an empty bin between frames is interpolated linearly. sample: (n,) index of the
+    recording of each frame. time: (n,) t* after R_max, ascending. radius: (n,) R/R_max. For each recording, (m,): R_max
+    in m, frame interval and exposure in t_c, noise over R_max, discrepancy (1 if frames and simulation may differ by
+    more than white noise), late (1 if no growth is recorded)."""
     m = len(max_radius)
     place = np.minimum(time * (BINS / END), BINS - 1e-9)
     inside = (time >= 0) & (time <= END)
@@ -115,17 +116,17 @@ def binned(
 
 
 def z_index(name: str) -> int:
-    """Of the coordinate of a parameter."""
+    """Index of the coordinate of a parameter."""
     return COORDINATES.index(_SHARED.get(name, name))
 
 
 def used(law: str, bubble: str) -> list[int]:
-    """Indices of the coordinates of a law (`Family`) with this bubble (of BUBBLE_NAMES), camera included, ascending."""
+    """Ascending indices of the coordinates of a law (`Family`), of this bubble (of BUBBLE_NAMES) and of the camera."""
     return sorted(map(z_index, [*Family(law).parameters, "stretch", *BUBBLE_NAMES[bubble], *CAMERA]))
 
 
 def to_latent(names: tuple[str, ...], log10: Floats) -> Floats:
-    """(k, 9) z from log10 values (k, names) of a law, the stretch and the accommodation; 0 in all others."""
+    """z (k, 9) from log10 values (k, names) of a law, the stretch and the accommodation; all others are 0."""
     z = np.zeros((len(log10), len(COORDINATES)))
     for name, value in zip(names, log10.T, strict=True):
         if name == "reference_viscosity":
@@ -137,7 +138,7 @@ def to_latent(names: tuple[str, ...], log10: Floats) -> Floats:
 
 
 def from_latent(names: tuple[str, ...], z: Floats) -> tuple[Floats, Floats]:
-    """log10 values (k, names) from z (k, 9), and log |dz/dlog10| (k,), by which a density of z becomes one of them."""
+    """log10 values (k, names) from z (k, 9), and log |dz/dlog10| (k,), the log density of values minus that of z."""
     log10, log_jacobian = np.empty((len(z), len(names))), np.zeros(len(z))
     for i, name in enumerate(names):
         coordinate = z[:, z_index(name)]
@@ -152,19 +153,19 @@ def from_latent(names: tuple[str, ...], z: Floats) -> tuple[Floats, Floats]:
 
 
 def damping(z: Floats) -> Floats:
-    """The confinement damping of z: its prior is the half of a normal from 0 up, cut as that of an experiment."""
+    """The confinement damping of z; its prior is half-normal, and cut as that of an experiment."""
     return np.asarray(ZETA * ndtri(0.5 + (ndtr(LARGEST) - 0.5) * ndtr(z)))
 
 
 def damping_to_latent(damping: float) -> float:
-    """z of a given confinement damping; that of nothing is where training has hardly any smaller one."""
+    """z of a given confinement damping; 0 has z = -_FARTHEST, below which the training has hardly any damping."""
     inside = (ndtr(damping / ZETA) - 0.5) / (ndtr(LARGEST) - 0.5)
     return float(np.clip(ndtri(np.clip(inside, _INSIDE, 1.0 - _INSIDE)), -_FARTHEST, _FARTHEST))
 
 
 class NetworkProposal:
-    """What a network answers for one experiment: a normalised density, and draws, in the coordinates u of its prior.
-    Raises InputError: hardly anything of it is within the prior's bounds."""
+    """The answer of a network for one experiment: a normalised density, and draws, in the coordinates u of its prior.
+    Raises InputError: hardly any draw is within the prior's bounds."""
 
     def __init__(self, model: PosteriorModel, shot: Experiment, prior: Prior, *, discrepancy: bool) -> None:
         self.model, self.prior, bubble = model, prior, kind_of(shot.options.bubble)
@@ -176,7 +177,7 @@ class NetworkProposal:
         camera |= {"radius_scale": (1.0, SCALE)}
         self.camera: list[tuple[int, int, float, float]] = []  # column of x, index of z, middle and width of x over z
         self.fixed: dict[int, float] = {}
-        self.integrated: list[int] = []  # free, and last: the density of the others is that without them
+        self.integrated: list[int] = []  # free z that are integrated out: the last ones
         for name, (middle, width) in camera.items():
             if name not in shot.free:
                 self.fixed[z_index(name)] = 0.0
@@ -189,7 +190,7 @@ class NetworkProposal:
         for name, value in (("accommodation", shot.bubble.get("accommodation")), ("stretch", shot.stretch)):
             if value:
                 self.fixed[z_index(name)] = float(to_latent((name,), np.log10([[value]]))[0, z_index(name)])
-        self.damping: int | None = None  # its column
+        self.damping: int | None = None  # its column in x
         if "confinement_damping" in prior.names:
             self.damping = prior.names.index("confinement_damping")
         elif bubble == "real":
@@ -206,21 +207,21 @@ class NetworkProposal:
         self.log_share = float(np.log(len(inside) / _POOL))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
-        """(count, d)"""
+        """Draws u (count, d)."""
         u = np.empty((0, len(self.prior.names)))
         while len(u) < count:
             u = np.concatenate([u, self._within_bounds(count, rng)])
         return u[:count]
 
     def log_density(self, u: Floats) -> Floats:
-        """(k,) at u (k, d)."""
+        """Log density (k,) at u (k, d)."""
         x = self.prior.to_x(u)
         z = to_latent(self.names, x[:, : len(self.names)] - self.shift)
         log_q = from_latent(self.names, z)[1]
         for column, place, middle, width in self.camera:
             z[:, place] = (x[:, column] - middle) / width
             log_q = log_q - np.log(width)
-        by_x = np.ones(u.shape[1], dtype=bool)  # whether z is one of x; the damping's is its u
+        by_x = np.ones(u.shape[1], dtype=bool)  # whether z depends on x; that of the damping is its u
         if self.damping is not None:
             z[:, z_index("confinement_damping")], by_x[self.damping] = u[:, self.damping], False
         for place, value in self.fixed.items():
@@ -229,7 +230,7 @@ class NetworkProposal:
         return np.asarray(log_q + np.sum(np.log(self.prior.slope(u))[:, by_x], axis=1))
 
     def _within_bounds(self, count: int, rng: np.random.Generator) -> Floats:
-        """Those of `count` draws that are within the bounds, (k, d)."""
+        """Those of `count` draws u (k, d) that are within the bounds."""
         z = self.model.sample(self.inputs, self.kind, count, rng, self.fixed)
         x = np.zeros((count, len(self.prior.names)))
         x[:, : len(self.names)] = from_latent(self.names, z)[0] + self.shift
@@ -243,19 +244,19 @@ class NetworkProposal:
 
 
 def kind_of(bubble: Bubble) -> str:
-    """Which of the bubbles that a network knows (BUBBLE_NAMES) this one is; empty: none of them."""
+    """Name (of BUBBLE_NAMES) of this bubble; empty if no network knows it."""
     if replace(bubble, accommodation=FREE, confinement_damping=0.0) == Bubble("kinetic"):
         return "real"
     return "field" if replace(bubble, accommodation=FREE) == FIELD else ""
 
 
 def plain(material: str) -> str:
-    """The name of a law or of a sum of laws, however it is spaced."""
+    """The name of a law or of a sum of laws, without spaces."""
     return material.replace(" ", "")
 
 
 def read(shot: Experiment, discrepancy: bool) -> Any:
-    """(1, SIZE) what the network reads of the frames of an experiment that count."""
+    """Input (1, SIZE) of the network: the frames of an experiment that count."""
     counted = shot.counted & (shot.since >= 0)
     time = shot.since[counted] / shot.time_scale
     numbers = {"max_radius": shot.max_radius, "noise": shot.curve.noise / shot.max_radius}
@@ -267,7 +268,7 @@ def read(shot: Experiment, discrepancy: bool) -> Any:
 
 class PosteriorModel:
     """A network that gives densities. kinds: (law, bubble) that it knows, in its order. Raises InputError: the file or
-    its card is missing, damaged or of another kind, or it is not the file of its card."""
+    its card is missing, damaged or of another kind, or the file is not that of its card."""
 
     def __init__(self, path: Path) -> None:
         self.name: str = path.stem
@@ -280,7 +281,7 @@ class PosteriorModel:
     def sample(
         self, inputs: Any, kind: int, count: int, rng: np.random.Generator, fixed: Mapping[int, float]
     ) -> Floats:
-        """Draws z (count, 9), 0 where the kind has no such coordinate, and as given where it is `fixed`."""
+        """Draws z (count, 9); 0 for a coordinate that the kind does not have, and the given value for a `fixed` one."""
         shape, counted, take = (count, len(COORDINATES)), np.zeros(len(COORDINATES)), np.zeros(len(COORDINATES))
         choice, normal, imposed = rng.gumbel(size=(*shape, self.parts)), rng.standard_normal(shape), np.zeros(shape)
         for k, value in fixed.items():
@@ -288,7 +289,7 @@ class PosteriorModel:
         return self._run(inputs, kind, counted=counted, choice=choice, normal=normal, given=imposed, take=take)[0]
 
     def log_density(self, inputs: Any, kind: int, z: Floats, without: Collection[int]) -> Floats:
-        """(draws,) of z (draws, 9), each coordinate given those before it, without some."""
+        """Log density (draws,) of z (draws, 9), each coordinate given those before it, without those in `without`."""
         counted = np.zeros(len(COORDINATES))
         counted[[k for k in used(*self.kinds[kind]) if k not in without]] = 1.0
         choice, take = np.zeros((*z.shape, self.parts)), np.ones(len(COORDINATES))
@@ -308,13 +309,13 @@ class PosteriorModel:
         return (plain(material), kind_of(bubble)) in self.kinds
 
     def proposal(self, shot: Experiment, prior: Prior, discrepancy: bool) -> NetworkProposal:
-        """Raises InputError: the experiment is outside the training."""
+        """The proposal for an experiment. Raises InputError: the experiment is outside the training."""
         outside = self.outside(shot)
         require(not outside, f"the network cannot read it: {outside}", "network.outside")
         return NetworkProposal(self, shot, prior, discrepancy=discrepancy)
 
     def outside(self, shot: Experiment) -> str:
-        """What of an experiment is outside its training, in words; empty if all is inside."""
+        """The property of an experiment that is outside the training, in words; empty if all are inside."""
         bubble, trained = kind_of(shot.options.bubble), self.card.trained
         if not bubble:
             return f"it knows {KNOWN_BUBBLES}"
@@ -345,21 +346,21 @@ class PosteriorModel:
 
 
 def network_of(name: str = DEFAULT) -> Network | PosteriorModel:
-    """The shipped model of this name, or the one in an .onnx file as it is now. Raises InputError."""
+    """The shipped model of this name, or that in an .onnx file, read again if the file changes. Raises InputError."""
     path, state = path_of(name), tuple[int, ...]()
-    with suppress(OSError):  # no file: its card says what is wrong
+    with suppress(OSError):  # no file: `card` raises the error
         state = path.stat().st_mtime_ns, path.stat().st_size
     return _loaded(path, *state)
 
 
 @lru_cache(maxsize=8)
 def _loaded(path: Path, *_: int) -> Network | PosteriorModel:
-    """The model in a file of this time and size."""
+    """The model in a file; its time and size are arguments, so that a changed file is read again."""
     return Network(path) if card(path)["kind"] == "point" else PosteriorModel(path)
 
 
 def describe(card: PosteriorCard) -> list[str]:
-    """Lines of what the network knows, for `cavirheo models`."""
+    """Lines that describe what the network knows, for `cavirheo models`."""
     laws: dict[str, list[str]] = {}
     for law, bubble in card.kinds:
         laws.setdefault(law, []).append(bubble)

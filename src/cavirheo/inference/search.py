@@ -1,8 +1,8 @@
-"""The minima of one shot: searches on windows that grow by a collapse, several of them side by side.
+"""The minima of one shot, found by searches on windows that grow by one collapse.
 
-A long window has many minima, for a rebound can slip by a period; a short one has few, but determines less. So the best
-few of each window start the next one, with the best coarse simulations there beside them. While the residual is not
-noise, more coarse simulations start it all again in a further round.
+A long window has many minima, because a rebound can slip by a period; a short one has few, but determines less. So the
+best few of each window start the searches on the next one, with the coarse simulations that are best there. While the
+residual is more than noise, a further round starts with more coarse simulations.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from cavirheo.physics.collapse import analytic_modulus
 
 STARTS = 64  # coarse simulations of the first round
 ROUNDS = (STARTS, 3 * STARTS, 6 * STARTS)  # coarse simulations of each round
-FOLLOWED = 3e-4  # of R_max: the rough simulations of a search are not nearer
-NOISIEST = 0.01  # of R_max: what looks like more noise from frame to frame may be motion
-ABOVE = 2.0  # of the frame-to-frame noise: a larger residual is not noise
-WITHIN = 1.2  # of it: a smaller one is nothing else
+FOLLOWED = 3e-4  # RMS error over R_max of the rough simulations of a search
+NOISIEST = 0.01  # frame-to-frame noise over R_max: what is more may be motion
+ABOVE = 2.0  # residual over frame-to-frame noise: a larger one is not only noise
+WITHIN = 1.2  # a smaller one is only noise
 FIRST, FURTHER = 4, 2  # starts from coarse simulations on the first window and on each longer one; two more each round
-BREADTH = 4  # minima that go on to the next window
-LOWEST, ALIKE = 6.0, 0.02  # of their costs: over the lowest one's, and over what 14 % of sigma give beside
-_QUICK = {"ftol": 1e-2, "xtol": 3e-3, "gtol": 1e-8, "max_nfev": 8}  # on all windows but the last
-SAME = 0.01  # of each range: a search so near to a known minimum is given up
+BREADTH = 4  # most minima that start the next window
+LOWEST, ALIKE = 6.0, 0.02  # limit of their cost: factor of the lowest one, plus this per frame (20 % of sigma RMS)
+_QUICK = {"ftol": 1e-2, "xtol": 3e-3, "gtol": 1e-8, "max_nfev": 8}  # limits on all windows but the last
+SAME = 0.01  # of each range: a search that is nearer to a known minimum ends
 FAR = 0.08  # of a range: starts that are nearer to each other in all parameters lead to one minimum
 LIMITS: dict[str, Any] = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 POLISH: dict[str, Any] = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
-Cut = tuple[int | None, float | None]  # a window: how many collapses (None: all), its end at the latest in s
+Cut = tuple[int | None, float | None]  # a window: number of collapses (None: all), latest end in s
 
 
 class Minimum(NamedTuple):
-    """Where a search ended: x (parameters,), cost (half the sum of squared weighted residuals), these residuals."""
+    """The end of a search: x (parameters,), cost (half the sum of squared weighted residuals), these residuals."""
 
     x: Floats
     cost: float
@@ -46,11 +46,11 @@ class Minimum(NamedTuple):
 
 
 class LeastSquares:
-    """The residuals of an experiment with its weights, which those of the normal priors follow."""
+    """The weighted residuals of an experiment, followed by those of the normal priors."""
 
     def __init__(self, shot: Experiment) -> None:
         self.shot, self.bounds, prior = shot, shot.bounds, shot.prior()
-        self.columns = np.flatnonzero(np.isfinite(prior.std))  # of x, that have a normal prior
+        self.columns = np.flatnonzero(np.isfinite(prior.std))  # of x, with a normal prior
         self.mean, self.std = prior.mean[self.columns], prior.std[self.columns]
 
     def predictions(self, points: Sequence[Floats], accuracy: Accuracy) -> list[Prediction | None]:
@@ -62,12 +62,12 @@ class LeastSquares:
         return self.weighted(x, self.shot.predict(x, accuracy))
 
     def weighted(self, x: Floats, prediction: Prediction | None) -> Floats:
-        """(frames + priors,) weighted residuals, of what the camera has seen at x."""
+        """(frames + priors,) weighted residuals of a prediction at x."""
         return np.concatenate([self.shot.residual(prediction), (x[self.columns] - self.mean) / self.std])
 
     def jacobian(self, x: Floats, accuracy: Accuracy, at: Prediction | None) -> Floats:
-        """(frames + priors, parameters) by forward differences from what the camera has seen at x, without columns
-        whose simulation fails; those by clock and scales cost no simulation in a search."""
+        """(frames + priors, parameters) Jacobian by forward differences from the prediction at x; a column is 0 if its
+        simulation fails. In a search, columns of clock and scales need no simulation."""
         shot, residuals = self.shot, self.weighted(x, at)
         steps = FORWARD * shot.steps * np.where(x < np.mean(self.bounds, axis=1), 1.0, -1.0)
         alike = accuracy is ROUGH and at is not None
@@ -91,14 +91,15 @@ class LeastSquares:
         minima: Sequence[Minimum] = (),
         unlike: float = 0.0,
     ) -> Minimum:
-        """Trust-region least squares within the bounds (scipy). Every second Jacobian is the one before with Broyden's
-        update, which costs no simulation; the last one is not, unless `minima` are known: a search that comes to one,
-        or to frames that differ from its frames by less than `unlike` (sum of weighted squares), ends there."""
+        """Trust-region least squares within the bounds (scipy). Every second Jacobian is the previous one with
+        Broyden's update, which needs no simulation. If a search ends on such an update, it is repeated once from its
+        end, unless `minima` are given. A search that comes to one of these, or to frames that differ from its frames by
+        less than `unlike` (sum of weighted squares), ends with an infinite cost."""
         from scipy.optimize import least_squares
 
         low, high = self.bounds.T
         inside = 1e-6 * (high - low)
-        last: list[Prediction | None] = [None]  # what the camera has seen at the current point
+        last: list[Prediction | None] = [None]  # prediction at the current point
         slopes: list[tuple[Floats, Floats, Floats]] = []  # x, residuals, Jacobian: by differences, then updated
 
         def fun(x: Floats) -> Floats:
@@ -136,14 +137,14 @@ class LeastSquares:
 
 
 class KnownMinimumError(Exception):
-    """A search came to a minimum that is known; does not leave `LeastSquares.minimise`."""
+    """A search came to a known minimum; caught by `LeastSquares.minimise`."""
 
 
 class Scan:
-    """Coarse simulations over the whole window of a shot, from which every window takes its starts: every second point
-    where materials usually are, the others all over the ranges. Where law and curve allow, two of four have the shear
-    modulus that the collapse time asks for (physics/collapse.py). Points from `first` on are those of the same
-    sequence. Raises SolverError: all of them failed."""
+    """Coarse simulations over the whole window of a shot, which start the searches on every window: every second point
+    where materials usually are, the others all over the ranges. If law and curve allow it, two of four have the shear
+    modulus of the collapse time (physics/collapse.py). first: index of the first point in the sequence of points.
+    Raises SolverError: all simulations failed."""
 
     def __init__(self, fit: LeastSquares, count: int = STARTS, first: int = 0) -> None:
         shot, family = fit.shot, fit.shot.family
@@ -157,7 +158,7 @@ class Scan:
             usual[row] = np.clip(np.log10([max(stated[0] - stated[1], 1e-3), stated[0] + stated[1]]), *wide[row])
         numbers = np.arange(first, first + count)
         self.points = shot.starts(np.zeros((count, len(fit.bounds))))
-        self.searched = slice(0, len(wide))  # columns that are not at nothing
+        self.searched = slice(0, len(wide))  # columns of x that the points vary
         cube = even_points(first + count, len(wide))[first:]
         for box, taken in ((usual, numbers % 2 == 0), (wide, numbers % 2 == 1)):
             self.points[taken, self.searched] = box[:, 0] + cube[taken] * (box[:, 1] - box[:, 0])
@@ -176,7 +177,7 @@ class Scan:
             raise SolverError(f"all {count} simulations of {family.name} failed that were to start the search")
 
     def best(self, shot: Experiment, count: int, used: list[Floats]) -> list[Floats]:
-        """Points with the smallest cost in the window of a shot, far from each other and from those used."""
+        """Points with the smallest cost in the window of a shot, far from each other and from those in `used`."""
         m = len(shot.since)
         cut = [each and Prediction(*(values[:m] for values in each)) for each in self.predictions]
         costs = [np.sum(shot.residual(prediction) ** 2) for prediction in cut]
@@ -190,9 +191,10 @@ class Scan:
 
 
 class Search:
-    """shots: the experiment of each window, the whole one last. stages: x of the best of each but the last. rounds: how
-    many there were. unlike: least squared difference of the weighted frames of two minima; if it is not 0, no coarse
-    simulation is gone on from in a longer window where minima of the one before leave nothing but noise."""
+    """Searches in one or more rounds. shots: the experiment of each window, the whole one last. stages: best x of each
+    window but the last. rounds: number of rounds so far. unlike: least squared difference of the weighted frames of two
+    minima; if it is not 0, coarse simulations do not start searches on a longer window where minima from the previous
+    one leave only noise."""
 
     def __init__(self, shot: Experiment, unlike: float = 0.0) -> None:
         self.shot, self.unlike = shot, unlike
@@ -203,8 +205,8 @@ class Search:
         self.rounds = 0
 
     def starts(self) -> tuple[list[Floats], list[Floats]]:
-        """x of one more round where minima of the whole window may be: minima of the window before, and coarse
-        simulations. Raises SolverError: none of these succeeds."""
+        """Starts x on the whole window for one more round: minima of the previous window, and coarse simulations.
+        Raises SolverError: all coarse simulations failed."""
         scan = Scan(LeastSquares(self.shot), ROUNDS[self.rounds], sum(ROUNDS[: self.rounds]))
         earlier = list[Floats]()
         *shorter, whole = self.shots
@@ -217,25 +219,25 @@ class Search:
         return earlier, new
 
     def minima(self) -> list[Minimum]:
-        """Those of the whole window to which the starts of one round lead, best first."""
+        """Minima of the whole window from the starts of one more round, best first."""
         minima = self._lowest(self.shot, *self.starts(), LIMITS)
-        # a rough simulation may step over what stops the default one, such as chains that are taut
+        # a rough simulation may step over what stops the default one, such as a chain at its limit
         return [minimum for minimum in minima if self.shot.predict(minimum.x) is not None] or minima
 
     def enough(self, missed: Floats) -> bool:
-        """Whether to stop at what a simulation missed, over R_max, of the frames that count: nothing but noise is left,
-        or two rounds found what a law may leave of a real bubble."""
+        """Whether the search stops at these differences, over R_max, of frames and simulation: only noise is left, or
+        two rounds were made (all rounds on a curve without noise)."""
         rmse, noise = _rms(missed), self.shot.curve.noise / self.shot.max_radius
         if self.shot.clean:
             return bool(rmse < max(ABOVE * noise, FOLLOWED)) or self.rounds == len(ROUNDS)
         return bool(rmse < ABOVE * min(noise, NOISIEST) or self.rounds > 1)
 
     def only_noise(self, missed: Floats) -> bool:
-        """Whether what a simulation missed, over R_max, is nothing but noise."""
+        """Whether these differences, over R_max, of frames and simulation are only noise; never if `unlike` is 0."""
         return self.unlike > 0 and _rms(missed) < WITHIN * self.shot.curve.noise / self.shot.max_radius
 
     def _new(self, scan: Scan, shot: Experiment, earlier: Sequence[Floats]) -> list[Floats]:
-        """The best coarse simulations of the window of a shot beside the minima of the one before."""
+        """The best coarse simulations on the window of a shot that are far from the minima of the previous window."""
         count = (FURTHER if earlier else FIRST) + 2 * self.rounds
         new = scan.best(shot, count, [*earlier, *self.used])
         self.used += new
@@ -244,7 +246,7 @@ class Search:
     def _lowest(
         self, shot: Experiment, earlier: Sequence[Floats], new: Sequence[Floats], limits: Mapping[str, Any]
     ) -> list[Minimum]:
-        """The lowest minima of the window of a shot, from minima of the one before and from coarse simulations."""
+        """The lowest minima on the window of a shot, from minima of the previous window and from coarse simulations."""
         fit, minima = LeastSquares(shot), list[Minimum]()
         for number, start in enumerate([*earlier, *new]):
             if number == len(earlier) and any(self.only_noise(_missed(shot, minimum)) for minimum in minima):
@@ -260,7 +262,7 @@ class Search:
 
 
 def _missed(shot: Experiment, minimum: Minimum) -> Floats:
-    """What a minimum missed, over R_max, of the frames that count in the window of a shot."""
+    """Measured minus simulated radius at a minimum, over R_max, of the frames that count in the window of a shot."""
     counted = shot.counted
     return np.asarray(minimum.residual[: len(counted)][counted] * shot.sigma[counted] * shot.noise_factor)
 

@@ -1,4 +1,4 @@
-"""An answer simulated again: with other values of its parameters, and with those of its draws."""
+"""Simulations of an answer with other values of its parameters, and with those of its draws."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from cavirheo.physics.media import Medium
 from cavirheo.physics.media import medium as medium_of
 from cavirheo.posterior import Checks, Posterior, check_level
 
-DRAWS = 100  # of a posterior, that are simulated
-SAME_RADIUS = 0.01  # of R_max: half the frames of a curve that was answered are nearer to those that were compared
-WIDEST_SCALE = 0.19  # range of a radius scale about 1 that holds every one that was inferred
+DRAWS = 100  # draws of a posterior that are simulated
+SAME_RADIUS = 0.01  # over R_max: half the frames of the answered curve are nearer than this to the compared ones
+WIDEST_SCALE = 0.19  # half-width about 1 of a range that contains every inferred radius scale
 
 
 class PredictedRadius(NamedTuple):
-    """(n,) m: the mean of the radii that the draws of an answer simulate, and the ends of their central part."""
+    """Radii (n,) in m: the mean over simulations of the draws of an answer, and the ends of their central part."""
 
     mean: Floats
     low: Floats
@@ -40,7 +40,7 @@ class PredictedRadius(NamedTuple):
 def predict_radius(
     curve: RadiusCurve, posterior: Posterior, time: ArrayLike, *, level: float = 0.9, draws: int = DRAWS
 ) -> PredictedRadius:
-    """The radius that an answer predicts at any time: in frames that were not compared with it, say.
+    """The radius that an answer predicts at any time, for example in frames that were not compared with it.
 
     If the answer is right, no other prediction has a smaller expected square error than the mean.
 
@@ -49,12 +49,12 @@ def predict_radius(
         posterior: its answer, with draws.
         time: (n,) s, on the clock of the curve. Before R_max the bubble is mirrored.
         level: probability that the radius is between the two ends, without the noise of a frame.
-        draws: so many of them are simulated, some milliseconds each; of an average over laws from each by its weight.
+        draws: number of draws to simulate, some milliseconds each; of an average over laws, each law has its weight.
 
     Returns: three arrays (n,) in m.
 
     Raises InputError: an answer without draws or of another curve, a time that is not finite, a level outside 0 to 1,
-    less than two draws; SolverError: more than half of the draws cannot be simulated.
+    fewer than two draws; SolverError: more than half of the draws cannot be simulated.
     """
     time = as_numbers("time", time)
     fine = time.ndim == 1 and len(time) > 0 and bool(np.all(np.isfinite(time)))
@@ -87,15 +87,15 @@ def predict_radius(
 
 
 def compared_window(curve: RadiusCurve, analysis: Analysis) -> Window:
-    """What is compared with the answer of this analysis. Raises InputError."""
+    """The window of a curve that is compared with the answer of this analysis. Raises InputError."""
     medium, collapses = medium_of(analysis.medium), cast("int | None", analysis.window)
     if analysis.method == "bdt":
         return network_window(cast(Network, analysis.network), curve, medium, collapses)
-    return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
+    return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # the same for any law
 
 
 def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, float], analysis: Analysis) -> Checks:
-    """With these parameters (natural name, SI) in place of those of the answer, or why that cannot be simulated."""
+    """The checks of an answer with these parameters (natural name, SI); failed ones say why it cannot be simulated."""
     try:
         check_stretch(values.get("stretch"))
         end = _compared_end(curve, posterior) or compared_window(curve, analysis).end
@@ -107,7 +107,7 @@ def checks_with(curve: RadiusCurve, posterior: Posterior, values: Mapping[str, f
 
 
 def _bubble_of(posterior: Posterior, values: Mapping[str, float]) -> Bubble:
-    """That of the answer; a real bubble without any damping is its limit, the field's, which has draws, too."""
+    """The bubble of the answer; the field's if a real one has no damping, as have the draws of its limit."""
     return FIELD if posterior.bubble == REAL and values.get("confinement_damping") == 0.0 else posterior.bubble
 
 
@@ -123,23 +123,23 @@ def _is_of(posterior: Posterior, curve: RadiusCurve) -> bool:
 
 
 def _compared_end(curve: RadiusCurve, posterior: Posterior) -> float | None:
-    """Of the frames that were compared with an answer, s after R_max."""
+    """End of the frames that were compared with an answer, s after R_max; None if none were."""
     frames = posterior.checks.compared_time
     return None if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
 
 
 def _experiment(curve: RadiusCurve, bubble: Bubble, material: str, medium: Medium, end: float | None) -> Experiment:
-    """A curve, the model that answers it, and the window that was compared; of whatever clock and scale it has. Raises
-    InputError."""
+    """The experiment of a curve, a model and the compared window, with any inferred clock and scale in its ranges.
+    Raises InputError."""
     clock = float(curve.time[-1] - curve.time[0])
     options = Options(None, end and end * (1.0 + 1e-9), None, tuple(FREE), clock, WIDEST_SCALE, bubble=bubble)
     return Experiment(curve, Family(material), medium, options)
 
 
 def slider(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:
-    """minimum, maximum, step and value of a parameter that is changed by hand, in SI times `factor`; None where the law
-    has none of this name. It starts at the answer, or where searches start, and runs from nearly zero to a round number
-    about thrice as large; the stretch over the usual ones."""
+    """Minimum, maximum, step and value of a slider for a parameter, in SI times `factor`; None if the law does not have
+    it. The value is that of the answer, else the middle of the usual range. The slider goes from nearly zero to a round
+    number about three times as large; for the stretch from 1.2 to at least 20."""
     if name not in (*Family(posterior.material).parameters, "stretch"):
         return None
     middle = 10.0 ** float(np.mean(PARAMETERS[name].started))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Posteriors of many shots -> the material: its centre, the scatter from shot to shot, and the outliers
+"""The material from the posteriors of many shots: its centre, the scatter between shots, and the outliers
 (docs/method/population.md)."""
 
 from __future__ import annotations
@@ -30,28 +30,28 @@ if TYPE_CHECKING:
 
 __all__ = ["Population", "population"]
 
-FEWEST = 3  # shots of a population
-_DRAWS = 4000  # of a population
-_LEAST_EFFECTIVE = 200.0  # effective draws of a population, below which that is said
+FEWEST = 3  # least number of shots of a population
+_DRAWS = 4000  # draws of a population
+_LEAST_EFFECTIVE = 200.0  # fewest effective draws of a population without a warning
 _NONE = np.empty((0, 0))
-_REASONS = {  # why a shot does not count, in words, besides its verdict
+_REASONS = {  # reasons why a shot does not count, in words, besides its verdict
     "no_interval": "without an interval",
     "no_column_value": "without a value along the column",
     "other_model": "of another model",
     "copy": "a copy of another",
 }
 _LN10 = float(np.log(10.0))
-UNLIKE = 0.3  # decades: how far two materials are apart that are compared, before they are seen (standard deviation)
+UNLIKE = 0.3  # decades: prior standard deviation of the difference between two materials that are compared
 
 
 class Difference(NamedTuple):
-    """Of a parameter of two materials.
+    """The difference of two materials in a parameter.
 
     Attributes:
-        ratio: (5 %, 50 %, 95 %) of this one's over the other's.
-        probability_higher: that this one's is larger.
-        probability_differs: of two materials against one, both equally likely before, and two materials a factor of
-            about 2 apart (UNLIKE decades).
+        ratio: (5 %, 50 %, 95 %) of this material's value over the other's.
+        probability_higher: probability that this material's value is larger.
+        probability_differs: probability of two materials against one, if both are equally likely in advance, and two
+            materials are a factor of about 2 apart (UNLIKE decades).
     """
 
     ratio: tuple[float, float, float]
@@ -61,27 +61,28 @@ class Difference(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Population:
-    """The material of n shots; a failed one has no draws, and `warnings` say why.
+    """The material of n shots. If it failed, it has no draws, and `warnings` say why.
 
     Attributes:
         names: the law's parameters, "shear_modulus", ...
         material: the law.
         bubble: the model of the bubble.
         shots: names of those that count.
-        left_out: how many do not, by reason: their verdict, "no_interval", "no_column_value", "other_model" or "copy".
-        warnings: what is to be known before it is used.
+        left_out: number of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
+            "other_model" or "copy".
+        warnings: what a user must know before using it.
         centre: (draws, d) log10 of the material's parameters, SI.
-        spread: (draws, d) standard deviation of the shots about it, decades.
-        correlation: (draws, d, d) of that scatter.
+        spread: (draws, d) standard deviation of the shots about the centre, decades.
+        correlation: (draws, d, d) of this scatter.
         slope: (draws, d) decades per unit of the column, or None.
-        common: (draws, d) as centre, if all shots that belong had one material exactly.
+        common: (draws, d) the centre if all shots but the outliers had exactly one material.
         outlier_probability: (n,) probability that a shot is an outlier.
-        gain: log evidence of the population above that of shots which have nothing in common.
+        gain: log evidence of the population minus that of shots which have nothing in common.
         gain_of_one: the same without spread.
         shot_evidence: of each shot by itself.
-        along_at: value of the column at which the centre is the material, where there is a slope.
+        along_at: value of the column to which the centre belongs, if there is a slope.
         prior: (low, high) of the centre, log10 of SI, by name.
-        shots_bound: what most shots say of a parameter that too few of them determine, by name.
+        shots_bound: the bound that most shots give of a parameter that too few shots determine, by name.
     """
 
     names: tuple[str, ...]
@@ -104,7 +105,7 @@ class Population:
     shots_bound: Mapping[str, Bound] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        """The line for a paper, then what is to be known besides."""
+        """The line for a paper, then the remarks."""
         return "\n  ".join([f"Population({self.material}, {self.bubble.name}): {self.line}", *self.remarks])
 
     def _column(self, name: str) -> int:
@@ -122,9 +123,9 @@ class Population:
         return 10.0**low, 10.0**middle, 10.0**high
 
     def bound(self, name: str) -> Bound | None:
-        """What is known of a parameter that the shots only bound: "upper", "lower" or "undetermined", as
-        `Posterior.bound`; None where its interval lies inside the range, and at least three shots determine it by
-        themselves. Raises InputError: as `interval`."""
+        """The bound of a parameter that the shots do not determine: "upper", "lower" or "undetermined", as
+        `Posterior.bound`. None if its interval is inside the range, and at least three shots, or as many as bound it,
+        determine it by themselves. Raises InputError: as `interval`."""
         low, _, high = self._ends(self.centre, name, 0.9)
         reached = bound_of(low, high, self.prior[name]) if name in self.prior else None
         return reached or self.shots_bound.get(name)
@@ -136,13 +137,13 @@ class Population:
 
     @property
     def determined(self) -> list[str]:
-        """Parameters that the shots determine, and not only bound; none without draws."""
+        """Parameters that the shots determine and do not only bound; none without draws."""
         return [name for name in self.names if len(self.centre) and self.bound(name) is None]
 
     def if_common(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
-        """(low, median, high) of the material's parameter, SI, if all shots that belong had it exactly; as `interval`.
+        """(low, median, high) of the material's parameter, SI, if all shots but outliers had exactly this value.
 
-        Too narrow where shots scatter: `scattered` says how probable that is."""
+        As `interval`; too narrow if shots scatter, for which `scattered` is the evidence."""
         low, middle, high = self._ends(self.common, name, level)
         return 10.0**low, 10.0**middle, 10.0**high
 
@@ -162,7 +163,7 @@ class Population:
 
     @property
     def scattered(self) -> Evidence | None:
-        """Log evidence that shots differ by more than their own intervals, against one material for all that belong."""
+        """Log evidence that shots differ by more than their intervals, against one material for all but outliers."""
         if self.gain is None or self.gain_of_one is None:
             return None
         error = float(np.hypot(self.gain.error or 0.0, self.gain_of_one.error or 0.0))
@@ -170,7 +171,7 @@ class Population:
 
     @property
     def evidence(self) -> Evidence | None:
-        """Log evidence of the law with one material and its scatter; None where one of the shots has none."""
+        """Log evidence of the law with one material and its scatter; None if a shot has no evidence."""
         evidences = [evidence for evidence in self.shot_evidence if evidence is not None]
         if self.gain is None or len(evidences) < len(self.shots):
             return None
@@ -191,7 +192,7 @@ class Population:
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences below the line: outliers, what was left out, warnings."""
+        """Sentences below the line: outliers, shots that do not count, warnings."""
         away = [
             f"{name} (probability {'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.outliers.items()
         ]
@@ -208,7 +209,7 @@ class Population:
         return f"{parameter.symbol} {text}" if value.bound else f"{parameter.symbol} = {text.replace('[', '[90 %: ')}"
 
     def _scatter_in_words(self) -> str:
-        """Of the parameters that are determined: of others the scatter is not known."""
+        """The scatter of the parameters that are determined; that of others is not known."""
         none = bool(self.scattered and self.scattered.log < 0.0)
         percents = {}
         for name in self.determined:
@@ -221,9 +222,9 @@ class Population:
         return f"shots scatter by {within}" if within else ""
 
     def against(self, other: Population) -> dict[str, Difference]:
-        """This material over the other, by parameter that both determine. Raises InputError: one has no draws.
+        """Differences of this material from another one, by parameter that both determine; empty without draws.
 
-        Both must rest on one law and bubble, and an error that they share (the radius scale) is in neither."""
+        Both must have the same law and bubble. Errors that they share (of the radius scale) are not included."""
         differences = {}
         for name in (name for name in self.determined if name in other.determined):
             mine, its = self.centre[:, self._column(name)], other.centre[:, other._column(name)]
@@ -300,25 +301,25 @@ def population(
     only_trusted: bool = True,
     seed: int = 0,
 ) -> Population:
-    """The material of many shots, from the draws of their posteriors and no further simulation.
+    """The material of many shots, from the draws of their posteriors without further simulations.
 
     Args:
-        answers: of shots of one material, as `infer_many` or `fit_many` give them. Their weighted draws
-            are divided by the prior that they were made with (`Posterior.prior`; flat in the logarithm where that is
-            not known). Those without an interval, of another model than most, or whose verdict says that they are no
-            property of the material, are left out and counted; so is a copy of another's draws. Averages over laws
-            count by the law that has the largest evidence of all shots together.
+        answers: of shots of one material, as `infer_many` or `fit_many` give them. Their weighted draws are divided by
+            the prior that they were made with (`Posterior.prior`; flat in the logarithm if it is not known). Answers
+            are left out and counted if they have no interval, another model than most, a verdict that is not trusted,
+            or the draws of another answer. Averages over laws count by the law that has the largest evidence of all
+            shots together.
         names: of the shots; default "shot 1", ...
-        along: (n,) a column by which the centre may change, such as log10 of R_max or a concentration: the population
+        along: (n,) a column on which the centre may depend, such as log10 of R_max or a concentration: the population
             then has a slope, in decades of each parameter per unit of the column.
-        only_trusted: False: take answers of any verdict, as the evidence of a law needs it.
-        seed: of the draws.
+        only_trusted: False: answers count with any verdict, as the evidence of a law needs it.
+        seed: random seed of the draws.
 
     Returns:
-        The material, log10 of SI. Fewer than 3 shots that count give one without draws, whose `warnings` say why.
+        The material, log10 of SI. If fewer than 3 shots count, it has no draws, and its `warnings` say why.
 
     Raises:
-        InputError: no answers, or names or a column of another length.
+        InputError: no answers, names or a column of another length, or a column with one value for all shots.
 
     Source: docs/method/population.md.
     """
@@ -377,7 +378,7 @@ def population(
 def with_slope_if_any(
     answers: Sequence[Posterior], names: Sequence[str], along: Sequence[float] | None, *, only_trusted: bool = True
 ) -> Population:
-    """As `population`, with a slope along the column unless that has one value in all shots that count, or too few."""
+    """As `population`, with a slope along the column if enough shots count and their values of the column differ."""
     if along is not None:
         with suppress(InputError):
             sloped = population(answers, names=names, along=along, only_trusted=only_trusted)
@@ -389,7 +390,7 @@ def with_slope_if_any(
 def _counted(
     answers: Sequence[Posterior], column: Floats, only_trusted: bool
 ) -> tuple[dict[int, Likelihood], dict[str, int]]:
-    """(the likelihoods of those that count, by their place; how many are left out by reason)."""
+    """(likelihoods of the answers that count, by index; number of those that do not, by reason)."""
     why: dict[int, str] = {}
     for i, answer in enumerate(answers):
         if len(answer.theta) < 2:
@@ -418,7 +419,8 @@ def _counted(
 
 
 def _likelihood(answer: Posterior) -> Likelihood | None:
-    """Over the shot's prior of the law's parameters; over the range that is searched where it is not said."""
+    """The likelihood of a shot: its draws divided by their prior of the law's parameters, or by a flat one over the
+    searched range if that is not known. None if there are too few draws."""
     law = [k for k, name in enumerate(answer.names) if of_the_law(name)]
     names, theta = tuple(answer.names[k] for k in law), answer.theta[:, law]
     ends, log_weight = _ends(answer, names), np.zeros(len(theta)) if answer.log_weight is None else answer.log_weight
@@ -428,7 +430,7 @@ def _likelihood(answer: Posterior) -> Likelihood | None:
 
 
 def _shots_bound(answers: Sequence[Posterior], names: Sequence[str]) -> dict[str, Bound]:
-    """Of each parameter that most shots only bound, and fewer than FEWEST determine: what most of the former say."""
+    """Most frequent bound of each parameter that most shots only bound, and fewer than FEWEST determine."""
     most = {}
     for name in names:
         bounds = [bound for answer in answers if (bound := answer.bound(name))]

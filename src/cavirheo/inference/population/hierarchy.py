@@ -1,19 +1,19 @@
 """The posterior of a material's centre and of its shot-to-shot spread, given the likelihoods of the shots.
 
-Draws of a posterior, each over the density of the prior that they were made with, are draws of the likelihood (Hogg,
-Myers and Bovy 2010, doi:10.1088/0004-637X/725/2/2166). A mixture of Gaussians, fitted to them by expectation
-maximisation, has no gaps where the material is narrower than those between draws, and its convolution with a Gaussian
-population is closed: of shot i, with shares w, means m and covariances V,
+Draws of a posterior, weighted by the inverse density of the prior that they were made with, are draws of the likelihood
+(Hogg, Myers and Bovy 2010, doi:10.1088/0004-637X/725/2/2166). A mixture of Gaussians is fitted to them by expectation
+maximisation. It is smooth even if the material is narrower than the gaps between draws, and its convolution with a
+Gaussian population has a closed form: of shot i, with shares w, means m and covariances V,
 
     p(frames_i | c, S) = (1 - OUTLIERS) sum w N(m; c + b x_i, V + S) + OUTLIERS sum w N(m; c + b x_i, V + S + WIDE^2),
 
 c the centre in log10, S the covariance of the spread, b the slope along a column x, if there is one. An outlier has the
 second, broad density (Mandel, Farr and Gair 2019, doi:10.1093/mnras/stz896).
 
-A shot that only bounds a parameter has draws up to the end of its prior, and would have them beyond it, too. Its first
-Gaussian is that of the bound y, not of the value m: the likelihood of m is the integral of N(y) over all y beyond m, a
-normal distribution function of m (given the parameters with values, on which the bound may depend). What several bounds
-of one shot have in common, given its values, is left out.
+A shot that only bounds a parameter has draws up to the end of its prior, and would have draws beyond it if the prior
+were wider. Its first Gaussian is that of the bound y, not of the value m: the likelihood of m is the integral of N(y)
+over all y beyond m, a normal distribution function of m (given the parameters with values, on which the bound may
+depend). Correlations between several bounds of one shot, given its values, are left out.
 """
 
 from __future__ import annotations
@@ -32,29 +32,30 @@ from cavirheo.posterior import Evidence
 from cavirheo.prior import Prior, log_normal
 
 FEW = 30.0  # effective draws of a shot, below which its interval is rough
-_MOST = 4  # Gaussians of a shot
-_EACH = 20.0  # effective draws for each
+_MOST = 4  # most Gaussians of a shot
+_EACH = 20.0  # effective draws for each Gaussian
 _STEPS, _GAIN = 40, 5e-4  # of expectation maximisation: most steps, and gain of log likelihood per draw at its end
-_BOUND_STEPS, _BOUND_GAIN = 100, 3e-5  # the same where a bound is fitted, of which few draws say much
-_END, _END_DRAWS = 0.1, 2.0  # of the range of a prior: near its end; effective draws there, from which it may be open
-_THIN = 1e-4  # of the whole covariance, added to that of each Gaussian
-VALUE, UPPER, LOWER, NOTHING = 0, 1, -1, 2  # what a Gaussian says of a parameter
+_BOUND_STEPS, _BOUND_GAIN = 100, 3e-5  # the same where a bound is fitted, which few draws determine
+_END, _END_DRAWS = 0.1, 2.0  # share of a prior's range near its end; effective draws there above which a bound is tried
+_THIN = 1e-4  # share of the covariance of all draws that is added to that of each Gaussian
+VALUE, UPPER, LOWER, NOTHING = 0, 1, -1, 2  # what a Gaussian describes of a parameter
 _SAYS: dict[Bound | None, int] = {None: VALUE, "upper": UPPER, "lower": LOWER, "undetermined": NOTHING}
-OUTLIERS = 0.05  # prior probability that a shot is one
-WIDE = 0.7  # decades: how far these scatter
-SPREAD = 0.2  # decades: the half of a normal distribution is the prior of each spread
+OUTLIERS = 0.05  # prior probability that a shot is an outlier
+WIDE = 0.7  # decades: additional standard deviation of outliers
+SPREAD = 0.2  # decades: scale of the half-normal prior of each spread
 SLOPE = 1.0  # decades per standard deviation of the column: standard deviation of the prior of each slope
-_LARGEST = 2.0  # decades, of a spread
-_CHUNK = 100_000  # densities at a time
-_ROUND, _ENOUGH, _ADAPTED = 1000, 2500.0, 2  # draws of a round, effective ones that are enough, rounds that adapt
-_STEP = 0.002  # of differences, in the coordinates of the prior
-_FAR = 30.0  # height below the best mode, from which another is not drawn from
-_STARTS, _CLIMBED = 12, 3  # shots at most, about each of which a search may start; from how many places it does
+_LARGEST = 2.0  # decades: largest spread
+_CHUNK = 100_000  # densities that are computed at a time
+_ROUND, _ENOUGH, _ADAPTED = 1000, 2500.0, 2  # draws of a round, effective draws that are enough, rounds that adapt
+_STEP = 0.002  # step of differences, in the coordinates of the prior
+_FAR = 30.0  # log integral below that of the best mode at which a mode is left out
+_STARTS, _CLIMBED = 12, 3  # most shots at each of which a search starts; starts that are used, the likeliest
 
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """m Gaussians: share (m,), mean (m, d), covariance (m, d, d), each integrated as `says` (m, d)."""
+    """m Gaussians: share (m,), mean (m, d), covariance (m, d, d). says: (m, d) VALUE, UPPER, LOWER or NOTHING of each
+    parameter, which decides how it is integrated."""
 
     share: Floats
     mean: Floats
@@ -62,7 +63,7 @@ class Gaussians:
     says: np.ndarray
 
     def log_densities(self, x: Floats, along: Floats, scatter: Floats) -> Floats:
-        """(k, m) log of each Gaussian at x (k, d) plus (k, m, d) along a column, widened by a scatter (k, d, d)."""
+        """Log density (k, m) of each Gaussian at x (k, d) plus `along` (k, m, d), widened by a scatter (k, d, d)."""
         log_p = np.empty((len(x), len(self.says)))
         for pattern in np.unique(self.says, axis=0):
             some = np.flatnonzero(np.all(self.says == pattern, axis=1))
@@ -76,7 +77,7 @@ class Gaussians:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood(Gaussians):
-    """Of a shot: exp(log_size) times the sum of its Gaussians; effective: what the draws are worth."""
+    """The likelihood of a shot: exp(log_size) times the sum of its Gaussians. effective: number of effective draws."""
 
     log_size: float
     effective: float
@@ -85,9 +86,9 @@ class Likelihood(Gaussians):
 def likelihood(
     theta: Floats, log_weight: Floats, log_prior: Floats, bounds: Sequence[Bound | None], ends: Floats
 ) -> Likelihood | None:
-    """Of draws theta (k, d) of a posterior with log weights and log density of their prior (k,); None where they are
-    worth too little for a covariance. bounds: what is known of each parameter, in the range `ends` (2, d) of its prior;
-    of one with a value whose tail reaches an end, a bound is tried, too."""
+    """The likelihood from draws theta (k, d) of a posterior with log weights and log density of their prior (k,); None
+    if there are too few effective draws for a covariance. bounds: of each parameter in the range `ends` (2, d) of its
+    prior. If the tail of a parameter without a bound reaches an end, a fit with a bound is tried, too."""
     log_weight = log_weight - logsumexp(log_weight) - log_prior
     size = float(logsumexp(log_weight))
     weight = np.exp(log_weight - size)
@@ -114,15 +115,15 @@ def likelihood(
             candidates.append((information, fit, gaussians))
     _, fit, gaussians = max(candidates, key=lambda candidate: candidate[0])
     share, covariance = gaussians.share.copy(), gaussians.covariance
-    if effective < FEW:  # it is itself uncertain: that of Student's t, which predicts the next draw
+    if effective < FEW:  # it is uncertain itself: that of Student's t, which predicts the next draw
         covariance = covariance * (effective / (effective - 1.0) * (effective + 1.0) / (effective - d - 2.0))
     share[0] /= fit.volume(gaussians.mean[0], covariance[0])
     return Likelihood(share, gaussians.mean, covariance, gaussians.says, size, effective)
 
 
 class _Fit:
-    """Gaussians of draws theta (n, d) with weights that sum to 1; the first is as `says` (d,), the others are of
-    values; ends: (2, d) of the prior. whole: (d, d) covariance of the draws."""
+    """Fits of Gaussians to draws theta (n, d) with weights that sum to 1. says: (d,) of the first Gaussian; the others
+    are of values. ends: (2, d) of the prior. whole: (d, d) covariance of the draws."""
 
     def __init__(self, theta: Floats, weight: Floats, says: np.ndarray, ends: Floats) -> None:
         self.theta, self.weight, self.says, self.ends, self.mean = theta, weight, says, ends, weight @ theta
@@ -130,7 +131,7 @@ class _Fit:
         self.bounded: list[int] = np.flatnonzero(np.abs(says) == UPPER).tolist()
 
     def mixture(self, k: int) -> tuple[Gaussians, float]:
-        """k Gaussians by expectation maximisation, begun with slices across the longest axis; mean log density."""
+        """k Gaussians by expectation maximisation from slices across the longest axis, and the mean log density."""
         theta, weight, d = self.theta, self.weight, self.theta.shape[1]
         along = theta @ np.linalg.eigh(self.whole)[1][:, -1]
         order = np.argsort(along, kind="stable")
@@ -138,12 +139,12 @@ class _Fit:
         rank[order] = np.cumsum(weight[order]) - 0.5 * weight[order]
         slices = k - 1 if np.any(self.says) and k > 1 else k
         resp = (np.minimum((rank * slices).astype(int), slices - 1) == np.arange(slices)[:, None]).astype(float)
-        if slices < k:  # the bound is of all draws
+        if slices < k:  # the bound's Gaussian has all draws
             resp = 0.5 * np.concatenate([np.ones((1, len(theta))), resp])
         filled, spare = np.repeat(theta[None], k, axis=0), np.zeros((k, len(theta), d))
         mean, covariance, says = np.empty((k, d)), np.empty((k, d, d)), np.zeros((k, d), dtype=int)
         says[0] = self.says
-        for i in self.bounded:  # begun where an edge as sharp as a tenth of the draws has half of its height
+        for i in self.bounded:  # an upper bound starts at the 90 % quantile of the draws, a lower one at 10 %
             edge = 0.9 if self.says[i] == UPPER else 0.1
             filled[0, :, i] = np.quantile(theta[:, i], edge, weights=weight, method="inverted_cdf")
             spare[0, :, i] = 0.01 * self.whole[i, i]
@@ -159,7 +160,7 @@ class _Fit:
             gaussians = Gaussians(share / np.sum(share), mean, covariance, says)
             densities = gaussians.log_densities(theta, np.zeros((1, k, d)), np.zeros((1, d, d)))
             log_p = np.ascontiguousarray(densities.T)
-            log_p[0] -= np.log(self.volume(mean[0], covariance[0]))  # an integral of 1 over the prior's range
+            log_p[0] -= np.log(self.volume(mean[0], covariance[0]))  # it then has the integral 1 over the prior's range
             log_p += np.log(gaussians.share)[:, None]
             total = np.logaddexp.reduce(log_p, axis=0)
             resp = np.exp(log_p - total)
@@ -173,7 +174,7 @@ class _Fit:
         return gaussians, fitted
 
     def volume(self, mean: Floats, covariance: Floats) -> float:
-        """The integral of the first Gaussian, as it is integrated, over the prior's range."""
+        """The integral over the prior's range of the first Gaussian, with bounds as distribution functions."""
         flat = np.flatnonzero(self.says == NOTHING)
         volume = float(np.prod(self.ends[1, flat] - self.ends[0, flat]))
         for i in self.bounded:
@@ -183,11 +184,11 @@ class _Fit:
         return volume
 
     def _room(self, mean: Floats, i: int) -> float:
-        """From the end of the prior to a bound."""
+        """Distance from the end of the prior to a bound."""
         return float(mean[i] - self.ends[0, i] if self.says[i] == UPPER else self.ends[1, i] - mean[i])
 
     def _pull(self, mean: Floats, covariance: Floats) -> Floats:
-        """(d,) by which the mean of the bounds lies nearer to the end than that of the draws': a far bound has more."""
+        """Shift (d,) of the mean of the bounds from that of the draws to the end: farther bounds have more draws."""
         pull = np.zeros(len(mean))
         for i in self.bounded:
             room, deviation = max(self._room(mean, i), 1e-3), np.sqrt(covariance[i, i])
@@ -195,7 +196,7 @@ class _Fit:
         return pull
 
     def _fill(self, mean: Floats, covariance: Floats, filled: Floats, spare: Floats) -> None:
-        """For the draws (n, d), given their values: the expected bound beyond each, and its variance."""
+        """Write the expected bound beyond each draw (n, d), given its values, and the variance of this bound."""
         valued = np.flatnonzero(self.says == VALUE)
         off = self.theta[:, valued] - mean[valued]
         for i in self.bounded:
@@ -209,8 +210,8 @@ class _Fit:
 
 
 def _log_gaussian(off: Sequence[Floats], covariance: Sequence[Sequence[Floats]], says: np.ndarray) -> Floats:
-    """Log density at d distances mean - x with the lower triangle of the covariances, by Cholesky written out; bounds,
-    which come last, as they may depend on the values, are integrated from x on."""
+    """Log density at d distances mean - x with the lower triangle of the covariances, by Cholesky's factor. Bounds come
+    last, because they may depend on the values, and are integrated from x on."""
     root: list[list[Floats]] = []
     whitened: list[Floats] = []
     log_p: Floats = np.zeros(off[0].shape if off else ())
@@ -235,8 +236,8 @@ def _dot(first: Sequence[Floats], second: Sequence[Floats]) -> Floats | float:
 
 class Scatter:
     """The log posterior over u, the normal coordinates of the prior (cavirheo.prior). With `spread=False` all shots
-    have one material. shots: n of them, whose Gaussians stand one after the other. low, high: (d,) range of the centre,
-    log10. column: (n,) with mean 0 and deviation 1, or None."""
+    have one material. shots: likelihoods of n shots, whose Gaussians are joined in this order. low, high: (d,) range of
+    the centre, log10. column: (n,) with mean 0 and deviation 1, or None."""
 
     def __init__(
         self, shots: Sequence[Likelihood], low: Floats, high: Floats, *, spread: bool, column: Floats | None
@@ -244,8 +245,8 @@ class Scatter:
         names = [field.name for field in fields(Gaussians)]
         self.gaussians = Gaussians(*(np.concatenate([getattr(shot, name) for shot in shots]) for name in names))
         counts = [len(shot.share) for shot in shots]
-        self.shot = np.repeat(np.arange(len(shots)), counts)  # (m,) to which each Gaussian belongs
-        self.first: np.ndarray = np.cumsum(counts) - counts  # (n,) of each shot
+        self.shot = np.repeat(np.arange(len(shots)), counts)  # (m,) shot of each Gaussian
+        self.first: np.ndarray = np.cumsum(counts) - counts  # (n,) first Gaussian of each shot
         self.log_size = float(sum(shot.log_size for shot in shots))
         self.d, self.spread, self.column = len(low), spread, column
         d, pairs = self.d, self.d * (self.d - 1) // 2
@@ -272,7 +273,7 @@ class Scatter:
         return centre, spread, root @ root.transpose(0, 2, 1), slope
 
     def densities(self, u: Floats) -> tuple[Floats, Floats]:
-        """(k, n) log density of each shot if it is an inlier and if it is an outlier, shares included."""
+        """Log density (k, n) of each shot as an inlier and as an outlier, with the prior probabilities of these."""
         d, gaussians = self.d, self.gaussians
         centre, spread, correlation, slope = self.parts(u)
         scatter = spread[:, :, None] * correlation * spread[:, None, :]
@@ -285,7 +286,7 @@ class Scatter:
         return densities[0], densities[1]
 
     def __call__(self, u: Floats) -> Floats:
-        """(k,)"""
+        """Log posterior (k,) at u (k, .)."""
         parts = [np.sum(np.logaddexp(*self.densities(part)), axis=1) for part in self._chunks(u)]
         return np.concatenate(parts) + log_normal(u)
 
@@ -306,19 +307,19 @@ class Scatter:
         return importance_sample(self, mixture.widened(), adapt, rng, enough=_ENOUGH, each=_ROUND, fewest=_ADAPTED)
 
     def evidence(self, sample: Sample) -> Evidence:
-        """The mean weight of its draws times the sizes of the likelihoods."""
+        """Log evidence: the mean weight of the draws times the sizes of the likelihoods."""
         log, error = sample.log_evidence
         return Evidence(log + self.log_size, error)
 
     def outliers(self, u: Floats) -> Floats:
-        """(n,) probability that each shot is an outlier, over equally likely u (k, .)."""
+        """Probability (n,) that each shot is an outlier, averaged over equally likely u (k, .)."""
         total = np.zeros(len(self.first))
         for inside, outside in map(self.densities, self._chunks(u)):
             total += np.sum(1.0 / (1.0 + np.exp(np.clip(inside - outside, -700.0, 700.0))), axis=0)
         return np.asarray(total / len(u))
 
     def _start(self) -> Mixture:
-        """About the modes, climbed to from the middle and, where there are few shots, from each of them."""
+        """First proposal about the modes, which are reached from the middle and, if shots are few, from each shot."""
         share = self.gaussians.share[:, None]
         total = np.add.reduceat(share, self.first, axis=0)
         means = np.add.reduceat(share * self.gaussians.mean, self.first, axis=0) / total
@@ -347,7 +348,7 @@ class Scatter:
         return self.prior.to_u(x, inside=1e-6)
 
     def _around(self, u: Floats, step: float) -> tuple[float, Floats, Floats]:
-        """The height at u (m,), and those (m,) a step along each coordinate, upwards and downwards."""
+        """The log posterior at u (m,), and those (m,) one step along each coordinate, upwards and downwards."""
         steps = step * np.eye(len(u))
         value = self(np.concatenate([u[None], u + steps, u - steps]))
         up, down = np.split(value[1:], 2)
@@ -364,14 +365,14 @@ class Scatter:
     def _width(self, u: Floats) -> Floats:
         """(m, m) covariance of the Gaussian about a mode."""
         height, up, down = self._around(u, _STEP)
-        steps = np.sqrt(0.1 / np.maximum(-(up + down - 2.0 * height) / _STEP**2, 1.0))  # each lowers it by a twentieth
+        steps = np.sqrt(0.1 / np.maximum(-(up + down - 2.0 * height) / _STEP**2, 1.0))  # each lowers the height by 0.05
         along, (i, j) = np.diag(steps), np.tril_indices(len(u))
         value = [self(u + (a * along[i] + b * along[j])) for a in (1.0, -1.0) for b in (1.0, -1.0)]
         curved = np.zeros((len(u), len(u)))
         curved[i, j] = (value[0] - value[1] - value[2] + value[3]) / (4.0 * steps[i] * steps[j])
         curved = curved + np.tril(curved, -1).T
         values, vectors = np.linalg.eigh(-curved)
-        return np.asarray((vectors / np.clip(values, 0.5, None)) @ vectors.T)  # no wider than the prior, nearly
+        return np.asarray((vectors / np.clip(values, 0.5, None)) @ vectors.T)  # hardly wider than the prior
 
 
 def _log_sum(log_p: Floats, first: np.ndarray) -> Floats:
