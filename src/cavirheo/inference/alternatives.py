@@ -207,7 +207,8 @@ def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
     rivals = [replace(as_alternative(answer), weight=share[answer.material]) for answer in answers if answer is not top]
     laws = {answer.material: answer for answer in counted}
     models = {model_of(rival) for rival in rivals}
-    alternatives = (*(mode for mode in top.others if model_of(mode) not in models), *rivals)
+    of_top = (replace(mode, weight=share[top.material] * mode.weight) for mode in top.others)
+    alternatives = (*(mode for mode in of_top if model_of(mode) not in models), *rivals)
     average = replace(
         top, names=names, units=units(names), theta=theta, log_weight=weight, log_q=None, others=alternatives,
         prior=prior, laws=laws,

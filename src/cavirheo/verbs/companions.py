@@ -169,7 +169,7 @@ class Design(options.Printing, options.Liquid, options.OneBubble):
     spread: Annotated[float | None, option("scatter of shots, decades  [default: of the result.json]", SEARCH)] = None
     sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
     draws: Annotated[int, option("simulated recordings for each setting", SEARCH, min=2)] = 12
-    check: Annotated[int, option("recordings of a recommended setting that `infer` answers", SEARCH, min=0)] = 6
+    check: Annotated[int, option("how many of the draws of a recommended setting `infer` answers", SEARCH, min=0)] = 6
     seed: options.Seed = 0
     out: options.Out = Path("cavirheo-design")
 

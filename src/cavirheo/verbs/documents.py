@@ -26,6 +26,8 @@ _VARIABLES = ("NUMBA_", "CAVIRHEO_", "OMP_", "OPENBLAS_")  # prefixes of variabl
 def show(
     file: Annotated[Path, argument("FILE", _FILE)],
     shots: options.Shots = None,
+    fps: options.Fps = None,
+    um_per_px: options.UmPerPx = None,
     json: Annotated[bool, option("print the document as it is in its file", None, "--json")] = False,
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read.
@@ -41,8 +43,9 @@ def show(
         file = networks[file.name]
     network = file.suffix.lower() == ".onnx" or (file.suffix == ".json" and file.with_suffix(".onnx").is_file())
     document = not network and (file.is_dir() or file.suffix.lower() == ".json")
-    message = f"--shots is for measurements, and {file} is none: leave it out"
-    require(shots is None or not (network or document), message, "show.shots")
+    for name, value in {"shots": shots, "fps": fps, "um-per-px": um_per_px}.items():
+        message = f"--{name} is for measurements, and {file} is none: leave it out"
+        require(value is None or not (network or document), message, "show.measurement")
     require(document or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
     if network:
         _explain(file.with_suffix(".onnx"))
@@ -51,7 +54,7 @@ def show(
     elif document:
         _show_document(file, json)
     else:
-        _show_curves(file, shots)
+        _show_curves(file, shots=shots, frame_rate_hz=fps, um_per_px=um_per_px)
 
 
 def _show_document(path: Path, json: bool) -> None:
@@ -83,12 +86,12 @@ def _show_training_set(path: Path) -> None:
     terminal.console().print("\n".join(lines))
 
 
-def _show_curves(path: Path, shots: str | None) -> None:
+def _show_curves(path: Path, **how: Any) -> None:
     """Print what `infer` would read: a row per curve, then the input warnings, and remarks on how it was read."""
     from cavirheo.io import read_curves
     from cavirheo.reporting.table import curve_warnings, notes, summary_cells
 
-    curves, console = read_curves(path, shots=shots), terminal.console()
+    curves, console = read_curves(path, **how), terminal.console()
     heads = ["R_max\nµm", "1000 frames\nper s", "frames with\na radius", "recorded\nµs", "collapses"]
     table = terminal.table("curve", heads)
     for curve in curves:

@@ -115,6 +115,7 @@ ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=mo
 _LAW = "a law of `cavirheo laws`; auto: four laws, each by its evidence"
 Material = Annotated[str | None, option(f"{_LAW}  [default: auto]", autocompletion=law_names)]
 MaterialOfSets = Annotated[str | None, option(f"{_LAW}  [default: nhkv, or newtonian]", autocompletion=law_names)]
+Fps = Annotated[Any, number("frames per second, of videos and of files that number their frames")]
 UmPerPx = Annotated[Any, number("micrometres per pixel of a video")]
 Exclude = Annotated[str | None, option("frames of a video to leave out, such as '12,40-45' (the first is 1)", INPUT)]
 Shots = Annotated[str | None, option("shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
@@ -157,7 +158,7 @@ class FileSettings:
     """Options that add to or select from measured files. Raises InputError: --shots is no list of numbers."""
 
     trust_input: TrustInput = False
-    fps: Annotated[Any, number("frames per second, of videos and of files that number their frames")] = None
+    fps: Fps = None
     um_per_px: UmPerPx = None
     rmax_um: Annotated[Any, number("true R_max of the shots, um: rescales the radii")] = None
     shots: Shots = None
@@ -347,6 +348,6 @@ class Inference(Answering):
 
         exposed = self.exposure_us is not None and not any(map(is_video, files))
         idle = ["--exposure-us"] * exposed + ["--exact-law"] * self.exact_law
-        message = f"{' and '.join(idle)} would change nothing without --verify map or full: give that too"
+        message = f"{' and '.join(idle)} would change nothing with --verify none: leave out one of them"
         require(self.verify != "none" or not idle, message)
         return super().requested(files, discrepancy=not self.exact_law, **settings)

@@ -127,7 +127,7 @@ class Measurement:
         labels |= {name: value for name, value in numbers.items() if value}
         radius, sigma = self.track.radius * pixel, self.track.sigma * pixel
         largest = f"the radius is in pixels (largest {np.nanmax(self.track.radius):.4g})"
-        unscaled = "" if self.um_per_px.value else f"{largest} without um per pixel; give --um-per-px"
+        unscaled = "" if self.um_per_px.value else f"{largest} without um per pixel (--um-per-px)"
         return RadiusCurve(self.time, radius, sigma, labels, unscaled=unscaled, warnings=self.warnings)
 
 
@@ -278,7 +278,7 @@ def describe(measurement: Measurement, curve: RadiusCurve, warnings: list[str], 
         head |= {"max_radius_m": curve.max_radius, "time_of_max_s": curve.time_of_max}
         head["collapse_times_s"] = curve.collapse_times().tolist()
     except InputError as error:
-        head["unusable"] = str(error)
+        head["unusable"] = error.message
     head |= {name: getattr(curve, name) for name in ("name", "source", "source_sha256")}
     images, track = measurement.recording.frames, measurement.track
     head |= {"width": images.shape[2], "height": images.shape[1], "bits": 8 * images.dtype.itemsize}
