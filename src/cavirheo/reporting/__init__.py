@@ -1,4 +1,4 @@
-"""Posterior -> terminal table, result.json, report.html, and figures as files where they are asked for."""
+"""Reports of posteriors: a terminal table, result.json, result.csv, report.html, and figure files on request."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from cavirheo.writing.document import CLAIM, Claim, Outputs, try_to_draw, write_
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
-GROUPS = 50  # of a run, whose pictures are in the report
-PAGE_POINTS = 240_000  # that the pictures of all curves, and those of all groups, have together
+GROUPS = 50  # most groups of a run that have a picture in the report
+PAGE_POINTS = 240_000  # most points in the pictures of all curves of a report; those of all groups have 1/24 of it
 DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 
 def outputs(directory: str | Path, curves: Sequence[RadiusCurve], figures: Sequence[str] = ()) -> Outputs:
-    """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
+    """The files that `write_report` writes, after a test of their folder. Raises InputError: as `write_report`."""
     pictures.check_figures(figures)
     stems = pictures.stems_of([curve.name for curve in curves], group_names(curves))
     drawings = [f"{stem}.{kind}" for kind in figures for stem in stems]
@@ -49,32 +49,32 @@ def write_report(
 ) -> Result:
     """Write result.json, result.csv and report.html with a picture of each curve into `directory` (made if missing).
 
-    Each file takes its name when it is complete. What an earlier call with this command and these curves wrote there is
-    replaced, or removed. A picture or figure that cannot be drawn costs nothing else: report and notes say why.
+    Each file gets its name only when it is complete. Files that an earlier call with the same command and curves wrote
+    are replaced or removed. If a picture or figure cannot be drawn, all else is written; report and notes say why.
 
     Args:
-        pairs: (curve, its answer), in the order of the rows. A `CurveAnswers` reads each answer when it is needed.
-        command: what was run, as it stands in the documents.
-        figures: files of each answered curve and group for a two-column paper, of "png", "svg" and "pdf"; they need
-            matplotlib, without which the notes say so. The report holds its pictures in itself.
-        date: as it stands in the documents; now if not given.
-        notes: on the run as a whole (files that could not be read, ...).
-        complete: False for a run that was stopped before all was answered: no report, no figures.
-        draw: False: no pictures in the report.
+        pairs: (curve, answer), in the order of the rows. A `CurveAnswers` can read each answer when it is needed.
+        command: the command that was run, as text for the documents.
+        figures: kinds of figure files, of "png", "svg" and "pdf", for each answered curve and each group of several
+            shots, in the size of a two-column paper. They need matplotlib; without it the notes say so.
+        date: date in the documents; default: the present time.
+        notes: notes on the run as a whole (files that could not be read, ...).
+        complete: False for a run that was stopped before all curves were answered: no report and no figures.
+        draw: whether the report has pictures, which need no matplotlib.
         advance: called after each figure.
-        published: values of other methods, by group, method and parameter, which stand beside the groups.
-        references: methods of these that errors are to.
-        replace: whether answers of another call, or of another command line, may be replaced, too.
+        published: values of other methods by group, method and parameter, shown beside the groups.
+        references: published methods relative to which errors are given.
+        replace: whether answers of another call or command line may be replaced.
 
     Raises:
-        InputError: an unknown kind of figure, a directory that cannot be written, a file in it that is not ours, or
-            answers of another call in it.
+        InputError: an unknown kind of figure, a directory that cannot be written, a file in it that cavirheo did not
+            write, or answers of another call in it.
     """
     pairs, date = CurveAnswers.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figures, draw = figures if complete else (), draw and complete
     sources = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
     claim = Claim(command, {"command": command, "curves": sources}, replace)
-    with nullcontext() if CLAIM.get() else claim.running():  # a command has its claim
+    with nullcontext() if CLAIM.get() else claim.running():  # a verb of the command line has set its claim already
         folder = outputs(directory, pairs.curves, figures)
         document = result(pairs, command, date=date, notes=notes)
         document.add_published(published or {}, references)
@@ -93,7 +93,7 @@ def write_report(
 
 
 def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
-    """SVG of each curve, or why there is none; of very many curves the radius alone, half as high."""
+    """SVG of each curve, or the reason why there is none; of more than html.DETAILED curves only R(t), half as high."""
     count, height = (1, pictures.HEIGHT / 2) if len(pairs) > html.DETAILED else (2, pictures.HEIGHT)
     points, notes = min(pictures.POINTS, PAGE_POINTS // max(len(pairs), 1)), document.notes
 
@@ -106,8 +106,8 @@ def _curve_pictures(pairs: CurveAnswers, document: Result) -> list[str]:
 
 
 def group_pictures(pairs: Pairs, document: Result, notes: list[str]) -> list[str]:
-    """SVG of each group of several answered shots, or why there is none, which becomes one of the notes; of the first
-    groups where they are many."""
+    """SVG of each of the first GROUPS groups with several answered shots, or the reason why there is none, which is
+    also added to `notes`."""
     members = [(group, indices) for group, indices in document.members() if group.n > 1][:GROUPS]
     points = min(pictures.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
 

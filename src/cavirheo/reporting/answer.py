@@ -24,8 +24,8 @@ from cavirheo.reporting.material import KEYS, ParameterValues
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
 
-_AS_MEASURED = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}  # of which nothing is said
-Unit = tuple[float, str]  # of G: factor from Pa, name
+_AS_MEASURED = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}  # values that `simulated` leaves out
+Unit = tuple[float, str]  # unit of G: factor from Pa, name
 
 
 class Compared(Record):
@@ -41,14 +41,14 @@ class Compared(Record):
 
     @property
     def words(self) -> str:
-        """'3 collapses, t* ≤ 3.1'."""
+        """The window in words: '3 collapses, t* ≤ 3.1'."""
         words = [] if self.collapses is None else [digits.counted(self.collapses, "collapse")]
         words += [] if self.t_star_end is None else [f"t* ≤ {digits.significant(self.t_star_end, 2)}"]
         return ", ".join(words) or digits.MISSING
 
 
 def _medium(value: Any) -> Any:
-    """From a document, in which an infinite speed of sound is null, and which may have fields of a later version."""
+    """The medium in a document, where null is an infinite speed of sound; fields of a later version are left out."""
     if not isinstance(value, dict):
         return value
     constants = {field.name: value[field.name] for field in fields(Medium) if field.name in value}
@@ -57,7 +57,7 @@ def _medium(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """As JSON can hold it: arrays as lists, NaN and infinity as null, what is not data as its text."""
+    """The value as JSON data: arrays as lists, NaN and infinity as null, other objects as their text."""
     return to_jsonable_python(value, inf_nan_mode="null", fallback=lambda v: getattr(v, "tolist", v.__str__)())
 
 
@@ -65,11 +65,11 @@ StoredMedium = Annotated[Medium, BeforeValidator(_medium), PlainSerializer(_plai
 
 
 class Answer(ParameterValues[Quantity]):
-    """What the row of a curve and the answer of another model have in common.
+    """Common part of the record of a curve and of the answer of another model.
 
     Attributes:
-        material: the law.
-        bubble: what is assumed of it: its numbers, or "free".
+        material: name of the law.
+        bubble: model of the bubble; each of its parameters is a number or "free".
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         stretch: R_max/R_0, inferred or given.
     """
@@ -80,17 +80,17 @@ class Answer(ParameterValues[Quantity]):
     _keys = KEYS | {"stretch": "stretch"}
 
     def determined(self, name: str) -> float | None:
-        """The median of a parameter by its natural name, SI, if it is a value and not a bound alone."""
+        """The median of a parameter (natural name), SI; None if there is only a bound, or nothing."""
         return self.value(name).determined
 
     @property
     def model(self) -> str:
-        """'nhkv, real'."""
+        """Law and name of the bubble: 'nhkv, real'."""
         return f"{self.material}, {self.bubble.name}"
 
     @property
     def in_words(self) -> str:
-        """'nhkv, real bubble'."""
+        """Law and title of the bubble: 'nhkv, real bubble'."""
         return f"{self.material}, {self.bubble.title}"
 
 
@@ -199,13 +199,13 @@ class CurveRecord(Record, Answer):
 
     @property
     def trusted(self) -> bool:
-        """Whether it counts in means and in the material of its group."""
+        """Whether the curve counts in the means and in the material of its group."""
         return self.verdict in TRUSTED
 
     @property
     def simulated(self) -> str:
-        """'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs': whose values are drawn over the
-        measurement, and which; empty where none are known."""
+        """Kind and values of the simulation that is drawn over the measurement, or "" where they are not known:
+        'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs'."""
         words = []
         for name, value in self.best.items():
             if value is not None and value != _AS_MEASURED.get(name):
@@ -214,12 +214,12 @@ class CurveRecord(Record, Answer):
         return f"{digits.simulated(self.method)}: {', '.join(words)}" if words else ""
 
     def determined(self, name: str) -> float | None:
-        """Likewise; none of a parameter at the end of the range that was searched."""
+        """As `Answer.determined`, and None also for a parameter at an end of the searched range."""
         return None if name in self.diagnostics.at_bound else super().determined(name)
 
     @property
     def preferred(self) -> OtherModel | None:
-        """The model that the evidence prefers to that of the answer, where it rejects this."""
+        """The other model with the largest evidence if the evidence rejects the model of the answer, else None."""
         rivals = [model for model in self.other_models if model.model != self.model and model.log_evidence is not None]
         return max(rivals, key=evidence, default=None) if self.verdict == "other_model_preferred" else None
 
@@ -230,13 +230,13 @@ class CurveRecord(Record, Answer):
 
     @property
     def warnings(self) -> list[Sentence]:
-        """Those about the recording and its settings, where they decide the verdict."""
+        """Messages about the recording and its settings, if they decide the verdict."""
         decisive = self.verdict == "check_input"
         return [message for message in self.messages if decisive and is_input_warning(message.code)]
 
     @property
     def remarks(self) -> list[Sentence]:
-        """The messages without such warnings, which are said before all others."""
+        """The messages other than `warnings`; these are shown first."""
         return [message for message in self.messages if message not in self.warnings]
 
 
@@ -248,7 +248,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     values |= {name: posterior.quantity(name) for name in posterior.parameters}
     assumed = {name: posterior.best.get(name) for name in BUBBLE if name not in values}
     values |= {name: Quantity(median=value) for name, value in assumed.items() if value} | _at_rate(posterior)
-    if values["stretch"].median is None:  # not the network's own, but fitted after it or given
+    if values["stretch"].median is None:  # no draws of the stretch: it is given, or was fitted to a network's answer
         values["stretch"] = Quantity(median=finite(posterior.stretch))
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
@@ -274,7 +274,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
 
 
 def _sound(posterior: Posterior) -> Posterior:
-    """The answer; one that is none, whatever the method says of itself, with no more than the reasons for it."""
+    """The answer; a failed one, or one without draws that are finite, becomes "failed" with reasons and no values."""
     failed, messages = posterior.checks.verdict == "failed", posterior.checks.messages
     draws = () if failed else zip(posterior.names, posterior.theta.T, strict=True)
     broken = ", ".join(name for name, values in draws if not np.all(np.isfinite(values)))
@@ -287,7 +287,7 @@ def _sound(posterior: Posterior) -> Posterior:
 
 
 def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
-    """The viscosity at 1e5 1/s of a law that has not one; of a power law it is the reference viscosity."""
+    """The viscosity at 1e5 1/s of a law without a constant viscosity; of a power law it is the reference viscosity."""
     names = list(posterior.parameters)
     if posterior.material == "power-law" and "reference_viscosity" in names:
         return {AT_RATE: posterior.quantity("reference_viscosity")}
@@ -318,12 +318,12 @@ def _other_models(posterior: Posterior) -> list[OtherModel]:
 
 
 def meaning_of(name: str) -> str:
-    """'no unit; confinement damping: ...' of what a bubble has besides its law; "" of a parameter of the law."""
+    """Unit and meaning of a parameter of the bubble, 'no unit; confinement damping: ...'; "" for any other one."""
     return f"{digits.described(name)[1] or 'no unit'}; {BUBBLE[name]}" if name in BUBBLE else ""
 
 
 def parameter_key(names: Iterable[str]) -> list[str]:
-    """Lines below a table with these: what those are that a bubble has besides its law, and whose they are."""
+    """Lines below a table: what its parameters of the bubble mean, and which are not properties of the material."""
     meanings = {digits.described(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
     symbols = [symbol for symbol, (name, _) in meanings.items() if not name.startswith("damage")]
     end = [f"{' and '.join(symbols)}: of bubble and vessel, no property of the material"] if symbols else []
@@ -331,18 +331,18 @@ def parameter_key(names: Iterable[str]) -> list[str]:
 
 
 def in_unit(name: str, unit: Unit = (1.0, "Pa")) -> tuple[str, float, str]:
-    """Symbol of a parameter, factor from SI and the unit in which people read it; `unit`: that of moduli."""
+    """(symbol, factor from SI, unit for display) of a parameter. unit: the unit for display of moduli."""
     symbol, written = digits.described(name)
     return symbol, *{"Pa": unit, "s": (1e6, "µs")}.get(written, (1.0, written))
 
 
 def evidence(model: OtherModel) -> float:
-    """Its log, to sort by."""
+    """The log evidence of a model as a sort key; -inf if it has none."""
     return -np.inf if model.log_evidence is None else model.log_evidence
 
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
-    """The law's that some of these have, G and µ first; a reference viscosity where it is not that at this rate."""
+    """Law parameters that are known in these records, G and µ first; a reference viscosity only with a yield stress."""
     names = dict.fromkeys([*KEYS, *(name for record in records for name in record.other_parameters)])
     inferred = [name for name in names if any(record.value(name).median is not None for record in records)]
     excluded = () if "yield_stress" in inferred else ("reference_viscosity",)
@@ -350,7 +350,7 @@ def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
 
 
 def _measured(curve: RadiusCurve, name: str) -> float | None:
-    """A number that the curve itself gives, null where it says that it cannot be determined."""
+    """The value of an attribute or method of the curve; None if it raises InputError."""
     with suppress(InputError):
         value = getattr(curve, name)
         return value() if callable(value) else value
@@ -358,7 +358,7 @@ def _measured(curve: RadiusCurve, name: str) -> float | None:
 
 
 def _json_fields(fields: Any) -> Any:
-    """A dataclass as JSON can hold it, without the entries of its mappings that are no numbers."""
+    """The fields of a dataclass as JSON data, without the null entries of its mappings."""
     return {
         name: {key: item for key, item in value.items() if item is not None} if isinstance(value, dict) else value
         for name, value in _plain(fields).items()

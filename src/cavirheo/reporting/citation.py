@@ -1,5 +1,5 @@
-"""What a paper's methods section must say of a result, and whom it must cite: the entries of references.bib whose keys
-stand in the paragraph."""
+"""The paragraph on a result for the methods section of a paper, and the references to cite: the entries of
+references.bib whose keys are in the paragraph."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
 
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
-MEDIA = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # by set
+MEDIA = {"bu2026": "Bu2025", "estrada2018": "Estrada2018", "zhu2025": "Zhu2025", "yang2020": "Yang2020"}  # keys by set
 _DOI = re.compile(r"doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
 _EQUATIONS = {
     "keller-miksis": "Keller and Miksis [Keller1980]",
     "rayleigh-plesset": "Rayleigh and Plesset [Plesset1949]",
     "gilmore": "Gilmore [Gilmore1952]",
 }
-_METHODS = {  # what was done, and whose method it is
+_METHODS = {  # the sentence with its citations, by method of the answer
     "verified": (
         "The posterior of the parameters was sampled by Markov chains [TerBraak2008] of a Gaussian process "
         "[Rasmussen2006] that learnt some hundred full simulations and was checked by further ones, or by simulations "
@@ -50,7 +50,7 @@ _POPULATION = (
 
 
 class Source(NamedTuple):
-    """Whom to cite: the key, and the entry for BibTeX."""
+    """A reference to cite: its key and its BibTeX entry."""
 
     key: str
     bibtex: str
@@ -70,13 +70,13 @@ def references() -> dict[str, Source]:
 
 
 def of_law(name: str) -> list[Source]:
-    """Those that the docstring of a law gives, by their DOI; none of a name that is no law."""
+    """The references whose DOIs are in the docstring of a law; an empty list for a name that is no law."""
     by_doi = {source.fields.get("doi", ""): source for source in references().values()}
     return [by_doi[doi] for doi in _DOI.findall(getattr(LAWS.get(name), "__doc__", None) or "")]
 
 
 def methods(result: Result) -> tuple[str, list[Source]]:
-    """The paragraph, and whom it cites in the order of appearance; nothing where no curve has an answer."""
+    """(the paragraph, its references in order of appearance); ("", []) if no curve has an answer."""
     answers = [curve for curve in result.curves if curve.has_answer]
     if not answers:
         return "", []
@@ -101,7 +101,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
 
 
 def _experiment(answers: list[CurveRecord], result: Result) -> Iterator[str]:
-    """The shots, the equations of wall, gas and medium, and the constants, as far as a document holds them."""
+    """Sentences on the shots, the equations of wall, gas and medium, and those constants that the result contains."""
     sizes = [1e6 * curve.max_radius_m for curve in answers if curve.max_radius_m]
     rates = [curve.strain_rate_per_s for curve in answers if curve.strain_rate_per_s]
     files = ", ".join(f"{name}: {n}" for name, n in Counter(curve.group for curve in answers).items())
@@ -142,7 +142,7 @@ def _experiment(answers: list[CurveRecord], result: Result) -> Iterator[str]:
 
 
 def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
-    """The window, the methods, the models that were compared, the priors, and what the values are."""
+    """Sentences on the window, the methods, the compared models, the priors, and what the values are."""
     from cavirheo.inference.alternatives import LEAST_PROBABILITY
 
     windows = sorted({curve.window.collapses for curve in answers if curve.window.collapses})
@@ -186,7 +186,7 @@ def _inference(answers: list[CurveRecord], result: Result) -> Iterator[str]:
 
 
 def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
-    """Its material; else its one trusted shot, or the mean and the standard deviation of several; or nothing."""
+    """Sentence on a group: its material; else its trusted shot, or mean and standard deviation of several; or ""."""
     if group.headline:
         return f"{group.name}: {group.headline}."
     trusted = [member for member in members if member.trusted]

@@ -1,7 +1,7 @@
 """The shots of one file or folder: their means, and whether a constant of the material changes with the bubble's size.
 
-The slope d ln(value)/d ln R_max is that of Theil and Sen (Sen 1968, doi:10.1080/01621459.1968.10480934): nothing is
-assumed of the scatter but that it is the same at all sizes, and a few shots in a false mode do not move it.
+The slope d ln(value)/d ln R_max is that of Theil and Sen (Sen 1968, doi:10.1080/01621459.1968.10480934): it assumes
+only that the scatter is the same at all sizes, and a few shots in a false mode hardly change it.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from cavirheo.reporting.material import KEYS, ParameterValues, PopulationRecord,
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
 
-FEWEST = 5  # shots that are asked for a slope
-SENSITIVE = 3.0  # relative change of G over that of the scale, from which it is said
-MOST = 1000  # of them: a slope looks at all pairs, and of more shots at so many, evenly over the sizes
+FEWEST = 5  # least number of shots for a slope
+SENSITIVE = 3.0  # relative change of G over that of the scale, from which a remark is made
+MOST = 1000  # most shots in a slope, which needs all pairs; of more shots every k-th by size is used
 CONSTANTS = ("viscosity", AT_RATE, "shear_modulus")
 TOGETHER = "all together", "other model preferred"
-OURS = "cavirheo"  # how our own means are called beside the values of other methods
-REFERENCES = ("IMR", "rheometer")  # methods that errors are to, where the user names none
-_SAME = 1e-6  # of their mean: values that differ by less are one value
+OURS = "cavirheo"  # name of the means of this program beside the values of other methods
+REFERENCES = ("IMR", "rheometer")  # methods relative to which errors are given, by default
+_SAME = 1e-6  # range of the logarithm of values, below which they count as equal
 
 
 class PublishedValue(Spread):
@@ -58,7 +58,7 @@ class Slope(Quantity):
 
     @property
     def words(self) -> str:
-        """'2.4 [1.6, 3.1]'."""
+        """The slope with its interval: '2.4 [1.6, 3.1]'."""
         median, low, high = (number or 0.0 for number in (self.median, self.q05, self.q95))
         places = 1 if high - low > 1.0 else 2
         return f"{median:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
@@ -90,9 +90,9 @@ class GroupModel(Record):
 
     @property
     def words(self) -> str:
-        """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12".
+        """Sentence: "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12".
 
-        Of a model that the answer is an average over: its weight in that."""
+        If the answer is an average that includes this model, the sentence ends with its weight instead."""
         from cavirheo.inference.alternatives import LEAST_PROBABILITY, equal
 
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
@@ -111,7 +111,7 @@ class GroupModel(Record):
 
     @property
     def preferred(self) -> bool:
-        """Whether the evidence of all shots together rejects the answers for this model."""
+        """Whether the evidence of all shots together rejects the model of the answers in favour of this model."""
         from cavirheo.inference.alternatives import rejects
 
         averaged = self.weight > 0.5  # the answers are mostly this model's
@@ -165,12 +165,12 @@ class GroupRecord(Record, ParameterValues[Spread]):
 
     @property
     def by_method(self) -> dict[str, Mapping[str, Spread]]:
-        """All values of other methods, then our means if this has shots."""
+        """Published values by method, then the means of this program if there are answered shots as well."""
         means = {name: self.value(name) for name in KEYS}
         return {**self.published, **({OURS: means} if self.n and self.published else {})}
 
     def add_published(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
-        """Add values of other methods, and the errors of all methods to those of the references."""
+        """Add published values, and the errors of all methods relative to the reference methods."""
         self.published |= {method: dict(values) for method, values in published.items()}
         for reference in [name for name in references if self.published.get(name)]:
             expected, self.errors[reference] = self.published[reference], {}
@@ -181,13 +181,13 @@ class GroupRecord(Record, ParameterValues[Spread]):
                     self.errors[reference][method] = finite_errors
 
     def mean(self, value: Spread, factor: float = 1.0) -> str:
-        """'6.4 ± 1.6'; '0.041 ± 0.006 (n = 3)' where fewer shots determine it than are trusted."""
+        """Mean and deviation, '6.4 ± 1.6', or '0.041 ± 0.006 (n = 3)' if n is not `n_counted`."""
         fewer = value.mean is not None and value.n not in (None, self.n_counted)
         return digits.spread(value, factor) + (f" (n = {value.n})" if fewer else "")
 
     @property
     def remarks(self) -> list[str]:
-        """On models that are mixed, on slopes, on the scale that G rests on, and on what each other model answers."""
+        """Remarks on a preferred model, mixed models, slopes, how the scale changes G, and each other model."""
         lines = [self.warning] if self.warning and not self.material else []
         if len(self.models) > 1:
             models = ", ".join(f"{count} {model}" for model, count in self.models.items())
@@ -201,24 +201,24 @@ class GroupRecord(Record, ParameterValues[Spread]):
 
     @property
     def material(self) -> PopulationRecord | None:
-        """The material behind the shots, if there is one."""
+        """The material of the shots; None if there is none."""
         return self.population if self.population and self.population.has_material else None
 
     @property
     def n_counted(self) -> int:
-        """Shots that the material rests on, or else the means."""
+        """Number of shots in the material, or else in the means."""
         return self.material.n if self.material else self.n_trusted
 
     @property
     def basis(self) -> str:
-        """'3 of 5 shots count', as the line of the material says it; nothing where all do."""
+        """How many shots count, as in the line of the material: '3 of 5 shots count'; "" if all do."""
         total = self.n + self.n_failed
         return "" if self.n_counted == total else digits.counting(self.n_counted, total)
 
     @property
     def warning(self) -> str:
-        """'the evidence prefers another model in 3 of 5 shots: nhkv, real bubble', or that of all shots together where
-        it does so in none; nothing where it does not."""
+        """Warning 'the evidence prefers another model in 3 of 5 shots: nhkv, real bubble'; if it does in no single
+        shot, a warning if the evidence of all shots together does; else ""."""
         if self.preferred:
             of = f"{sum(self.preferred.values())} of {digits.counted(self.n + self.n_failed, 'shot')}"
             return f"the evidence prefers another model in {of}: {' or '.join(self.preferred)}"
@@ -234,8 +234,8 @@ class GroupRecord(Record, ParameterValues[Spread]):
 
     @property
     def badges(self) -> list[tuple[str, str]]:
-        """(verdict whose look it has, words) of each count of verdicts: what counts by itself is not "ok" where all
-        shots together prefer another model."""
+        """(verdict that gives the look, words) for the count of each verdict. A trusted verdict looks like
+        "other_model_preferred" if the evidence of all shots together prefers another model."""
         badges = []
         for verdict, count in self.verdicts.items():
             warned = bool(self.preferred_together) and verdict in TRUSTED
@@ -245,7 +245,7 @@ class GroupRecord(Record, ParameterValues[Spread]):
 
     @property
     def headline(self) -> str:
-        """The line for a paper, after what must be known before it is used; nothing without a material."""
+        """The line of the material for a paper, after the warning, if any; "" without a material."""
         return "; ".join(filter(None, [self.warning, self.material.line])) if self.material else ""
 
 
@@ -257,12 +257,12 @@ def error_of(value: Spread, reference: Spread) -> float | None:
 
 
 def spread_over(answers: Iterable[Answer], name: str) -> Spread:
-    """Of a parameter, over the answers that determine it."""
+    """Mean, deviation and median of a parameter over the answers that determine it."""
     return spread_of([answer.determined(name) for answer in answers])
 
 
 def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:
-    """Of the shots that have both; None for fewer than FEWEST, or where all are of one size or one value."""
+    """The slope over the shots with both numbers; None for fewer than FEWEST, or if all sizes or values are equal."""
     pairs = [(r, v) for r, v in zip(radius, values, strict=True) if r and v and v > 0]
     if len(pairs) < FEWEST:
         return None
@@ -276,14 +276,14 @@ def slope(radius: Sequence[float | None], values: Sequence[float | None], truste
 
 
 def sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
-    """The trusted; where these are too few for a slope, also those that the model does not fit."""
+    """The shots for a slope: the trusted ones; if these are too few, also those that the model does not fit."""
     trusted = [record for record in members if record.trusted]
     followed = [record for record in members if record.trusted or record.verdict == "model_does_not_fit"]
     return trusted if len(trusted) >= FEWEST else followed
 
 
 def slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str, Slope]:
-    """Of one answer for each of these shots, by the name of what should be a constant."""
+    """Slopes of those CONSTANTS that have one, by name, over these shots with one answer each."""
     radii, slopes = [record.max_radius_m for record in shots], dict[str, Slope]()
     for name in CONSTANTS:
         values = [answer.value(name).determined for answer in answers]
@@ -294,8 +294,8 @@ def slopes(shots: Sequence[CurveRecord], answers: Sequence[Answer]) -> dict[str,
 
 
 def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
-    """Median slope of all pairs, and the ends of its 90 % interval, that of Kendall's rank correlation; x and y: (n,).
-    As theilslopes of scipy.stats, which takes 20 MB and half a second to load."""
+    """Median slope of all pairs, and the ends of its 90 % interval by Kendall's rank correlation; x and y: (n,).
+    Same method as theilslopes of scipy.stats, whose import takes 20 MB and half a second."""
     from scipy.special import ndtri
 
     across = np.subtract.outer(x, x)
@@ -309,7 +309,7 @@ def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
 
 
 def in_words(slopes: dict[str, Slope]) -> str:
-    """One line: what rises or falls with R_max, and what does not."""
+    """One line on which parameters rise or fall with R_max, and which do not."""
     clauses = [over_size(parameter_of(name).symbol, power, power.words) for name, power in slopes.items()]
     most = max(slopes.values(), key=lambda power: power.n)
     shots = f"{most.n} shots" + (f", {most.n_trusted} of them trusted" if most.n_trusted < most.n else "")
@@ -318,7 +318,7 @@ def in_words(slopes: dict[str, Slope]) -> str:
 
 
 def group_of(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
-    """The record of a group of these rows and of their material."""
+    """The record of a group, from the records of its curves and from its material."""
     trusted, followed = [record for record in members if record.trusted], sloped(members)
     n = sum(record.has_answer for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
@@ -340,12 +340,12 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
 
 
 def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> list[GroupModel]:
-    """Of each model that a trusted shot has besides its answer; the slopes are over the shots of `followed`."""
+    """A summary of each other model of the trusted shots; its slopes are over the shots of `followed`."""
     alternatives = [(record, _by_model(record.other_models)) for record in trusted]
     of_followed = [_by_model(record.other_models) for record in followed]
     summaries = []
     for model, first in _by_model(answer for _, models in alternatives for answer in models.values()).items():
-        if {record.model for record in trusted} == {model}:  # another mode of the model itself
+        if {record.model for record in trusted} == {model}:  # another mode of the same model
             continue
         pairs = [(record, models[model]) for record, models in alternatives if model in models]
         answers = [answer for _, answer in pairs]
@@ -367,5 +367,5 @@ def _other_models(trusted: list[CurveRecord], followed: list[CurveRecord]) -> li
 
 
 def _by_model(answers: Iterable[OtherModel]) -> dict[str, OtherModel]:
-    """By model, the mode with the largest evidence."""
+    """The answers by model; of several modes of a model, that with the largest evidence."""
     return {answer.model: answer for answer in sorted(answers, key=evidence)}

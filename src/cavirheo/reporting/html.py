@@ -1,9 +1,9 @@
-"""report.html: one file that needs nothing else, for a colleague, a notebook or the printer; and live.html, the page
-for the wall at the bench.
+"""report.html, a single file with everything in it, to send, store or print; and live.html, the page for a screen in
+the laboratory.
 
-No request to anywhere: the style and the pictures (SVG) stand in the page. Its text is in report.html and parts.html
-beside this module (jinja2), where every word from a file or a command line is escaped. The script (report.js) of a page
-of several curves only sorts and filters them; all is there without it.
+The pages load no other file: style and pictures (SVG) are part of them. The text of the report is in the templates
+report.html and parts.html beside this module (jinja2), which escape all text from files and command lines. The script
+(report.js) of a page of many curves only sorts and filters them; without it all content is still there.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from cavirheo.reporting.table import FITS, model_rows, windows
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
-FOLDED = 6  # curves: of more each is folded to a line, which its link in the table opens
-DETAILED = 500  # curves: of more each has its row, message and picture
+FOLDED = 6  # curves; if there are more, each is folded to a line, which its link in the table opens
+DETAILED = 500  # curves; if there are more, each has only its row, message and picture
 LIVE = "live.html"
-HALF_WIDTH = 0.1  # of the 90 % interval of the material, over its value
-_LIVE_SIZE = (335.0, 178.0)  # px of the picture, whose type is to be large
+HALF_WIDTH = 0.1  # half width of the 90 % interval of the material that is wanted, over the value
+_LIVE_SIZE = (335.0, 178.0)  # px, width and height of the picture; a small one is enlarged, so its type is large
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -46,9 +46,9 @@ def write(
     group_pictures: Sequence[str] = (),
     sheets: Sequence[str] = (),
 ) -> None:
-    """The page of a result: before the curves `group_pictures`, of each curve its picture (SVG, or in plain words why
-    there is none) and its sheet (all frames of its recording, or ""). What is the same for all curves is said once; of
-    more than DETAILED curves each has its row, message and picture."""
+    """Write the page of a result. group_pictures: shown before the curves. pictures: of each curve, SVG or the reason
+    why there is none. sheets: of each curve, an image of all frames of its recording, or "". Facts that all curves
+    share are shown once; of more than DETAILED curves each has only its row, message and picture."""
     curves = result.curves
     answers = [curve for curve in curves if curve.has_answer]
     common = _common([facts(curve) for curve in answers]) if len(answers) > 1 else {}
@@ -60,7 +60,7 @@ def write(
 
 
 def facts(record: CurveRecord) -> dict[str, str]:
-    """What is said of a curve, or once of all where it is the same."""
+    """Facts on a curve by name; the page shows those that all curves share once."""
     material = digits.MATERIALS.get(record.material, record.material)
     method = digits.METHODS.get(record.method, record.method)
     words = {"material": material, "bubble": record.bubble.sentence, "method": method}
@@ -68,24 +68,24 @@ def facts(record: CurveRecord) -> dict[str, str]:
 
 
 def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """The entries that all of these have alike."""
+    """The entries that are equal in all these mappings."""
     first, *later = parts or [{}]
     return {key: value for key, value in first.items() if all((key, value) in part.items() for part in later)}
 
 
 def _text(origin: Mapping[str, Any]) -> Markup:
-    """As JSON."""
-    return Markup(escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False))  # quotes need six letters each
+    """The mapping as JSON text, escaped for HTML."""
+    return Markup(escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False))  # &quot; is longer
 
 
 def article(record: CurveRecord, factor: float, unit: str) -> str:
-    """What is known of one curve and its answer, without a picture. unit and factor: of moduli."""
+    """HTML of one curve and its answer, without a picture. factor, unit: unit of moduli, and its factor from Pa."""
     return part("article", record, factor, unit, origin=_text({"source": record.source, **record.provenance}))
 
 
 @cache
 def template(name: str, package: str = "cavirheo.reporting") -> Template:
-    """One of the templates in the folder of a package."""
+    """The template of this file name in the folder of a package."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     loader = PackageLoader(package, "")
@@ -99,7 +99,7 @@ def template(name: str, package: str = "cavirheo.reporting") -> Template:
 
 
 def part(name: str, *values: Any, **more: Any) -> str:
-    """A macro of parts.html, filled; a template takes it as it stands."""
+    """HTML of a macro of parts.html with these arguments, marked as safe for templates."""
     return getattr(template("parts.html").module, name)(*values, **more)
 
 
@@ -110,9 +110,9 @@ def live_page(
     answer: Posterior | None = None,
     half_width: float = HALF_WIDTH,
 ) -> str:
-    """The page for the wall at the bench: the latest shot (its index, curve and answer), the material so far, and how
-    many shots are still needed until the 90 % interval is +- `half_width` of the value. It loads itself anew every two
-    seconds, without a script; without a result it waits for the first."""
+    """HTML of the page for a screen in the laboratory: the latest shot (its index, curve and answer), the material so
+    far, and how many more shots are needed until the 90 % interval is +- `half_width` of the value. The page reloads
+    itself every two seconds, without a script. Without a result it says that it waits for the first one."""
     result = result or Result(command="", curves=[], groups=[])
     group, members = next((row for row in result.members() if latest in row[1]), (None, []))
     record, picture = result.curves[latest] if group else None, ""
@@ -126,5 +126,5 @@ def live_page(
 
 
 def _printable(value: Any) -> Any:
-    """Without control characters, and as safe as it was."""
+    """The value; in a text control characters are escaped, and its type (str or Markup) is kept."""
     return type(value)(digits.printable(value)) if isinstance(value, str) else value

@@ -78,7 +78,7 @@ class Laws(Document):
 def records(
     curves: Sequence[RadiusCurve], singles: Sequence[Ranking], groups: Sequence[Ranking]
 ) -> tuple[list[WeighedLaws], list[WeighedLaws]]:
-    """The rankings of the curves and of their groups, as the document has them."""
+    """The records of the curves and of their groups for the document, from their rankings."""
     by_curve = [
         _record_of(ranking, {law: {"answer": curve_record(curve, answer)} for law, answer in ranking.answers.items()})
         for curve, ranking in zip(curves, singles, strict=True)
@@ -95,7 +95,7 @@ def records(
 
 
 def _record_of(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> WeighedLaws:
-    """The document's record of a ranking. fields: by law, what its record has besides the evidence."""
+    """The record of a ranking for the document. fields: by law, the fields of its record other than the evidence."""
     laws, names = {}, ("name", "shots", "chosen", "contenders", "pairs")
     for law, value in ranking.log_evidence.items():
         error, probability = ranking.error[law], ranking.probability.get(law)
@@ -104,7 +104,7 @@ def _record_of(ranking: Ranking, fields: Mapping[str, Mapping[str, Any]]) -> Wei
 
 
 def print_table(document: Laws) -> None:
-    """A line per law of each curve, then of each group; then the input warnings of the curves."""
+    """Print a line per law of each curve, then of each group; then input warnings, remarks on groups, and notes."""
     heads = ("law", "log evidence", "probability", "G Pa", "µ Pa s", "RMSE %", "verdict")
     answers = [law.answer for laws in document.curves for law in laws.laws.values() if law.answer]
     bubbles = ", ".join(dict.fromkeys(answer.bubble.title for answer in answers))
@@ -130,7 +130,7 @@ def print_table(document: Laws) -> None:
 
 
 def firmly(document: Laws) -> list[str]:
-    """How firmly each group prefers its best law to each other, a line for each."""
+    """Lines on how strongly the evidence of each group prefers its best law to each other law."""
     return [
         f"{group.name}: {pair.first} before {pair.second} by {pair.difference:.1f} ± {pair.error:.1f} in log evidence "
         f"(scatter over the shots); {pair.shots[0]} shots for, {pair.shots[1]} against"
@@ -140,9 +140,9 @@ def firmly(document: Laws) -> list[str]:
 
 
 def _materials(group: WeighedLaws) -> list[str]:
-    """Of each law its log evidence with one material below the best, and the line of that material; the best first."""
+    """A line for each law, best first: its log evidence with one material minus the best one, and that material."""
     materials = {law: entry.population for law, entry in group.laws.items() if entry.population}
-    whole = {law: material for law, material in materials.items() if not material.left_out}  # the same shots for all
+    whole = {law: material for law, material in materials.items() if not material.left_out}  # these use the same shots
     heights = {law: material.log_evidence for law, material in whole.items() if material.log_evidence is not None}
     top, lines = max(heights.values(), default=0.0), []
     for law in sorted(materials, key=lambda law: -heights.get(law, float("-inf"))):

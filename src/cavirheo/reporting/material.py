@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import Population
     from cavirheo.reporting.answer import CurveRecord
 
-KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # in documents, by parameter
-_FLAT = 1.0  # power of R_max: an interval within +- this is flatter than proportional; a wider one tells nothing
+KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # fields of documents, by parameter
+_FLAT = 1.0  # power of R_max: an interval within +-1 shows no change with R_max; a wider one does not decide
 _WAYS = {1: "rises", -1: "falls", 0: "may or may not change"}  # by the sign of a slope
-_MOST = 6  # groups that are compared, each with each
+_MOST = 6  # most groups that are compared, each with each
 Value = TypeVar("Value", Quantity, Spread)
 
 
 class ParameterValues(Generic[Value]):
-    """What has parameters: those of `_keys` in fields of their own, all others by natural name.
+    """Common part of records with parameters: those of `_keys` are fields, all others are in `other_parameters`.
 
     Attributes:
         shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s; null where it is not one number.
-        other_parameters: all others by natural name, SI.
+        viscosity_Pa_s: mu, Pa s; null for a law without a constant viscosity.
+        other_parameters: all other parameters by natural name, SI.
     """
 
     if TYPE_CHECKING:
@@ -43,20 +43,20 @@ class ParameterValues(Generic[Value]):
 
     @classmethod
     def fields_of(cls, values: Mapping[str, Value]) -> dict[str, Any]:
-        """The fields of these parameters."""
+        """The fields of a record that hold these parameters."""
         standard = {key: values[name] for name, key in cls._keys.items() if name in values}
         further = {name: value for name, value in values.items() if name not in cls._keys}
         return {**standard, "other_parameters": further}
 
     def value(self, name: str) -> Value:
-        """A parameter by its natural name; empty where there is none."""
+        """The value of a parameter by its natural name; an empty one if there is none."""
         if key := self._keys.get(name):
             return getattr(self, key)
         return self.other_parameters.get(name, type(self.shear_modulus_Pa)())
 
     @property
     def viscosity(self) -> Value:
-        """Or that at 1e5 1/s, where it is not one number."""
+        """The viscosity, or that at 1e5 1/s of a law without a constant viscosity."""
         return self.viscosity_Pa_s if self.viscosity_Pa_s.median is not None else self.value(AT_RATE)
 
 
@@ -119,12 +119,12 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
 
     @property
     def below(self) -> list[str]:
-        """What is said after the numbers."""
+        """Lines below the numbers: the remarks, after the reason if there is no material."""
         return self.remarks if self.has_material else [self.line, *self.remarks]
 
     def log_moments(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
-        """In log10 of these parameters: mean (l,) and covariance (l, l) of the material, of which the document has the
-        intervals alone, and the covariance (l, l) of its shots about it, at the medians."""
+        """In log10 of these parameters: mean (l,) of the material, its covariance (l, l), which is diagonal because the
+        document has only intervals, and the covariance (l, l) of the shots about it, from the medians."""
         from cavirheo.inference.design import variance
 
         ends = log_ends(map(self.value, names))
@@ -134,8 +134,8 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         return ends[:, 1], np.diag(variance(ends)), np.outer(spread, spread) * np.array(rho)
 
     def still_needed(self, shots: Sequence[CurveRecord], half_width: float) -> int | None:
-        """How many more shots like these, of which as many count, bring the 90 % intervals of G and mu, as far as these
-        are determined, to +- `half_width` of the value; None: more than 10,000, or neither is."""
+        """How many more shots like these bring the 90 % intervals of those of G and mu that are determined to
+        +- `half_width` of the value, if the same share of them counts; None: more than 10,000, or neither is."""
         from cavirheo.inference.design import shared, shots_wanted, variance
 
         names = [name for name in KEYS if self.value(name).determined is not None]
@@ -148,7 +148,7 @@ class PopulationRecord(Record, ParameterValues[Quantity]):
         return shots_wanted(inliers / len(shots) * information, covariance, float(np.log10(1.0 + half_width)))
 
     def contour(self, level: float = 0.9) -> Floats | None:
-        """(n, 2) mu and G, SI, around this part of all shots, at the medians; None unless both are determined."""
+        """Contour (n, 2), mu and G in SI, around the share `level` of all shots; None unless both are determined."""
         names = ("viscosity", "shear_modulus")
         if any(self.value(name).determined is None or name not in self.spreads_decades for name in names):
             return None
@@ -188,7 +188,7 @@ class GroupDifference(Record):
 
     @property
     def words(self) -> str:
-        """'gel B over gel A: G 1.32 [1.05, 1.65], larger with probability 0.98; ...'."""
+        """The ratios in words: 'gel B over gel A: G 1.32 [1.05, 1.65], larger with probability 0.98; ...'."""
         clauses = []
         for name, difference in self.parameters.items():
             higher, ratio = difference.probability_higher, digits.quantity(difference.ratio)
@@ -201,7 +201,7 @@ class GroupDifference(Record):
 def material_of(
     answers: tuple[Posterior, ...], names: tuple[str, ...], along: tuple[float, ...] | None = None
 ) -> Population | None:
-    """The population of a group, as `with_slope_if_any`; None for a single shot, or where none has an interval."""
+    """The population of a group by `with_slope_if_any`; None for a single shot, or if no shot has an interval."""
     if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
         return None
     from cavirheo.inference.population import with_slope_if_any
@@ -209,11 +209,11 @@ def material_of(
     return with_slope_if_any(answers, names, along)
 
 
-kept_material_of = lru_cache(maxsize=8)(material_of)  # at the bench every new shot writes all groups anew
+kept_material_of = lru_cache(maxsize=8)(material_of)  # in a watched folder each new shot writes all groups again
 
 
 def population_record(population: Population | None, column: str = "") -> PopulationRecord | None:
-    """As documents hold it; column: the title of that which it has a slope along."""
+    """The record of a population for a document. column: title of the column along which it has a slope."""
     if population is None:
         return None
     fields: dict[str, Any] = {name: getattr(population, name) for name in ("line", "remarks", "outliers", "left_out")}
@@ -244,7 +244,7 @@ def population_record(population: Population | None, column: str = "") -> Popula
 
 
 def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
-    """'with concentration: G rises: 0.20 [0.15, 0.25] decades per unit, a factor of 1.6; ...'."""
+    """The slopes in words: 'with concentration: G rises: 0.20 [0.15, 0.25] decades per unit, a factor of 1.6; ...'."""
     from cavirheo.io.shots import LOG_SIZE
 
     changes = [(digits.described(name)[0], slope, digits.quantity(slope)) for name, slope in slopes.items()]
@@ -261,7 +261,7 @@ def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> str:
 
 
 def over_size(symbol: str, power: Quantity, words: str) -> str:
-    """'µ rises as R_max^0.30 [0.10, 0.50]', of a power of R_max and its words; what it says where it may be nothing."""
+    """A power of R_max in a sentence, 'µ rises as R_max^0.30 [0.10, 0.50]', or, if it may be 0, that this is so."""
     if power.sign:
         return f"{symbol} {_WAYS[power.sign]} as R_max^{words}"
     if max(-(power.q05 or 0.0), power.q95 or 0.0) < _FLAT:
@@ -270,7 +270,7 @@ def over_size(symbol: str, power: Quantity, words: str) -> str:
 
 
 def differences(materials: Mapping[str, Population | None]) -> list[GroupDifference]:
-    """Of each two of the first groups whose materials rest on one model and determine a parameter."""
+    """The difference of each two of the first _MOST materials that have the same model and determine a parameter."""
     whole = [(name, population) for name, population in materials.items() if population and len(population.centre)]
     records = []
     for (earlier, population), (later, second) in combinations(whole[:_MOST], 2):

@@ -1,5 +1,5 @@
-"""What pictures show, in the units of their axes: the same panels for the report, the page for the wall, the app and
-the files that are asked for.
+"""The content of pictures in the units of their axes: the same panels for the report, the live page, the app and figure
+files.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Spread
 
-FAR = 3.0  # largest over smallest, above which axes begin at zero
+FAR = 3.0  # ratio of the largest to the smallest value, above which an axis begins at zero
 RMAX = "Rₘₐₓ"
-_SIZE = "R_max"  # in place of a parameter's name
+_SIZE = "R_max"  # used instead of the name of a parameter
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Name and ends of an axis, and a remark on it, for which a paper has no room."""
+    """Name and ends of an axis, and a remark on it, which figure files leave out."""
 
     label: str
     low: float
@@ -38,7 +38,7 @@ class Axis:
     remark: str = ""
 
     def ticks(self, most: int) -> list[float]:
-        """At most so many round numbers within the ends, evenly spaced; the ends where no round number is known."""
+        """Evenly spaced round numbers within the ends, at most `most` + 1; none if the axis has no finite length."""
         rough = (self.high - self.low) / max(most, 1)
         if not np.isfinite(rough) or rough <= 0.0:
             return []
@@ -50,18 +50,18 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """Points of a panel that look alike.
+    """Points of a panel that are drawn in one style.
 
     Attributes:
         shape: "dots", "line", "bars" (values with their intervals), "band" (between two values of `y`), "area" (between
             two lines) or "ticks" (on the lower end of `y`).
-        look: by which every way of drawing has colours and sizes: "measured", "simulated", ...
+        look: name of the style, for which SVG and matplotlib have colours and sizes: "measured", "simulated", ...
         x: (n,); of bars (n, 3) lower ends, middles and upper ends; of a band (2,) the ends of the axis.
-        y: likewise; of an area (n, 2); of ticks zeros.
-        name: in the key of the picture; "" is left out.
-        tones: (n,) of points in colours of their own, or (1,) of a line, from 0, dark, to 1, light; None: that of the
-            look.
-        share: part of the points of a picture that it may have; None: it is drawn as it is.
+        y: as `x`; of an area (n, 2); of a band (2,) lower and upper value; of ticks zeros.
+        name: text in the key of the picture; "": none.
+        tones: from 0 (dark) to 1 (light), (n,) for the colours of points, or (1,) for that of a line; None: the colour
+            of the look.
+        share: largest part of the points of a picture that this layer may have; None: all its points are drawn.
     """
 
     shape: Literal["dots", "line", "bars", "band", "area", "ticks"]
@@ -75,11 +75,11 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Axes with layers over each other.
+    """Axes with layers, drawn in this order.
 
     Attributes:
         top: a second axis along the top; None where there is none.
-        note: words beside the key.
+        note: text beside the key.
     """
 
     x: Axis
@@ -89,7 +89,7 @@ class Panel:
     note: str = ""
 
     def layer(self, look: str) -> Layer:
-        """The first of this look, or one without points."""
+        """The first layer of this look, or an empty one."""
         nothing = Layer("dots", look, np.empty(0), np.empty(0))
         return next((layer for layer in self.layers if layer.look == look), nothing)
 
@@ -103,11 +103,11 @@ def curve_panels(
     what_if: Checks | None = None,
     draws: tuple[Floats, Floats, Floats] | None = None,
 ) -> list[Panel]:
-    """The radius, measured and simulated, then what is left between, if anything was compared.
+    """The panel of the measured and simulated radius, then that of the residual, if frames were compared.
 
-    checks: of its answer; failed ones leave the measured points alone. simulated_as: the name of the line. fit and
-    what_if: the simulations of a conventional fit and of other values. draws: the band in which those of the draws run:
-    times (s), lower and upper radius (m). Raises ValueError: times and values of a line are not as many."""
+    checks: of the answer; if it failed, only measured points are drawn. simulated_as: name of the line. fit, what_if:
+    simulations of a conventional fit and of other values. draws: band of the simulations of the draws: times (s), lower
+    and upper radius (m). Raises ValueError: a line has not as many times as values."""
     has_answer = checks.verdict != "failed"
     checks = checks if has_answer else Checks("failed")
     units, rmse = _Units.of(curve), 100.0 * (checks.rmse_over_rmax or 0.0)
@@ -119,7 +119,7 @@ def curve_panels(
         compared = (time >= difference.x[0] - slack) & (time <= difference.x[-1] + slack)
     low, high = _view(time, difference.x)
     measured = np.isfinite(radius) & (time >= low) & (time <= high)
-    share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # as much as the simulation has
+    share = 0.4 / max(int(np.count_nonzero(measured)), 1)  # together as many points as the simulation
     layers, differences = [], [difference]
     if draws:
         area = units.points(draws[0], np.column_stack(draws[1:]))
@@ -150,19 +150,19 @@ def curve_panels(
 
 
 def _largest(layers: Sequence[Layer], least: float) -> float:
-    """The largest of all numbers along `y`, whatever their sign; `least` at least."""
+    """The largest absolute value along `y` in these layers, or `least` if that is larger."""
     return max([least, *(float(np.nanmax(np.abs(layer.y), initial=0.0)) for layer in layers)])
 
 
 def answer_panels(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> list[Panel]:
-    """The panels of a curve as its row says: a row without an answer has none of the simulation."""
+    """The panels of a curve and its answer; without an answer in the record, the measured points alone."""
     name = f"simulation: {digits.simulated(record.method)}"
     return curve_panels(curve, checks if record.has_answer else Checks("failed"), name)
 
 
 def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
-    """The panel of a curve before it is answered: which frames are compared (those of `window`), which stand out, and
-    which have no radius. Raises InputError: the curve has no R_max."""
+    """The panel of a curve without an answer: which frames are to be compared (those of `window`), which are outliers,
+    and which have no radius. Raises InputError: the curve has no R_max."""
     (panel,) = curve_panels(curve, Checks("unverified", compared_time=window.time))
     time, radius = _Units.of(curve).points(curve.time, curve.radius)
     within = (time >= panel.x.low) & (time <= panel.x.high)
@@ -174,7 +174,7 @@ def preview_panels(curve: RadiusCurve, window: RadiusCurve) -> list[Panel]:
 
 
 class _Units(NamedTuple):
-    """How the axes of a curve count: names of both, origin (s), units per second and per metre."""
+    """Units of the axes of a curve: names of both axes, time origin (s), units per second and per metre."""
 
     time: str
     radius: str
@@ -184,7 +184,7 @@ class _Units(NamedTuple):
 
     @classmethod
     def of(cls, curve: RadiusCurve) -> _Units:
-        """µs after R_max and µm, as far as the scales of the curve are known."""
+        """The units of a curve: µs after R_max and µm, as far as its scales are known."""
         radius, per_metre = "R (µm)", 1e6
         if curve.unscaled:
             radius, per_metre = "R / largest R", 1.0 / float(np.nanmax(curve.radius, initial=1e-300))
@@ -195,11 +195,11 @@ class _Units(NamedTuple):
         return cls("time of the recording (µs)", radius, 0.0, 1e6, per_metre)
 
     def points(self, time: Floats, radius: Floats) -> tuple[Floats, Floats]:
-        """Along both axes, of seconds and metres."""
+        """Times (s) and radii (m) in the units of the axes."""
         return (time - self.origin) * self.per_second, radius * self.per_metre
 
     def simulation(self, checks: Checks, look: str, name: str) -> tuple[Layer, Layer]:
-        """The line of a simulation, and what is left between; without values where there are none."""
+        """(line of a simulation, points of its residual); layers without points where `checks` has no values."""
         names = ("reconstruction_time", "reconstruction_radius", "compared_time", "residual_over_rmax")
         arrays = (getattr(checks, name) for name in names)
         time, radius, compared_time, residual = (np.empty(0) if values is None else values for values in arrays)
@@ -212,7 +212,8 @@ class _Units(NamedTuple):
 
 
 def _view(time: Floats, window: Floats) -> tuple[float, float]:
-    """From the first frame to half a window beyond the window: a long quiet tail would squeeze what was compared."""
+    """Ends of the time axis: at most one window length before the window and half of one after it, so that a long
+    recording does not make the window small; all frames if there is no window."""
     if not len(time):
         return 0.0, 1.0
     first, last = float(time[0]), float(time[-1])
@@ -224,8 +225,8 @@ def _view(time: Floats, window: Floats) -> tuple[float, float]:
 
 
 def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequence[int]) -> list[Panel]:
-    """The shots of a group that were answered, R/R_max over t*, darker where R_max is smaller; then one or two panels
-    of a parameter over another, or over R_max. indices: of the group's curves in the result."""
+    """The panel of the answered shots of a group, R/R_max over t*, darker for smaller R_max; then one or two panels of
+    a parameter over another one, or over R_max. indices: of the group's curves in the result."""
     members = [i for i in indices if result.curves[i].has_answer]
     records, curves, t_c = [result.curves[i] for i in members], list[RadiusCurve](), list[float]()
     for i in members:  # draws of thousands of answers need not be in memory at once
@@ -244,7 +245,7 @@ def group_panels(pairs: Pairs, result: Result, group: GroupRecord, indices: Sequ
 
 
 def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> list[Panel]:
-    """All curves in µs and µm, and as R/R_max over t* in the medium of each; unusable ones are left out."""
+    """Panels of all curves in µs and µm, and as R/R_max over t* by the medium of each; unusable ones are left out."""
     usable = []
     for curve, medium in zip(curves, media, strict=True):
         with suppress(InputError):
@@ -256,8 +257,8 @@ def overview_panels(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> l
 
 
 def _overlay(curves: Sequence[RadiusCurve], units: Sequence[float], end: float = np.inf, *, scaled: bool) -> Panel:
-    """The curves over each other. units: of the time of each, s. scaled: radii over R_max (else µm), times (t*) to
-    `end`."""
+    """One panel of all curves. units: unit of the time of each curve, s. scaled: radii are over R_max (else in µm), and
+    times are t*, up to `end`."""
     sizes = np.array([curve.max_radius for curve in curves])
     layers = []
     for curve, unit, size, tone in zip(curves, units, sizes, _tones(sizes), strict=True):
@@ -282,7 +283,7 @@ def _tones(sizes: Floats) -> Floats:
 def _answers(
     records: Sequence[CurveRecord], group: GroupRecord, unit: Unit, upper: str, across: str, tones: Floats
 ) -> Panel:
-    """Rings are answers that do not count."""
+    """The panel of the answers of a group, `upper` over `across`; rings mark answers that do not count."""
     x, mean_x, x_label = _along(across, records, group, unit)
     y, mean_y, y_label = _along(upper, records, group, unit)
     trusted = np.array([record.trusted for record in records])
@@ -293,7 +294,7 @@ def _answers(
         Layer("dots", "estimate", x[finite, 1], y[finite, 1], tones=tones[finite]),
         Layer("dots", "ring", x[finite & ~trusted, 1], y[finite & ~trusted, 1], "does not count"),
     ]
-    # look, name, and (3,) lower end, value and upper end along both axes; None: along the whole of `x`
+    # (look, name, x, y), x and y (3,): lower end, value and upper end; x is None: across the whole panel
     marks: list[tuple[str, str, Floats | None, Floats]] = []
     if over_size and (slope := group.slopes.get(upper)):
         power, some = slope.median or 0.0, (y[:, 1] > 0) & (trusted | (slope.n_trusted < slope.n))
@@ -307,7 +308,7 @@ def _answers(
         marks.append(("centre", "material", *centre))
     elif mean_y is not None and group.value(upper).std is not None and (over_size or mean_x is not None):
         marks.append(("centre", "mean ± std", None if over_size else mean_x, mean_y))
-    if not (over_size and group.shear_modulus_Pa.mean is not None):  # once
+    if not (over_size and group.shear_modulus_Pa.mean is not None):  # in one panel only
         for method, values in group.published.items():
             of_x, of_y = (_mean(values.get(name, Spread()), in_unit(name, unit)[1]) for name in (across, upper))
             if of_y is not None and (over_size or of_x is not None):
@@ -326,7 +327,7 @@ def _answers(
 def _along(
     name: str, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit
 ) -> tuple[Floats, Floats | None, str]:
-    """(n, 3) of a parameter or of R_max, (3,) of the group's mean, and the axis's label."""
+    """(values of a parameter or of R_max (n, 3), the group's mean (3,) or None, label of the axis)."""
     if name == _SIZE:
         radii = [1e6 * (record.max_radius_m or np.nan) for record in records]
         return np.column_stack([radii] * 3), None, f"{RMAX} (µm)"
@@ -343,13 +344,13 @@ def _mean(value: Spread, factor: float) -> Floats | None:
 
 
 def _ends(values: Sequence[Quantity], factor: float = 1.0) -> Floats:
-    """(n, 3) lower end, median and upper end; the median thrice where there is no interval."""
+    """(n, 3) lower end, median and upper end; three times the median where there is no interval."""
     ends = factor * np.array([(value.q05, value.median, value.q95) for value in values], dtype=float).reshape(-1, 3)
     return np.where(np.isnan(ends), ends[:, 1:2], ends)
 
 
 def _around(parts: Sequence[Floats], *, close: bool = False) -> tuple[float, float]:
-    """Limits about these positive numbers: from zero where the smallest is far below the largest, unless `close`."""
+    """Ends of an axis around these positive numbers; from zero if largest/smallest exceeds FAR, unless `close`."""
     numbers = np.concatenate([np.ravel(part) for part in parts])
     numbers = numbers[np.isfinite(numbers)]
     if not len(numbers) or numbers.max() <= 0.0:

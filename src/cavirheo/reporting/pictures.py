@@ -1,9 +1,9 @@
-"""Panels drawn: as SVG text, which a page holds in itself, by one template (picture.svg) at every size; and as files,
-for those that are asked for, by matplotlib.
+"""Drawing of panels: as SVG text within a page, by one template (picture.svg) for all sizes; and as figure files on
+request, by matplotlib.
 
-Of SVG coordinates are whole numbers, PX to a pixel, and colours those of picture.css, which each page has once. Files
-are for a two-column paper: 84 or 174 mm wide, type of 7 and 8 pt, told apart in grey; name, verdict and answer stand in
-its caption.
+SVG coordinates are whole numbers, PX to a pixel, and the colours are those of picture.css, which each page has once.
+Figure files are for a two-column paper: 84 or 174 mm wide, with type of 7 and 8 pt, and readable in grey. Name, verdict
+and answer belong in the caption.
 """
 
 from __future__ import annotations
@@ -29,32 +29,32 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PX = 4  # units of a picture to a pixel
+PX = 4  # SVG units per pixel
 WIDTH, HEIGHT = 480, 300  # px of a picture as the report shows it
-POINTS = 800  # of a picture
-GROUP_POINTS = 8 * POINTS  # of the shots of a group
-Word = tuple[str, int, int, str]  # look, place of its baseline, text
+POINTS = 800  # approximate number of points of a picture
+GROUP_POINTS = 8 * POINTS  # approximate number of points of all shots of a group
+Word = tuple[str, int, int, str]  # look, x and y of the baseline, text
 Key = list[tuple[str, str]]  # look, text
-_LEFT, _RIGHT, _BELOW = 44 * PX, 6 * PX, 36 * PX  # around the axes
-_ROW = 17 * PX  # a line of words
+_LEFT, _RIGHT, _BELOW = 44 * PX, 6 * PX, 36 * PX  # margins around the axes
+_ROW = 17 * PX  # height of a line of text
 _TICK = 4 * PX
-_FEWEST = 40  # points of a line that is drawn
-_TONES = 12  # of the shots of a group
-_SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "area": "▬", "ticks": "|"}  # in the key, by shape
+_FEWEST = 40  # least number of points of a line
+_TONES = 12  # steps from the darkest to the lightest tone
+_SYMBOLS = {"dots": "●", "line": "—", "bars": "+", "area": "▬", "ticks": "|"}  # symbols in the key, by shape
 _SYMBOLS |= {"ring": "○", "outlier": "○", "contour": "- -"}  # or by look
-KINDS = ("png", "svg", "pdf")  # of files
-_MM = 25.4  # to an inch
-_WIDTH_MM, _PAGE = 84.0, 174.0  # a column, and a page
-_SMALL, _LARGE = 7.0, 8.0  # pt: numbers and keys, and the names of axes
-_EM = _LARGE * _MM / 72.0  # mm
-_LINE = 1.0  # pt
-_DPI = 300  # of a PNG
+KINDS = ("png", "svg", "pdf")  # of figure files
+_MM = 25.4  # per inch
+_WIDTH_MM, _PAGE = 84.0, 174.0  # mm, width of a column and of a page
+_SMALL, _LARGE = 7.0, 8.0  # pt, type of numbers and keys, and of the names of axes
+_EM = _LARGE * _MM / 72.0  # mm, size of the large type
+_LINE = 1.0  # pt, width of a line
+_DPI = 300  # resolution of a PNG
 _GREY = "#a0a0a0"
-_LIGHTEST = 0.85  # tone of a shot, of 1
+_LIGHTEST = 0.85  # tone of the lightest shot, from 0 (dark) to 1
 _KEY: dict[str, Any] = {"frameon": False, "fontsize": _SMALL, "handlelength": 1.4, "borderpad": 0.0}
 _DOT = {"marker": "o", "ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
 _MARK = {"ms": 4.0, "lw": 1.0, "capsize": 2.0, "zorder": 3}
-_LOOKS: dict[str, dict[str, Any]] = {  # of the layers of a panel; one without is left out
+_LOOKS: dict[str, dict[str, Any]] = {  # styles of matplotlib by look; a layer of another look is left out
     "measured": _DOT | {"mec": "black"},
     "outside": _DOT | {"mec": _GREY},
     "simulated": {"color": style.VERMILLION, "lw": _LINE},
@@ -74,20 +74,20 @@ _LOOKS: dict[str, dict[str, Any]] = {  # of the layers of a panel; one without i
 
 @dataclass(frozen=True)
 class Frame:
-    """A panel in a box of a picture: where points lie, and the paths of layers. box: left, top, width and height."""
+    """A panel in a box of an SVG picture, with the paths of its layers. box: left, top, width and height."""
 
     panel: Panel
     box: tuple[int, int, int, int]
 
     def place(self, x: Any, y: Any, axis: Axis | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """In whole units of the picture. axis: along which x is counted, if not that of the panel."""
+        """Points in whole units of the picture. axis: the axis of x, if it is not that of the panel."""
         (left, top, width, height), along, up = self.box, axis or self.panel.x, self.panel.y
         across = left + width * (np.asarray(x, dtype=float) - along.low) / (along.high - along.low)
         down = top + height * (up.high - np.asarray(y, dtype=float)) / (up.high - up.low)
         return np.rint(across).astype(int), np.rint(down).astype(int)
 
     def axes(self, *, along: bool) -> tuple[str, list[Word], list[Word]]:
-        """The path of the axes, their ticks and names. along: with ticks of `x`."""
+        """(path of the axes, numbers at their ticks, their names). along: with ticks and name of `x`."""
         (left, top, width, height), panel = self.box, self.panel
         right, bottom = left + width, top + height
         rows, columns = panel.y.ticks(max(height // (36 * PX), 4)), panel.x.ticks(max(width // (55 * PX), 2))
@@ -105,14 +105,14 @@ class Frame:
             columns = second.ticks(max(width // (45 * PX), 2))
             for across, n in zip(self.place(columns, panel.y.low, second)[0], columns, strict=True):
                 path += f"M{across} {top}v{-_TICK}"
-                if left + 30 * PX < across < right - 25 * PX:  # the ends are those of the axes' names
+                if left + 30 * PX < across < right - 25 * PX:  # names of axes stand at the ends
                     ticks.append(("middle", across, top - 6 * PX, f"{n:g}"))
             names.append(("name end", right, top - 6 * PX, second.label))
         return path, ticks, names
 
     def paths(self, points: int) -> Iterator[tuple[str, str, str]]:
-        """(look, path, colour) of each layer. points: of the picture, of which each has its share. Those of one tone,
-        of the few that are told apart, are one path."""
+        """Yield (look, path, colour) of each layer, and of each tone in a layer (_TONES steps). points: number of
+        points of the picture, of which each layer has its share."""
         for layer in self.panel.layers:
             most = len(layer.x) if layer.share is None else max(int(points * layer.share), 1)
             path: Any = getattr(self, f"_{layer.shape}")
@@ -125,13 +125,13 @@ class Frame:
                     yield layer.look, data, colour
 
     def _dots(self, x: Floats, y: Floats, most: int) -> str:
-        """A dot for each point, or for every k-th of more than `most`."""
+        """Path with a dot for each point, or for every k-th if there are more than `most`."""
         every = max(-(-len(x) // max(most, 1)), 1)
         across, down = self.place(x[::every], y[::every])
         return "".join(f"m{step}z" for step in _steps(across, down)).replace("m", "M", 1)
 
     def _line(self, x: Floats, y: Floats, most: int) -> str:
-        """A line through the points, with no more than about `most` of them; it breaks where a number is NaN."""
+        """Path of a line through the points, or through about `most` of them; NaN makes a gap."""
         finite, path = np.flatnonzero(np.isfinite(y)), ""
         for part in np.split(finite, np.flatnonzero(np.diff(finite) > 1) + 1) if len(finite) else ():
             some = part[self._thinned(x[part], y[part], max(most * len(part) // len(finite), 2))]
@@ -144,7 +144,7 @@ class Frame:
         return f"M{left} {top}h{right - left}V{bottom}H{left}z"
 
     def _area(self, x: Floats, y: Floats, most: int) -> str:
-        """Between two lines, with no more than about `most` points of each."""
+        """Path of the area between two lines, of each about `most` points or fewer."""
         some = self._thinned(x, y[:, 1], most)
         ends = np.concatenate([y[some, 0], y[some[::-1], 1]])
         first, *steps = _steps(*self.place(x[np.concatenate([some, some[::-1]])], ends))
@@ -161,7 +161,7 @@ class Frame:
         return "".join(f"M{across} {down}v{-7 * PX}" for across, down in zip(*self.place(x, y), strict=True))
 
     def _thinned(self, x: Floats, y: Floats, most: int) -> np.ndarray:
-        """Indices of about `most` points, equally far along a line, and of its turns: a collapse stays sharp."""
+        """Indices of `most` points evenly along a line, and of as many of its turns, so that a collapse stays sharp."""
         if len(x) <= most:
             return np.arange(len(x))
         width, height = (axis.high - axis.low for axis in (self.panel.x, self.panel.y))
@@ -173,11 +173,11 @@ class Frame:
 
 
 def curve_svg(panels: Sequence[Panel], width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS) -> Markup:
-    """The picture of a curve: measured points, the simulation over them, and below what is left between, with a band of
-    ± RMSE. width and height: px; type keeps its size. points: about so many are drawn."""
+    """The picture of a curve: measured points with the simulation over them, and below the residual with a band of
+    ± RMSE. width, height: px; the size of the type does not change. points: approximate number of drawn points."""
     radius, *residual = panels
     simulated = f", {radius.layer('simulated').name} and residual" if residual else ""
-    key = _key(radius, without="outside" if width < WIDTH else "")  # there is no room
+    key = _key(radius, without="outside" if width < WIDTH else "")  # a narrow key has no room
     key += [("failed", f"{radius.note}\u2003")] if radius.note else []
     return _picture(panels, f"measured radius over time{simulated}", key, points, (width, height))
 
@@ -191,7 +191,7 @@ def group_svg(panels: Sequence[Panel], points: int = GROUP_POINTS) -> Markup:
 
 
 def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
-    """The picture of shots over each other. points: of all lines; of too many shots for these every k-th is drawn."""
+    """The picture of all shots in one panel. points: of all lines together; of too many shots every k-th is drawn."""
     every = max(-(-len(panel.layers) * _FEWEST // points), 1)
     share = max(points // len(panel.layers[::every]), _FEWEST) / points
     layers = tuple(replace(layer, share=share) for layer in panel.layers[::every])
@@ -203,7 +203,7 @@ def overlay_svg(panel: Panel, points: int = GROUP_POINTS) -> Markup:
 def _picture(
     panels: Sequence[Panel], label: str, key: Key, points: int, size: tuple[float, float] = (WIDTH, HEIGHT)
 ) -> Markup:
-    """A panel, and below it at most one of what is left between. key: the words in the row at the top."""
+    """SVG of one panel, or of a panel with that of the residual below it. key: the text in the row at the top."""
     from cavirheo.reporting.html import template
 
     view, top = [round(PX * side) for side in size], 2 * _ROW + 2 * PX
@@ -221,7 +221,7 @@ def _picture(
 
 
 def _key(panel: Panel, *, without: str = "") -> Key:
-    """What the layers are, in their colours. without: a look that is left out."""
+    """The key: (look, symbol and name) of each layer with a name. without: a look that is left out."""
     return [
         (layer.look, f"{_SYMBOLS.get(layer.look, _SYMBOLS.get(layer.shape, ''))} {layer.name}\u2003")
         for layer in panel.layers
@@ -230,24 +230,24 @@ def _key(panel: Panel, *, without: str = "") -> Key:
 
 
 def _steps(across: np.ndarray, down: np.ndarray) -> list[str]:
-    """The first place, then from each to the next, in as few letters as SVG allows."""
+    """Coordinates of the first point, then of the steps from point to point, in as few letters as SVG allows."""
     x, y = np.diff(across, prepend=0).tolist(), np.diff(down, prepend=0).tolist()
     return [f"{a}{b}" if b < 0 else f"{a} {b}" for a, b in zip(x, y, strict=True)]
 
 
 def check_figures(figures: Sequence[str]) -> None:
-    """Raises InputError: a kind of figure that is unknown."""
+    """Check the kinds of figure files. Raises InputError: an unknown kind."""
     unknown = ", ".join(repr(kind) for kind in figures if kind not in KINDS)
     require(not unknown, f"figures can be {', '.join(KINDS)}, got {unknown}", "reporting.figures")
 
 
 def stems_of(curves: Iterable[str], groups: Iterable[str]) -> list[str]:
-    """File names without their ending of the figures of curves and groups."""
+    """Names, without an ending, of the figure files of curves and groups."""
     return file_names([*curves, *(f"group-{name}" for name in groups)])
 
 
 def file_names(names: Sequence[str]) -> list[str]:
-    """A safe file name for each, short enough for an ending, different also where letter case does not count."""
+    """A safe, short file name without an ending for each name; no two are equal, also if letter case is ignored."""
     taken = dict.fromkeys(("result", "report"), "")
     for name in names:
         stem = short_name(re.sub(r"[^\w.+-]+", "_", name).strip("._")[:100]) or "curve"
@@ -259,8 +259,8 @@ def file_names(names: Sequence[str]) -> list[str]:
 def write_figures(
     folder: Outputs, pairs: Pairs, document: Result, figures: Sequence[str], advance: Callable[[], None] | None = None
 ) -> list[str]:
-    """Write the figures of all curves with an answer and groups of several; return the reasons of those that failed.
-    advance: called after each."""
+    """Write figures of all answered curves and of groups of several shots; return the reasons of those that failed.
+    advance: called after each curve and group."""
     if not style.available():
         return [style.NO_PICTURES]
     rows, failed = document.curves, list[str]()
@@ -286,7 +286,7 @@ def write_figures(
 
 
 def curve_figure(panels: Sequence[Panel]) -> Figure:
-    """A column: the measured points, the simulation over them, and below what is left between."""
+    """Figure of one column: measured points with the simulation over them, and below the residual."""
     height = 68.0
     figure = style.new_figure(height / _MM, _WIDTH_MM / _MM)
     left, bottom, across = 6.4 * _EM, 3.6 * _EM, _WIDTH_MM - 7.1 * _EM
@@ -301,7 +301,7 @@ def curve_figure(panels: Sequence[Panel]) -> Figure:
 
 
 def group_figure(panels: Sequence[Panel]) -> Figure:
-    """A page: all shots over each other, and their answers with the material; rings do not count."""
+    """Figure as wide as a page: all shots in one panel, and their answers with the material; rings do not count."""
     height = 62.0
     figure = style.new_figure(height / _MM, _PAGE / _MM)
     bottom, tall = 3.9 * _EM, height - 7.4 * _EM  # two lines of the key above
@@ -318,7 +318,7 @@ def group_figure(panels: Sequence[Panel]) -> Figure:
 
 
 def _panel(figure: Figure, box: tuple[float, float, float, float], panel: Panel, *, along: bool = True) -> Axes:
-    """Axes with their layers. box: left, bottom, width and height, mm; along: with numbers and name at the bottom."""
+    """Axes with the layers of a panel. box: left, bottom, width and height, mm. along: with numbers and name below."""
     (width, height), x, y = (_MM * figure.get_size_inches()), panel.x, panel.y
     axes = figure.add_axes((box[0] / width, box[1] / height, box[2] / width, box[3] / height))
     axes.spines[["top", "right"]].set_visible(False)

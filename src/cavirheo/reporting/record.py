@@ -1,8 +1,8 @@
-"""result.json: the answers as a document that other programs read (schema 1), and back.
+"""result.json: the answers as a document for other programs (schema 1), made and read.
 
-Every number is SI and finite, or null: a method without an interval has null q05 and q95, a curve without an answer
-has null everywhere and says why in `messages`. Means of a group are over its trusted curves, those
-whose verdict is in TRUSTED (posterior.py).
+Every number is SI and finite, or null: q05 and q95 are null for a method without an interval; all values of the answer
+are null for a curve without one, and `messages` say why. Means of a group are over its trusted curves, those whose
+verdict is in TRUSTED (posterior.py).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class CurveAnswers(Pairs):
 
     @classmethod
     def of(cls, pairs: Pairs) -> CurveAnswers:
-        """These, as they are."""
+        """The pairs as `CurveAnswers`."""
         if isinstance(pairs, CurveAnswers):
             return pairs
         return cls([curve for curve, _ in pairs], [answer for _, answer in pairs])
@@ -53,7 +53,7 @@ class CurveAnswers(Pairs):
         return self.curves[index], self.answers[index]
 
 
-CACHED = 500  # curves of a run whose materials are kept in memory
+CACHED = 500  # most curves of a run whose materials are kept in memory
 
 
 class Result(Document):
@@ -63,7 +63,7 @@ class Result(Document):
         curves: a row for each curve.
         groups: the shots of each file or folder, with their means and their material; those of published values that
             have no recording have no shot.
-        differences: of the materials of each two groups, where there are several; left out where there is none.
+        differences: of the materials of each two of the first 6 groups that have one; left out where there is none.
     """
 
     kind: Literal["result"] = "result"
@@ -80,17 +80,17 @@ class Result(Document):
 
     @property
     def modulus_unit(self) -> tuple[float, str]:
-        """(factor from Pa, its name) of G in all tables and pictures of this document."""
+        """(factor from Pa, name) of the unit of G in all tables and pictures of this document."""
         return digits.modulus_unit(curve.shear_modulus_Pa.median for curve in self.curves)
 
     @property
     def parameters(self) -> list[str]:
-        """Names of what was inferred, or given of the bubble, besides G, mu and the stretch."""
+        """Names of the parameters that were inferred, or given for the bubble, without G, mu and the stretch."""
         return list(dict.fromkeys(name for curve in self.curves for name in curve.other_parameters))
 
     @property
     def model_key(self) -> list[str]:
-        """What is to be said of them below a table."""
+        """Lines below a table on the models of the answers, and on a viscosity at a shear rate."""
         models = dict.fromkeys((curve.material, curve.bubble.sentence) for curve in self.curves if curve.has_answer)
         lines = list(dict.fromkeys(sentence for _, sentence in models))
         if len(models) == 1:
@@ -114,8 +114,8 @@ class Result(Document):
         return [(group, [self.curves[i] for i in indices]) for group, indices in self.members()]
 
     def add_published(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCES) -> None:
-        """Add values of other methods to the groups of these names; a name that is no group's becomes a group without
-        shots, in the order of the names."""
+        """Add published values to the groups with these names. Any other name becomes a group without shots, in the
+        order of the names."""
         for k, name in enumerate(published):
             if name not in [group.name for group in self.groups]:
                 self.groups.insert(k, group_of(name, []))
@@ -124,8 +124,8 @@ class Result(Document):
 
 
 def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = ()) -> Result:
-    """The record of all curves and of their groups (the files they came from), in the order given. The answers are read
-    group by group."""
+    """The result of all curves, in the given order, and of their groups. The answers are read group by group. command,
+    date, notes: as of `write_report`."""
     pairs = CurveAnswers.of(pairs)
     curves, answers, title = pairs.curves, pairs.answers, _title(pairs.curves)
     material = kept_material_of if len(curves) <= CACHED else material_of
@@ -148,7 +148,7 @@ def result_of(
     date: str | None = None,
     notes: Sequence[str] = (),
 ) -> Result:
-    """The record of these rows and of their groups. materials: of the groups; without them these have none."""
+    """The result of these records of curves, and of their groups. materials: those of the groups; default: none."""
     members, names, title = _members(rows), group_names(rows), _title(rows)
     materials = materials or [None] * len(members)
     groups = [
@@ -162,19 +162,19 @@ def result_of(
 
 
 def group_names(curves: Iterable[CurveRecord | RadiusCurve]) -> list[str]:
-    """How the groups of curves are called, in their order: by what was read where several have one name."""
+    """Names of the groups of curves, in order; groups with the same name have the path that was read instead."""
     members = list(_members(curves))
     stems = [group for group, _ in members]
     return [group if stems.count(group) == 1 or not source else source for group, source in members]
 
 
 def _title(curves: Iterable[CurveRecord | RadiusCurve]) -> str:
-    """Of the column that the user declared; "" where there is none."""
+    """The title of the column that the user declared; "" if there is none."""
     return next((title for curve in curves for title in curve.column), "")
 
 
 def read_json(path: str | Path) -> Result:
-    """A result.json as it was written. Raises InputError if there is none or it is not one of ours."""
+    """Read a result.json. Raises InputError: there is no such file, or it is not a result of cavirheo."""
     return document.read_json(path, Result)
 
 

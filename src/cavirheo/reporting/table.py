@@ -1,5 +1,5 @@
-"""Tables of curves and their answers, alone and beside published values, for the terminal (rich) and for spreadsheets
-(CSV); and what is said below them.
+"""Tables of curves and their answers, with or without published values, for the terminal (rich) and for spreadsheets
+(CSV); and the remarks below them.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ if TYPE_CHECKING:
 
     from cavirheo.inference.analysis import Analysis
 
-MOST = 10  # lines on groups and curves below the table, but at least half as many on curves
-FITS = ("least_squares", "laplace")  # methods whose answer is a maximum
-OURS_TRUSTED, OURS_ALL = f"{OURS}, trusted", f"{OURS}, all"  # how our two means are called where they differ
-WIDE_SCATTER = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has less
+MOST = 10  # most remarks on groups and curves below the table; there is always room for half as many on curves
+FITS = ("least_squares", "laplace")  # methods whose answer is a maximum of the likelihood or of the posterior
+OURS_TRUSTED, OURS_ALL = f"{OURS}, trusted", f"{OURS}, all"  # names of our two means where they differ
+WIDE_SCATTER = 0.4  # standard deviation of G from shot to shot over its mean; one batch of gel has less
 _WINDOWS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
-_WIDE = 110  # columns; below this an interval stands under its median, and only those of G and mu are shown
-_WIDE_COMPARISON = 100  # columns; below this cells have two lines
+_WIDE = 110  # columns; in a narrower terminal intervals are below the medians, and only those of G and mu are shown
+_WIDE_COMPARISON = 100  # columns; in a narrower terminal cells have two lines
 
 
 def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
-    """R_max, frame rate, frames with a radius, time that was recorded, collapses."""
+    """Cells of a curve: R_max (µm), frame rate (kHz), frames with a radius, recorded time (µs), number of collapses."""
     top, collapses = digits.MISSING, digits.MISSING
     with suppress(InputError):
         top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
@@ -51,8 +51,8 @@ def summary_cells(curve: RadiusCurve) -> tuple[str, ...]:
 
 
 def curve_warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
-    """(name, sentence) of what must not be overlooked: curves without R_max, and scales that make no sense."""
-    from cavirheo.inference import checks  # loads the solver, which a document that is read back needs not
+    """Yield (name, sentence) for each warning on scales and settings, and for each curve without R_max."""
+    from cavirheo.inference import checks  # imports the solver, which is not needed to show a document
 
     for curve in curves:
         yield from ((curve.name, warning.text) for warning in checks.curve_warnings(curve, WATER))
@@ -63,18 +63,18 @@ def curve_warnings(curves: Iterable[RadiusCurve]) -> Iterator[tuple[str, str]]:
 
 
 def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    """What was recognised, converted or left out, each once with the shots that it concerns."""
+    """Notes on what was recognised, converted or left out in the files, each once, with the names of its curves."""
     return terminal.by_message((curve.name, note) for curve in curves for note in curve.notes)
 
 
 def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
-    """(name, sentence) of those whose recording or settings are to be checked."""
+    """(name, sentence) for each input warning of these records."""
     return ((record.name, warning.text) for record in records for warning in record.warnings)
 
 
 def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
-    """What the messages of answers say, the most frequent first, with the names that each concerns: the sentence of
-    one curve as it is, of several what all with its code have in common."""
+    """The remarks of all answers, the most frequent first, each with the names of its curves. Different sentences with
+    the same code are replaced by what they have in common, if the code has such a title."""
     by_code: dict[str, list[tuple[str, str]]] = {}
     for record in records:
         for message in record.remarks:
@@ -87,15 +87,15 @@ def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
 
 
 def unexplained(records: Sequence[CurveRecord]) -> int:
-    """How many answers ask for another law: their simulation does not follow, or no stiffness is seen."""
+    """Number of answers that suggest another law: their simulation does not fit, or G has no lower bound."""
     undetermined = [row.shear_modulus_Pa.bound for row in records if row.verdict == "undetermined"]
     no_stiffness = sum(bound in ("upper", "undetermined") for bound in undetermined)
     return no_stiffness + sum(row.verdict == "model_does_not_fit" for row in records)
 
 
 def next_step(result: Result, analysis: Analysis, out: Path) -> str:
-    """The command that helps where most answers ask for another law or bubble, or the recording to look at before;
-    "" where none does."""
+    """Advice on the next step: the recordings to check if these explain most misfits, else the command to run if most
+    answers suggest another law or bubble; "" if neither."""
     if analysis.method == "bdt" or analysis.verify == "none":
         return ""
     records, options = result.curves, []
@@ -119,8 +119,8 @@ def next_step(result: Result, analysis: Analysis, out: Path) -> str:
 
 
 def pooled(result: Result) -> list[tuple[str, str, list[str]]]:
-    """(group, scatter of G in %, stems of the files' names) of groups that scatter more than WIDE_SCATTER, and whose
-    files have several names, of which some differ in a number alone: several materials?"""
+    """(group, scatter of G in %, stems of the file names) of groups that may be several materials: their scatter is
+    larger than WIDE_SCATTER, and their files have several stems, some of them with several numbers."""
     from cavirheo.inference.population import relative_scatter
 
     groups = []
@@ -137,8 +137,8 @@ def pooled(result: Result) -> list[tuple[str, str, list[str]]]:
 def print_table(
     result: Result, *, analysis: Analysis | None = None, out: Path = Path(), notes_shown: Collection[str] = ()
 ) -> None:
-    """One row per curve, one per group (mean ± standard deviation), what is said of groups and curves, and the next
-    step, where the analysis and the folder of the run are given. notes_shown: those that stderr has already."""
+    """Print a row per curve and per group (mean ± standard deviation), the remarks on groups and curves, and, with an
+    analysis, the next step. out: folder of the run. notes_shown: notes that were already printed on stderr."""
     from rich.text import Text
 
     console = terminal.console()
@@ -185,7 +185,7 @@ def print_table(
 
 
 def _print_most(console: Console, remarks: Sequence[tuple[str, str]], most: int) -> None:
-    """A line for each (who, sentence), at most so many; the rest is counted."""
+    """Print a line for each (who, sentence), at most `most`, then the number of the others."""
     for who, sentence in remarks[:most]:
         terminal.print_remarks(console, {sentence: [who]})
     if (more := len(remarks) - most) > 0:
@@ -193,7 +193,7 @@ def _print_most(console: Console, remarks: Sequence[tuple[str, str]], most: int)
 
 
 def print_line(record: CurveRecord) -> None:
-    """A row as soon as it is found: its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s
+    """Print an answer in one line, first its verdict, then its numbers: 'ok  gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s
     [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
     from rich.text import Text
 
@@ -211,7 +211,7 @@ def print_line(record: CurveRecord) -> None:
 
 
 def print_all(result: Result) -> None:
-    """`print_table`, what other models and modes answer, and values of other methods."""
+    """Print `print_table`, the comparison with published values, and the answers of other models and modes."""
     print_table(result)
     if any(group.published for group in result.groups):
         print_comparison(result)
@@ -226,7 +226,7 @@ def print_all(result: Result) -> None:
 
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
-    """The answer, then those of the others by evidence: model, G, µ, λ, RMSE and log evidence above the answer's."""
+    """Rows of the answer and of other models, by evidence: model, G, µ, λ, RMSE, log evidence minus the answer's."""
     log_evidence, rows = record.evidence.log if record.evidence else None, []
     models: list[tuple[CurveRecord | OtherModel, float | None]] = [(record, log_evidence)]
     models += [(model, model.log_evidence) for model in sorted(record.other_models, key=evidence, reverse=True)]
@@ -262,7 +262,7 @@ def _group_cells(group: GroupRecord, factor: float) -> list[str]:
 
 
 def _print_parameters(console: Console, result: Result) -> None:
-    """What was inferred or given besides G, µ and λ, without the camera's."""
+    """Print the parameters that were inferred or given, without G, µ, λ and those of the camera."""
     of_laws, excluded = parameters_of(result.curves), (*CAMERA, AT_RATE)
     names = [name for name in result.parameters if name in of_laws or not of_the_law(name)]
     units = {name: in_unit(name) for name in names if name not in excluded}
@@ -281,14 +281,14 @@ def _print_parameters(console: Console, result: Result) -> None:
 
 
 def _windowed(records: Sequence[CurveRecord]) -> list[str]:
-    """The parameters by window: G and the viscosity, or what a law has instead."""
+    """Parameters in the table of windows: of each law G and the viscosity, or all others if it has neither."""
     of_laws = ([name for name in parameters_of([record]) if name != AT_RATE] for record in records)
     return list(dict.fromkeys(name for law in of_laws for name in [n for n in law if n in KEYS] or law))
 
 
 def windows(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[str, str]]]:
-    """'G (kPa), µ (Pa s)', and '6.44, 0.0295' of each record for windows of 1, 2, 3 and all collapses; * where one is
-    at a bound. Nothing of a record that no fit answers."""
+    """(title 'G (kPa), µ (Pa s)', values '6.44, 0.0295' of each record by window: 1, 2, 3 and all collapses). *: one is
+    at a bound. A record has no values unless its method is one of FITS."""
     texts_of_records, fitted = [], []
     for record in records:
         texts: dict[str, str] = {}
@@ -306,8 +306,8 @@ def windows(records: Sequence[CurveRecord], unit: Unit) -> tuple[str, list[dict[
 
 
 def _print_windows(console: Console, result: Result) -> None:
-    """G and mu of every curve for windows of 1, 2, 3 and all collapses; of every group mean ± standard deviation over
-    the trusted curves that have the window, and how many they are."""
+    """Print the values of every curve by window, and for every group of several shots the mean ± standard deviation
+    over the trusted curves with this window, and their number."""
     unit, heads = result.modulus_unit, list(_WINDOWS.values())
     values, texts_of_records = windows(result.curves, unit)
     windowed = zip(result.curves, texts_of_records, strict=True)
@@ -329,7 +329,7 @@ def _print_windows(console: Console, result: Result) -> None:
 
 
 def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
-    """(names of the columns of result.csv, SI units in them; a row for each curve, None where there is no number)."""
+    """(column names of result.csv, which contain the SI units; a row for each curve, None for a missing number)."""
     first, further = ["stretch", "shear_modulus", "viscosity"], result.parameters
     columns = {name: export.column(name, digits.described(name)[1]) for name in (*first, *further)}
     ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
@@ -347,8 +347,8 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
 
 
 class ComparedParameter(NamedTuple):
-    """A parameter of a group (name: natural, "" for a group without any), and its values by method and of ours: of the
-    trusted shots that determine it (OURS_TRUSTED), and of all."""
+    """A parameter of a group (natural name, or "" for a group without parameters) and its values by method. Our means
+    are OURS_TRUSTED, over the trusted shots that determine it, and OURS_ALL, over all shots that determine it."""
 
     group: GroupRecord
     shots: Sequence[CurveRecord]
@@ -357,7 +357,7 @@ class ComparedParameter(NamedTuple):
 
     @property
     def answers(self) -> list[str]:
-        """What our means are called: one name where all answered shots are trusted, nothing without a recording."""
+        """Names of our means: one if both means are over as many shots, else two; none without a recording."""
         if not self.shots or self.name not in (*KEYS, ""):
             return []
         return [OURS] if self.values[OURS_ALL].n == self.values[OURS_TRUSTED].n else [OURS_TRUSTED, OURS_ALL]
@@ -377,7 +377,7 @@ class ComparedParameter(NamedTuple):
 
 
 def compared_parameters(result: Result) -> list[ComparedParameter]:
-    """One for each parameter of each group that is published or inferred; a liquid has no G."""
+    """One entry for each published or inferred parameter of each group, or one without a name if there is none."""
     rows = []
     for group, shots in result.shots():
         inferred = [name for name in KEYS if any(shot.value(name).median for shot in shots)]
@@ -390,12 +390,12 @@ def compared_parameters(result: Result) -> list[ComparedParameter]:
 
 
 def _references(result: Result) -> list[str]:
-    """The methods that errors are to."""
+    """The methods relative to which errors are given."""
     return list(dict.fromkeys(method for group in result.groups for method in group.errors))
 
 
 def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
-    """The material, and shots with another verdict than ok."""
+    """Lines on a group: its material, the counts of verdicts other than "ok", and why shots have no answer."""
     lines = [group.material.line] if group.material else []
     counted = [(look.words, group.verdicts.get(verdict)) for verdict, look in digits.LOOKS.items() if verdict != "ok"]
     if counts := [f"{words} {n}" for words, n in counted if n]:
@@ -405,7 +405,7 @@ def group_remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]
 
 
 def print_comparison(result: Result) -> None:
-    """A line for each group, parameter and method; then what is to be known of each group and of all."""
+    """Print a line for each group, parameter and method; then the key, remarks on each group, and notes."""
     console = terminal.console()
     console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
     means = "mean ± standard deviation over the trusted shots that determine it. "
@@ -424,7 +424,7 @@ def print_comparison(result: Result) -> None:
 
 
 def print_with_published(result: Result, warning: str) -> None:
-    """The table and what must be known of it, below what is printed of another method."""
+    """Print the comparison and a warning below the output of another method."""
     console = terminal.console()
     console.print()
     console.print(comparison_table(result, wide=console.width >= _WIDE_COMPARISON))
@@ -432,13 +432,13 @@ def print_with_published(result: Result, warning: str) -> None:
 
 
 def comparison_table(result: Result, *, wide: bool) -> Table:
-    """For the terminal."""
+    """The comparison with published values as a table for the terminal. wide: no cell needs two lines."""
     rows, references = compared_parameters(result), _references(result)
     heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in references)]
     heads += ["shots", "trusted", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
     table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
     moduli = [value.mean for row in rows if row.name == "shear_modulus" for value in row.values.values()]
-    modulus_unit, before = digits.modulus_unit([0.0, *moduli]), None  # one for all rows
+    modulus_unit, before = digits.modulus_unit([0.0, *moduli]), None  # one unit for all rows
     for row in rows:
         factor, label = 1.0, row.name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
         if row.name in KEYS:
@@ -462,7 +462,7 @@ def comparison_table(result: Result, *, wide: bool) -> Table:
 
 
 def write_comparison(path: Path, result: Result) -> None:
-    """One line for each group and parameter, SI, errors as fractions; empty where there is no number."""
+    """Write CSV with a line for each group and parameter: SI, errors as fractions, empty cells for missing numbers."""
     lines, methods = list[dict[str, Any]](), [method for group in result.groups for method in group.published]
     parts = dict.fromkeys(methods, ("mean", "std")) | dict.fromkeys((OURS_TRUSTED, OURS_ALL), ("mean", "std", "n"))
     names = {method: method.replace(", ", "_") if method in (OURS_TRUSTED, OURS_ALL) else method for method in parts}

@@ -1,4 +1,4 @@
-"""How answers are written for people: the same digits, units and words in the table, the pictures and the report."""
+"""Text of answers for people: the same digits, units and words in tables, pictures and reports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Look(NamedTuple):
-    """How a verdict is shown: its words, its colour on white, its colour in a terminal."""
+    """How a verdict is shown: its words, its colour on white, and its colour in a terminal."""
 
     words: str
     colour: str
@@ -45,29 +45,29 @@ METHODS = {
     "least_squares": "least squares on the simulation",
     "laplace": "maximum of the posterior, Gaussian about it (Laplace)",
 }
-SIMULATED = {  # by method, whose values the simulation has that is drawn over a measurement
+SIMULATED = {  # by method: which simulation is drawn over a measurement
     "amortised": "best draw",
     "verified": "best draw",
     "least_squares": "best fit",
     "laplace": "maximum",
 }
 MISSING = "–"
-_SIDES = {"upper": "below", "lower": "above"}  # of a bound, where the value is
+_SIDES = {"upper": "below", "lower": "above"}  # by bound: on which side of the limit the value lies
 
 
 def modulus_unit(moduli: Iterable[float | None]) -> tuple[float, str]:
-    """(factor from Pa, its name): one unit for a whole table or picture, so that its rows can be compared by eye."""
+    """(factor from Pa, name) of one unit for a whole table or picture, so that its rows can be compared by eye."""
     return (1e-3, "kPa") if max((G for G in moduli if G is not None), default=1e3) >= 1e3 else (1.0, "Pa")
 
 
 def unit_for(unit: str, value: float | None) -> tuple[float, str]:
-    """(factor from SI, its name) of the unit in which a value stands in a sentence: kPa, and none of a plain number."""
+    """(factor from SI, name) of the unit of a value in a sentence: Pa or kPa of a modulus; "" if dimensionless."""
     return modulus_unit([value]) if unit == "Pa" else (1.0, "" if unit == "1" else unit)
 
 
 def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str = " ") -> str:
-    """'6.1 [5.4, 6.9]' to the digits that the interval leaves; '6.44' where there is none; 'below 0.030 (95 %)' where
-    it is open to one side, 'undetermined' where to both. `unit` after the number, `joint` before brackets."""
+    """A quantity in words: '6.1 [5.4, 6.9]', with digits by the width of the interval; '6.44' without an interval;
+    'below 0.030 (95 %)' or 'undetermined' for a bound. `unit` follows the number, `joint` stands before brackets."""
     unit = f" {unit}" if unit else ""
     if value.median is None:
         return MISSING
@@ -89,14 +89,14 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
 
 
 def measured(value: Quantity, factor: float = 1.0, unit: str = "") -> str:
-    """'6.1 [5.4, 6.9] kPa', 'below 0.030 Pa s (95 %)': `quantity` in a sentence, the unit behind an interval."""
+    """`quantity` for a sentence, with the unit after the interval: '6.1 [5.4, 6.9] kPa', 'below 0.030 Pa s (95 %)'."""
     if value.bound:
         return quantity(value, factor, unit=unit)
     return quantity(value, factor) + (f" {unit}" if unit else "")
 
 
 def spread(value: Spread, factor: float = 1.0) -> str:
-    """'6.4 ± 1.6': two digits of the deviation decide; '6.44 ± 0' where it is that of rounding alone."""
+    """Mean ± deviation to two digits of the deviation, '6.4 ± 1.6'; '6.44 ± 0' if it is a rounding error."""
     if value.mean is None:
         return MISSING
     mean = value.mean * factor
@@ -110,7 +110,7 @@ def spread(value: Spread, factor: float = 1.0) -> str:
 
 
 def significant(value: float, count: int = 3) -> str:
-    """So many significant digits, without exponent between 1e-4 and 1e6."""
+    """The value with `count` significant digits, without an exponent from 1e-4 to 1e6."""
     if value == 0.0 or not isfinite(value):
         return f"{value:g}"
     if not 1e-4 <= abs(value) < 1e6:
@@ -120,8 +120,8 @@ def significant(value: float, count: int = 3) -> str:
 
 
 def described(name: str) -> tuple[str, str]:
-    """Symbol and unit of a parameter; no unit for a plain number and for what is not known."""
-    from cavirheo.parameters import parameter_of  # its numpy takes longer to import than a help page
+    """Symbol and unit of a parameter, "" if it is dimensionless; (name, "") for an unknown name."""
+    from cavirheo.parameters import parameter_of  # imports numpy, which takes longer than a help page
 
     try:
         symbol, unit, *_ = parameter_of(name)
@@ -131,35 +131,35 @@ def described(name: str) -> tuple[str, str]:
 
 
 def counted(count: int, what: str) -> str:
-    """'1 shot', '2 shots'."""
+    """A number with its noun: '1 shot', '2 shots'."""
     return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def counting(count: int, total: int) -> str:
-    """'4 of 5 shots count': of a group, those that its material or its means rest on."""
+    """How many shots of a group count in its material or its means: '4 of 5 shots count'."""
     return f"{count} of {counted(total, 'shot')} count{'s' * (total == 1)}"
 
 
 def chance(predictive: Mapping[str, Any]) -> str:
-    """'p = 0.04' of a predictive check; 'p < 0.0015' where it is the least that its replicates can give."""
+    """p-value of a predictive check: 'p = 0.04', or 'p < 0.0015' if it is the least that its replicates can give."""
     p = predictive["p_value"]
     return f"p {'=' if p > predictive.get('least', 0.0) else '<'} {p:.2g}"
 
 
 def ranges(numbers: Sequence[int]) -> str:
-    """Sorted whole numbers in short: "12, 40-45"."""
+    """Sorted whole numbers as text with ranges: "12, 40-45"."""
     ends = [k for k, n in enumerate(numbers) if k == 0 or n > numbers[k - 1] + 1] + [len(numbers)]
     runs = [(numbers[low], numbers[high - 1]) for low, high in pairwise(ends)]
     return ", ".join(str(low) if low == high else f"{low}-{high}" for low, high in runs)
 
 
 def simulated(method: str) -> str:
-    """'best draw': whose simulation is drawn over a measurement, of an answer by this method."""
+    """Which simulation is drawn over a measurement for an answer by this method: 'best draw'."""
     return SIMULATED.get(method, "answer")
 
 
 def number(value: float | None, factor: float = 1.0, count: int = 3) -> str:
-    """So many significant digits of the value times the factor, if there is one."""
+    """The value times the factor with `count` significant digits; MISSING for None."""
     return MISSING if value is None else significant(factor * value, count)
 
 
@@ -172,7 +172,7 @@ def micrometres(value: float | None) -> str:
 
 
 def elide(text: str, width: int) -> str:
-    """Shortened in the middle: beginnings name the material, ends the shot."""
+    """The text, shortened in the middle to `width`: the beginning names the material, and the end the shot."""
     if len(text) <= width:
         return text
     tail = (width - 1) * 3 // 5
@@ -180,7 +180,7 @@ def elide(text: str, width: int) -> str:
 
 
 def shortened(names: Sequence[str], width: int = 80) -> list[str]:
-    """Each elided, shots of one file by their numbers alone ("[7]"); but all whole where two would look alike."""
+    """The names, elided, and of a single file only the shot numbers ("[7]"); all in full if two would be equal."""
     numbered = [name for name in names if name.endswith("]")]
     files = {name.rpartition("[")[0] for name in numbered}
     file = files.pop() if len(files) == 1 < len(numbered) else ""
@@ -189,5 +189,5 @@ def shortened(names: Sequence[str], width: int = 80) -> list[str]:
 
 
 def printable(text: str) -> str:
-    """A text of several lines as it may be shown, without what a terminal would obey and a document cannot hold."""
+    """A text of several lines with its control characters escaped, safe for a terminal and a document."""
     return "\n".join(map(errors.printable, text.split("\n")))

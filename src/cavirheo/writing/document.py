@@ -1,8 +1,8 @@
-"""What all documents that cavirheo writes have in common: records that JSON can hold, their head, files of rows; and
-how they are written: each file whole or not at all, and none that is the user's or another run's is replaced.
+"""Common parts of all documents that cavirheo writes: JSON records, their head, and CSV files; and safe writing: each
+file is written completely or not at all, and no file of the user or of another run is replaced.
 
-A run holds the folders that it writes into by a lock on a hidden file, which ends with the process: a run that was
-killed blocks none.
+A run locks each folder that it writes into, by a hidden file. The lock ends with the process, so a run that was killed
+blocks no folder.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from cavirheo.writing import digits
 
 try:
     import fcntl
-except ModuleNotFoundError:  # Windows, where no folder is held
+except ModuleNotFoundError:  # Windows, where folders are not locked
     fcntl = None  # type: ignore[assignment]
 
 _log = logging.getLogger(__name__)
-LARGEST = 500_000_000  # bytes of a document that is read
-NAME = 120  # bytes of a name to which an ending, a number and the mark of a part are added
-LIST = ".cavirheo"  # in a folder that we wrote into: what we wrote there
-LOCK = ".cavirheo.lock"  # in a folder while a run holds it
+LARGEST = 500_000_000  # most bytes of a document that is read
+NAME = 120  # most bytes of a name, to which an ending, a number and ".part" can be added
+LIST = ".cavirheo"  # file in each output folder, with the list of the files that cavirheo wrote
+LOCK = ".cavirheo.lock"  # file in an output folder while a run has locked it
 Kind = TypeVar("Kind", bound="Document")
 Picture = TypeVar("Picture")
 
 
 def finite(value: float | None) -> float | None:
-    """As JSON can hold it: NaN and infinity are null. Raises ValueError: no number."""
+    """The number; None for NaN and infinity, which JSON does not have. Raises ValueError: no number."""
     if isinstance(value, str | bytes | list | dict):
         raise ValueError("no number")
     return float(value) if value is not None and isfinite(value) else None
@@ -105,12 +105,12 @@ class Quantity(Record):
 
     @classmethod
     def of(cls, low: float | None, median: float | None, high: float | None, bound: Bound | None = None) -> Quantity:
-        """Of an interval (5 %, 50 %, 95 %)."""
+        """The quantity with this interval (5 %, 50 %, 95 %)."""
         return cls(median=median, q05=low, q95=high, bound=bound)
 
     @property
     def determined(self) -> float | None:
-        """The median, if it is a value; None where there is a bound alone."""
+        """The median; None if there is only a bound."""
         return self.median if self.bound is None else None
 
     @property
@@ -136,11 +136,11 @@ class Spread(Record):
 
 
 def spread_of(values: list[float | None]) -> Spread:
-    """Over those that are known."""
+    """The spread of the values that are not None."""
     numbers = [value for value in values if value is not None]
     if not numbers:
         return Spread()
-    with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the largest there is none
+    with np.errstate(over="ignore", invalid="ignore"):  # overflow gives infinity or NaN, and then null
         std = finite(float(np.std(numbers, ddof=1))) if len(numbers) > 1 else None
         middle = finite(float(np.median(numbers)))
         return Spread(mean=finite(float(np.mean(numbers))), std=std, median=middle, n=len(numbers))
@@ -148,7 +148,7 @@ def spread_of(values: list[float | None]) -> Spread:
 
 @contextmanager
 def into(folder: str | Path) -> Iterator[Path]:
-    """A folder to write into, made if it is missing. Raises InputError for whatever cannot be written there."""
+    """Context for writing into a folder, which is made if it is missing. Raises InputError for an OSError within."""
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
         yield Path(folder)
@@ -158,15 +158,15 @@ def into(folder: str | Path) -> Iterator[Path]:
 
 
 def short_name(name: str, most: int = NAME) -> str:
-    """The beginning of a name, of so many bytes: folders take 143 to 255 for a file."""
+    """The first `most` bytes of a name; file systems allow 143 to 255 bytes for a file name."""
     return name.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A file to write beside `path`, which takes its place when it is complete and is gone if it never is.
+    """Context with a temporary file beside `path`: it replaces `path` when it is complete, and is removed on an error.
 
-    Its name is hidden, ours alone, and keeps the ending, by which some choose what they write.
+    Its name is hidden, only used by cavirheo, and keeps the ending, by which some libraries choose the format.
     """
     name = path.name
     if (short := short_name(name, 2 * NAME)) != name:
@@ -182,13 +182,13 @@ def whole(path: Path) -> Iterator[Path]:
 
 @dataclass(eq=False)
 class Claim:
-    """One run of a command, which holds the folders that it writes into and knows its own answers again.
+    """One run of a command: it locks the folders that it writes into, and recognises its own answers in them.
 
     Attributes:
-        command: what was typed.
-        request: the verb, its inputs and every option that an answer depends on, as JSON can hold them.
+        command: the command line.
+        request: the verb, its inputs and every option that an answer depends on, as JSON data.
         replace: whether answers of other runs may be replaced.
-        inputs: SHA-256 of inputs without a name.
+        inputs: SHA-256 of the content of standard input, if the command reads it.
     """
 
     command: str
@@ -196,17 +196,17 @@ class Claim:
     replace: bool = False
     inputs: list[str] = field(default_factory=list)
     _held: dict[Path, IO[str]] = field(default_factory=dict)
-    _new: list[Path] = field(default_factory=list)  # folders that were made
+    _new: list[Path] = field(default_factory=list)  # folders that this run made
 
     @property
     def key(self) -> str:
-        """By which the run is known again: the same command with the same inputs has it too."""
+        """Identifier of the run; another run of the same command with the same inputs has the same one."""
         text = json.dumps([self.request, self.inputs], sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def hold(self, folder: Path, new: list[Path]) -> None:
-        """Until the run ends. new: what was made for it, removed then if it is empty. Raises OSError, and InputError:
-        another run holds it."""
+        """Lock a folder until the run ends. new: folders made for it, which are removed at the end if they are empty.
+        Raises OSError, and InputError: another run has locked the folder."""
         place = Path(os.path.realpath(folder)) / LOCK
         self._new += new
         if fcntl is None or place in self._held:
@@ -225,7 +225,7 @@ class Claim:
                 file.close()
                 place.unlink(missing_ok=True)
                 return
-            with suppress(FileNotFoundError):  # removed by the run before, in this moment
+            with suppress(FileNotFoundError):  # the previous run has just removed it
                 if os.path.samestat(os.fstat(file.fileno()), place.stat()):
                     break
             file.close()
@@ -236,8 +236,8 @@ class Claim:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """While a command runs, or a call from Python writes; then the folders are free, and those that were made and
-        are empty are gone."""
+        """Context in which a command runs, or a call from Python writes. At its end, the folders are unlocked, and
+        those that it made are removed if they are empty."""
         before = CLAIM.set(self)
         try:
             yield
@@ -250,7 +250,7 @@ class Claim:
                     file.close()
             self._held.clear()
             for folder in self._new:
-                with suppress(OSError):  # something is in it
+                with suppress(OSError):  # it is not empty
                     folder.rmdir()
 
 
@@ -259,17 +259,18 @@ CLAIM: ContextVar[Claim | None] = ContextVar("claim", default=None)
 
 
 class Outputs:
-    """The files that one run writes into a folder: each whole or not at all, and no file of the user's is replaced.
+    """The files that one run writes into a folder: each completely or not at all, and no file of the user is replaced.
 
-    `.cavirheo` in the folder has a line for every file that we wrote, with its SHA-256. The line is there before the
-    file has its name, so that a run which is killed leaves nothing that the next would not know. A file that is not
-    listed as it is now was written, or changed, by somebody else. The first of `names` tells one kind of run from
-    others, which may use the same folder. A line names the run, too, whose `Claim` holds the folder: it replaces what
-    another run of its kind wrote only if it is told to.
+    The list `.cavirheo` in the folder has a line with the SHA-256 of every file that cavirheo wrote. The line is
+    written before the file gets its name, so that the next run recognises all files of a run that was killed. A file
+    whose SHA-256 is not listed was written or changed by somebody else. The first of `names` is the kind of the run;
+    runs of other kinds may use the same folder. A line also names the run (`Claim.key`): files of another run of the
+    same kind are replaced only if `Claim.replace` is set.
 
     Raises:
-        InputError: at once, and again before each file is written: the folder cannot be written, or one of `names` is
-            there and not ours, or is one of `inputs`. At once: another run holds the folder, or its answers are there.
+        InputError: at once, and again before each file is written: the folder cannot be written, or one of `names`
+            exists and cavirheo did not write it, or it is one of `inputs`. At once: another run has locked the folder,
+            or its answers are there.
     """
 
     def __init__(self, folder: str | Path, *names: str, inputs: Iterable[str | Path] = ()) -> None:
@@ -280,7 +281,7 @@ class Outputs:
         self._listed: dict[str, list[dict[str, str]]] = {}
         self._claim = CLAIM.get()
         new = [path for path in (self.folder, *self.folder.parents) if not os.path.exists(path)]
-        with into(self.folder):  # tried, without a trace
+        with into(self.folder):  # a test that leaves no file
             if self._claim:
                 self._claim.hold(self.folder, new)
             with TemporaryFile(dir=self.folder, buffering=0) as file:
@@ -295,7 +296,7 @@ class Outputs:
             self._leave_others(names, self._claim.key)
 
     def _check(self, names: Iterable[str]) -> None:
-        """Raises InputError: one of these is there and must not be replaced; and OSError."""
+        """Check these files. Raises InputError: one of them exists and must not be replaced; and OSError."""
         for name in names:
             path, remedy = self.folder / name, "give another place with -o, or move it away"
             read = f"{path} is read by this command, and its results would replace it: {remedy}"
@@ -306,7 +307,7 @@ class Outputs:
                 require(bool(self.holds(name)), foreign, "document.foreign")
 
     def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
-        """`writer(path, *content, **how)` into the file of this name."""
+        """Write the file of this name by `writer(path, *content, **how)`."""
         with into(self.folder):
             self._check([name])
             with whole(self.folder / name) as temporary:
@@ -315,18 +316,18 @@ class Outputs:
                 if self._claim:
                     entry |= {"run": self._claim.key, "command": digits.elide(self._claim.command, 100)}
                 with (self.folder / LIST).open("a", encoding="utf-8") as file:
-                    file.write("\n" + json.dumps(entry))  # on a line of its own, even after one that was cut short
+                    file.write("\n" + json.dumps(entry))  # on a new line, even after an incomplete one
                 self._listed.setdefault(name, []).append(entry)
         self._written.add(name)
 
     def picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *content: Any) -> list[str]:
-        """`save(path, draw(*content))`; what is to be said where it cannot be drawn."""
+        """Write a picture by `save(path, draw(*content))`; return the reason, as a list, if it cannot be drawn."""
         failed: list[str] = []
         try_to_draw(name, failed, lambda: self.write(name, save, draw(*content)))
         return failed
 
     def finish(self) -> None:
-        """Remove what earlier runs of this kind wrote and this one did not: pictures of other curves."""
+        """Remove files of earlier runs of this kind that this one did not write, such as pictures of other curves."""
         with into(self.folder):
             for name in set(self._listed) - self._written:
                 path, kind = self.folder / name, self._listed[name][-1]["kind"]
@@ -337,7 +338,7 @@ class Outputs:
                 temporary.write_text("\n".join(map(json.dumps, current)), encoding="utf-8")
 
     def _leave_others(self, names: Sequence[str], run: str) -> None:
-        """Raises InputError: what this run would replace or remove is another run's."""
+        """Check for files of other runs. Raises InputError: this run would replace or remove one of them."""
         for name, entries in self._listed.items():
             concerned = (name in names or entries[-1]["kind"] == self.kind) and entries[-1]["run"] != run
             if concerned and (entry := self.holds(name)) and entry["run"] != run:
@@ -347,7 +348,7 @@ class Outputs:
                 raise InputError(f"{message}: {remedy}", "document.other_run")
 
     def holds(self, name: str) -> dict[str, str] | None:
-        """The line of this file, if it is there as we wrote it."""
+        """The line of this file in the list; None if the file is missing, or is not as cavirheo wrote it."""
         path, entries = self.folder / name, self._listed.get(name, [])
         if not entries or not path.is_file() or path.is_symlink():
             return None
@@ -355,7 +356,7 @@ class Outputs:
         return next((entry for entry in reversed(entries) if entry["sha256"] == digest), None)
 
     def _read(self) -> None:
-        """What is listed, by name; a line that is cut short is none, nor is one of a file elsewhere."""
+        """Read the list, by file name; incomplete lines, and lines of files in other folders, are left out."""
         path = self.folder / LIST
         for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
             with suppress(ValueError, TypeError, KeyError):
@@ -366,13 +367,12 @@ class Outputs:
 
 
 def try_to_draw(name: str, failed: list[str], draw: Callable[..., Picture], *content: Any) -> Picture | None:
-    """`draw(*content)`, of a picture or its file: where it cannot be drawn None, and `failed` has a sentence more.
-
-    Raises InputError of `Outputs`: the folder cannot be written, or a file of the user's would be replaced."""
+    """The result of `draw(*content)`, which makes a picture or writes its file; on an error None, and `failed` gets a
+    sentence. Raises InputError as `Outputs`: the folder cannot be written, or a file of the user would be replaced."""
     try:
-        with np.errstate(all="ignore"):  # of numbers near the largest there is
+        with np.errstate(all="ignore"):  # huge numbers may overflow
             return draw(*content)
-    except Exception as error:  # libraries raise nearly anything of a label or a font; the answers must be written
+    except Exception as error:  # a label or a font may raise any exception; the answers must be written
         if isinstance(error, InputError) and error.code.startswith("document."):
             raise
         _log.info("%s could not be drawn", name, exc_info=True)
@@ -381,12 +381,12 @@ def try_to_draw(name: str, failed: list[str], draw: Callable[..., Picture], *con
 
 
 def as_json(document: Document) -> str:
-    """As it stands in a file; what is read back is equal to it, but for control characters."""
+    """The text of the file of a document; the document read from it is equal, except for control characters."""
     return to_json(_printable(document.model_dump(by_alias=True)), indent=1).decode() + "\n"
 
 
 def _printable(value: Any) -> Any:
-    """With every text in it as it may be shown."""
+    """The value with the control characters of every text in it escaped."""
     if isinstance(value, dict):
         return {key: _printable(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -395,12 +395,12 @@ def _printable(value: Any) -> Any:
 
 
 def write_json(path: str | Path, document: Document) -> None:
-    """Write it as UTF-8 JSON."""
+    """Write a document as UTF-8 JSON."""
     Path(path).write_text(as_json(document), encoding="utf-8")
 
 
 def read_json(path: str | Path, kind: type[Kind]) -> Kind:
-    """A document as it was written. Raises InputError if there is none, or none of this kind."""
+    """Read a document. Raises InputError: there is no such file, or it is not a document of this kind."""
     try:
         return kind.model_validate_json(read_bytes(path, LARGEST))
     except ValidationError as error:
@@ -411,8 +411,8 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
 
 
 def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]], remark: str = "") -> None:
-    """CSV: a line per row, of its entries those in `head`; empty where there is none. No text is a formula
-    (`errors.as_cell`). remark: a line above them, after "# "."""
+    """Write CSV: a line per row with its entries in `head`; empty where it has none. No text is read as a formula
+    (`errors.as_cell`). remark: a first line, after "# "."""
     with Path(path).open("w", newline="", encoding="utf-8") as file:
         file.write(f"# {as_remark(printable(remark))}\n" if remark else "")
         writer = csv.writer(file, lineterminator="\n")

@@ -1,4 +1,4 @@
-"""Columns and draws as the objects of pandas and ArviZ, or as a picture of all pairs."""
+"""Export of columns and draws as objects of pandas and ArviZ, or as a picture of all pairs."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 
 def needed(name: str) -> Any:
-    """The library of this name. Raises InputError: it is not installed."""
+    """Import the library of this name. Raises InputError: it is not installed."""
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        missing = (error.name or "").split(".")[0] == name  # not something that it needs itself
+        missing = (error.name or "").split(".")[0] == name  # the library itself, and not one that it needs
         require(not missing, f"this needs {name}: pip install {name}", "posterior.missing_library")
         raise
 
@@ -52,11 +52,11 @@ def inference_data(
             sets[group][name] = (tuple(places), draws[None, :], {"units": units.get(name, "1")})
     tree: Any = getattr(xarray, "DataTree", None)
     kind: Any = getattr(arviz, "InferenceData", tree)
-    return tree.from_dict(sets) if kind is tree else kind(**sets)  # ArviZ 1: one is the other
+    return tree.from_dict(sets) if kind is tree else kind(**sets)  # from ArviZ 1 on, InferenceData is DataTree
 
 
 def pairs(columns: Mapping[str, Floats], weights: Floats) -> Figure:
-    """The marginals of draws (draws,) by label and their pairs; lines mark their median and their central 90 %.
+    """Figure of the marginals of draws (draws,) by label and of their pairs; lines mark median and central 90 %.
 
     Raises InputError without matplotlib or corner."""
     from cavirheo.writing.style import BLUE, new_figure
@@ -64,7 +64,7 @@ def pairs(columns: Mapping[str, Floats], weights: Floats) -> Figure:
     figure = new_figure(max(2.1 * len(columns), 4.2))
     draws = np.column_stack([*columns.values()])
     low, high = np.quantile(draws, [0.001, 0.999], axis=0, weights=weights, method="inverted_cdf")
-    margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))  # some, where all draws are one
+    margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))  # above 0, even if all draws are equal
     needed("corner").corner(
         draws,
         40,

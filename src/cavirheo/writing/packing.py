@@ -1,4 +1,4 @@
-"""Records as JSON and arrays, and back: what is read is data alone, and nothing of it is executed."""
+"""Encoding of records as JSON and arrays, and decoding, which reads only data and executes no code."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from cavirheo.errors import InputError
 
 
 def encode(value: Any, default: Callable[[Any], str] | None = None) -> bytes:
-    """Records, lists, tuples, dicts, numbers, texts and arrays as .npz, of which the first array is their JSON. Numbers
-    come back to the last bit.
+    """Encode records, lists, tuples, dicts, numbers, texts and arrays as .npz, whose first array is their JSON. Decoded
+    numbers are exact to the last bit.
 
-    default: makes a text of anything else. Raises TypeError: there is something else, and no default.
+    default: makes a text of any other object. Raises TypeError: there is another object, and no default.
     """
     arrays: list[np.ndarray] = []
     text, stream = json.dumps(_pack(value, arrays), default=default), BytesIO()
@@ -27,17 +27,17 @@ def encode(value: Any, default: Callable[[Any], str] | None = None) -> bytes:
 
 
 def decode(content: bytes, kinds: Mapping[str, Any]) -> Any:
-    """What was encoded; kinds: the records that it may hold, by name. Raises EOFError: it is none of ours."""
+    """Decode the bytes of `encode`. kinds: the allowed records, by name. Raises EOFError: the bytes are not valid."""
     try:
         with np.load(BytesIO(content)) as file:
             text, *arrays = (file[name] for name in file.files)
         return _unpack(json.loads(text.tobytes()), arrays, kinds)
-    except Exception as error:  # a damaged file or process may give anything
+    except Exception as error:  # damaged bytes may raise any exception
         raise EOFError(f"nothing that was encoded here ({type(error).__name__})") from error
 
 
 def _pack(value: Any, arrays: list[np.ndarray]) -> Any:
-    """As JSON can hold it, as {kind: content}; arrays are appended to `arrays`."""
+    """The value as JSON data, {kind: content} if it is no plain value; arrays are appended to `arrays`."""
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
@@ -70,7 +70,7 @@ def _unpack(value: Any, arrays: list[np.ndarray], kinds: Mapping[str, Any]) -> A
 
 
 def key_of(content: Any) -> str:
-    """SHA-256 of whatever `encode` takes."""
+    """SHA-256 of any content that `encode` accepts."""
     arrays: list[np.ndarray] = []
     digest = hashlib.sha256(json.dumps(_pack(content, arrays), default=str).encode())
     for array in arrays:

@@ -1,4 +1,4 @@
-"""How all pictures look: size, axes and type; the colours of Okabe and Ito, which colour-blind readers tell apart.
+"""Style of all pictures: size, axes and type; the colours of Okabe and Ito, distinct also for colour-blind readers.
 
 matplotlib is optional (`pip install "cavirheo[plot]"`) and imported when the first figure is made.
 """
@@ -27,18 +27,18 @@ BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222",
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 DPI = 150  # of PNG files
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
-# Where it can write no home it takes a temporary folder, of which no user need hear.
+# If matplotlib cannot write its folder, it takes a temporary one; its log messages on this are not shown.
 _HOMELESS = ("mkdir -p failed for path", "%s is not a writable directory", "Matplotlib created a temporary")
 logging.getLogger("matplotlib").addFilter(lambda record: not str(record.msg).startswith(_HOMELESS))
 
 
 def available() -> bool:
-    """Whether pictures can be drawn here."""
+    """Whether matplotlib is installed, so that pictures can be drawn."""
     return find_spec("matplotlib") is not None
 
 
 def new_figure(height: float, width: float = 7.2) -> Figure:
-    """So many inches high and wide. Raises InputError without matplotlib."""
+    """A new figure of this height and width in inches. Raises InputError without matplotlib."""
     require(available(), 'pictures need matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
     from matplotlib.figure import Figure
 
@@ -61,13 +61,13 @@ def new_axes(figure: Figure, place: tuple[float, float, float, float], x_label: 
 
 
 def write(where: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **how: Any) -> Any:
-    """Text in fractions of a figure or of axes; never read as mathematics, whatever a file calls its curves."""
+    """Write text at (x, y) in fractions of a figure or of axes. It is never read as mathematics."""
     place = {"transform": where.transAxes} if hasattr(where, "transAxes") else {}
     return where.text(x, y, printable(text), fontsize=size, color=color, parse_math=False, **place, **how)
 
 
 def panel(name: str, right: str, x_label: str, y_label: str) -> tuple[Figure, Axes]:
-    """A figure of one panel, with its title. Raises InputError without matplotlib."""
+    """A figure of one panel, below the texts `name` (left) and `right`. Raises InputError without matplotlib."""
     figure = new_figure(3.8)
     write(figure, 0.1, 0.93, elide(name, 50), size=11, weight="bold")
     write(figure, 0.975, 0.93, right, size=10, ha="right", color=INK)
@@ -75,12 +75,12 @@ def panel(name: str, right: str, x_label: str, y_label: str) -> tuple[Figure, Ax
 
 
 def named_curves(axes: Axes) -> None:
-    """The names of the curves, three in a line, at the upper right of a panel, above the curves."""
+    """Add the names of the curves, three in a line, above the upper right of a panel."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=3, fontsize=8.5, frameon=False, handlelength=1.6)
 
 
 def plain_ticks(axis: Any, steps: tuple[int, ...]) -> None:
-    """0.01, 1, 100 instead of powers, and such multiples of these; about nine at most."""
+    """Label an axis with 0.01, 1, 100 instead of powers of ten, times each of `steps`; about nine labels at most."""
     from matplotlib.ticker import LogLocator
 
     axis.set_major_locator(LogLocator(subs=steps, numticks=9))
@@ -89,7 +89,7 @@ def plain_ticks(axis: Any, steps: tuple[int, ...]) -> None:
 
 
 def save(path: str | Path, figure: Figure, kind: str = "png", dpi: int = DPI) -> None:
-    """As "png", "svg" or "pdf": with text as text, and the same bytes each time."""
+    """Save a figure as "png", "svg" or "pdf", with text kept as text, and the same bytes each time."""
     import matplotlib
 
     settings: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "cavirheo"}
@@ -100,6 +100,6 @@ def save(path: str | Path, figure: Figure, kind: str = "png", dpi: int = DPI) ->
 
 
 def shades(fractions: Floats | Sequence[float]) -> np.ndarray:
-    """(n, 3) from dark blue over grey to yellow: ordered in lightness, so it survives grey printing."""
+    """Colours (n, 3) from dark blue over grey to yellow, ordered in lightness, so that grey prints keep the order."""
     stops = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]]) / 255.0
     return np.stack([np.interp(fractions, [0.0, 0.5, 1.0], stops[:, k]) for k in range(3)], axis=-1)

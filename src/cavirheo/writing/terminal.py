@@ -1,4 +1,4 @@
-"""The terminal: consoles, bars that move, tables and remarks, set up here alone (rich is imported when first used)."""
+"""Output in a terminal: consoles, progress bars, tables and remarks (rich is imported when it is first used)."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from cavirheo.writing.digits import LOOKS, elide, printable, shortened
 
-_LONGEST = 1000  # characters of one line
-RATE_OVER = 120.0  # s over which a rate is taken: an answer may take many, and a cluster brings many at once
+_LONGEST = 1000  # most characters of one line
+RATE_OVER = 120.0  # s, period of the mean rate: an answer may take many s, and a cluster returns many answers at once
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-_UNIT = re.compile(r" ?(?:%|[kM]?Pa|[mnuµ]?[ms]|px|K|kg/m3|times|frames|shots|curves)(?!\w)")  # of an amount
+_UNIT = re.compile(r" ?(?:%|[kM]?Pa|[mnuµ]?[ms]|px|K|kg/m3|times|frames|shots|curves)(?!\w)")  # after a number
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def console(**how: Any) -> Console:
-    """Where results are printed, or with `stderr` progress; text as it is, but without control characters."""
+    """A console for results, or with `stderr=True` for progress; text is unchanged, except for control characters."""
     from rich.console import Console
 
     class Plain(Console):
@@ -34,7 +34,7 @@ def console(**how: Any) -> Console:
 
 
 def say(text: str) -> None:
-    """One line on stderr, of a length that a screen can hold whatever a file put into it."""
+    """Print one line on stderr, shortened to _LONGEST characters."""
     print(elide(" ".join(printable(text).splitlines()), _LONGEST), file=sys.stderr)
 
 
@@ -42,9 +42,9 @@ def say(text: str) -> None:
 def bar(
     what: str, total: int | None = None, *, visible: bool = True, unit: str = "curves"
 ) -> Iterator[Callable[..., None]]:
-    """A bar on stderr that vanishes when done, with so many of `unit` per second and the time left; nothing where
-    stderr is no terminal. Yields `advance(count=1, total=None, what=None)`: more that is done, and, if given, of how
-    many, and anew what is being done."""
+    """Progress bar on stderr with the rate in `unit` per second and the time left; it disappears at the end. There is
+    none if stderr is no terminal. Yields `advance(count=1, total=None, what=None)`, which adds `count` and, if they are
+    given, sets a new total and a new description."""
     on = console(stderr=True)
     if not (visible and on.is_terminal):  # rich 13 ends a bar that is disabled with an empty line
         yield lambda count=1, total=None, what=None: None
@@ -56,13 +56,13 @@ def bar(
 
     class Rate(ProgressColumn):
         def render(self, task: Task) -> Text:
-            """'136 curves/s', '7.2 curves/min' where it is less than one per second; nothing while it is not known."""
+            """The rate, '136 curves/s', or '7.2 curves/min' if it is below one per second; empty if it is not known."""
             if not task.speed:
                 return Text()
             per, amount = ("s", task.speed) if task.speed >= 1.0 else ("min", 60.0 * task.speed)
             return Text(f"{amount:.0f} {unit}/{per}" if amount >= 100.0 else f"{amount:.2g} {unit}/{per}", "dim")
 
-    whole = Column(no_wrap=True)  # where it is narrow, the words fold
+    whole = Column(no_wrap=True)  # in a narrow terminal only the description folds
     columns = (
         TextColumn("{task.description}", table_column=Column()),
         BarColumn(20),
@@ -77,8 +77,8 @@ def bar(
 
 
 def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: str = "", gap: int = 1) -> Table:
-    """A table of which nothing is cut off: where it is narrow, words fold, and numbers last. Numbers are right-aligned:
-    all but the first column and those in `left`."""
+    """A table in which no text is cut off: in a narrow terminal, columns of words fold first, and columns of numbers
+    last. All columns except the first and those in `left` hold numbers and are right-aligned."""
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
@@ -92,7 +92,7 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
 
 
 def add_rows(to: Table, rows: Sequence[tuple[str, Sequence[Any], str]]) -> None:
-    """A row for each (name, cells, style), long names shortened."""
+    """Add a row for each (name, cells, style); long names are shortened."""
     for name, (_, entries, style) in zip(shortened([name for name, *_ in rows]), rows, strict=True):
         to.add_row(name, *entries, style=style)
 
@@ -100,9 +100,9 @@ def add_rows(to: Table, rows: Sequence[tuple[str, Sequence[Any], str]]) -> None:
 def by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """{message: names} of (name, message), each message once and in order; empty messages are left out.
 
-    Messages that differ in their numbers alone are one: amounts that are not the same in all become "6.5 to 12 %".
-    Where one of these numbers has no unit, it may be the name of a thing or the end of an interval: then "…" stands for
-    each of them.
+    Messages that differ only in numbers are merged: numbers that differ become ranges, "6.5 to 12 %". If one of these
+    numbers has no unit, it may be a label or the end of an interval: then "…" replaces each of the numbers that
+    differ.
     """
     by_form: dict[str, list[tuple[str, list[str]]]] = {}
     for name, message in messages:
@@ -116,7 +116,7 @@ def by_message(messages: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
 
 
 def _merged(form: str, columns: Sequence[Sequence[str]]) -> str:
-    """The form with its numbers. columns: for each of them, what it is in every message."""
+    """The form of merged messages with its numbers. columns: for each number, its text in every message."""
     parts = form.split("{}")[1:]
     ends = [(min(column, key=float), max(column, key=float)) for column in columns]
     alike = [float(low) == float(high) for low, high in ends]
@@ -128,8 +128,8 @@ def _merged(form: str, columns: Sequence[Sequence[str]]) -> str:
 def print_remarks(
     to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 10**9, mark: Any = "• "
 ) -> None:
-    """A line for each message, after a mark (text, or text and style) and the names that it is about, at most so many;
-    then notes on the whole."""
+    """Print a line for each message, after a mark (text, or text and style) and its names, `most` of them at most; then
+    the notes."""
     from rich.text import Text
 
     for message, names in remarks.items():
@@ -140,6 +140,6 @@ def print_remarks(
 
 
 def print_warnings(to: Console, warnings: Iterable[tuple[str, str]]) -> None:
-    """What is to be checked of recordings and settings, of (name, sentence): each once, before all other remarks."""
+    """Print input warnings on recordings and settings, from (name, sentence): each sentence once, with its names."""
     look, names = LOOKS["check_input"], {text: [*dict.fromkeys(of)] for text, of in by_message(warnings).items()}
     print_remarks(to, names, most=2, mark=(f"{look.words}: ", look.terminal))
