@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cavirheo.physics.simulate import simulate_many as simulate_many
     from cavirheo.posterior import Posterior as Posterior
 
-_NAMES = {  # by module
+_NAMES = {  # public names, by module
     "companions.design": "design Rig",
     "curve": "RadiusCurve",
     "errors": "InputError SolverError",
@@ -53,7 +53,7 @@ __all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> Any:
-    """Names are imported when first used: reading a file need not wait for the solver, nor --help for either."""
+    """Import a public name when it is first used, so that reading a file or --help does not import the solver."""
     if name == "__version__":
         from importlib.metadata import version
 
@@ -64,5 +64,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The public names, imported or not, and none of the modules that happen to be."""
+    """The public names, imported or not, without the submodules that have been imported."""
     return sorted([*__all__, "__version__", *(name for name in globals() if name.startswith("__"))])

@@ -1,4 +1,4 @@
-"""Names for the arrays that travel through the package, and what is done to logarithms of weights."""
+"""Type names of arrays, functions of logarithms of weights, and evenly spread points."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ Bools = NDArray[np.bool_]
 
 
 def unscaled(log_weight: Floats) -> Floats:
-    """Weights of which the largest is 1."""
+    """Weights exp(log_weight), scaled so that the largest is 1."""
     return np.asarray(np.exp(log_weight - np.max(log_weight)))
 
 
 def log_sum(log_value: ArrayLike, axis: int | None = None) -> Floats:
-    """log of the sum of exp(log_value), along an axis or of all; -inf where all vanish. scipy's logsumexp takes ten
-    times as long for arrays as small as those of a posterior, which asks for thousands."""
+    """log of the sum of exp(log_value), along an axis or over the whole array; -inf where every term is zero. scipy's
+    logsumexp takes ten times as long for the small arrays of a posterior, which needs thousands of these sums."""
     log_value = np.asarray(log_value, float)
     top = np.max(log_value, axis=axis, keepdims=True)
     top = np.where(np.isfinite(top), top, 0.0)

@@ -1,4 +1,4 @@
-"""RadiusCurve: one measured bubble radius history R(t), and what can be read off it without a material model."""
+"""RadiusCurve: one measured bubble radius history R(t), and the quantities that need no material model."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from cavirheo.physics.media import Medium
 
 T = TypeVar("T")
-_FEWEST_FRAMES = 5  # below this no maximum is fitted
-_DRIFT = 0.05  # of R_max, that a late radius may rise
-_SPIKE = 0.2  # of R_max above both neighbours: no bubble moves like that (down it does, in a collapse)
+_FEWEST_FRAMES = 5  # with fewer measured frames no maximum is fitted
+_DRIFT = 0.05  # of R_max: a larger late rise of the radius is a drift
+_SPIKE = 0.2  # of R_max: a frame so far above both neighbours is wrong (below them, it may be a collapse)
 
 
 class _Stated(Generic[T]):
-    """A key of `meta` as an attribute of the curve."""
+    """Descriptor: an entry of `meta` as an attribute of the curve."""
 
     def __init__(self, key: str, default: T) -> None:
         self.key, self.default = key, default
@@ -43,7 +43,7 @@ class _Stated(Generic[T]):
 
 
 def as_numbers(name: str, values: Any) -> Floats:
-    """Values as an array. Raises InputError."""
+    """The values as an array. Raises InputError: not numbers."""
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -52,14 +52,14 @@ def as_numbers(name: str, values: Any) -> Floats:
 
 
 def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries of `meta` with every text as it may be shown, the name and the notes among them."""
+    """The entries of `meta` with all texts made printable, and always with a name and notes."""
     labels = {"name": "curve", "notes": (), **meta}
     labels = {key: printable(value) if isinstance(value, str) else value for key, value in labels.items()}
     return labels | {"name": str(labels["name"]), "notes": tuple(map(printable, labels["notes"]))}
 
 
 def several(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
-    """Curves as a list. Raises InputError for what is none, with what makes one of it."""
+    """The curves as a list. Raises InputError: not a list of RadiusCurves (the message says how to get one)."""
     advice = "read_curves(path) reads the curves of a file; infer and fit take one, infer_many and fit_many a list"
     expect(curves, Iterable, f"a list of RadiusCurves ({advice})")
     listed = [curves] if isinstance(curves, str) else list(curves)
@@ -75,24 +75,24 @@ class RadiusCurve:
     Attributes:
         time: (n,) s, strictly increasing, any spacing and any origin.
         radius: (n,) m, positive; NaN is a frame without a measurement.
-        radius_std: (n,) m, NaN where unknown.
-        meta: what is known about the recording; every key may be missing, and these are attributes, too: name,
-            group and group_source; source, the file as it was given, and source_sha256; notes, what was recognised,
-            converted or left out; hints, those of scale and constants; column, title and value declared; stretch,
-            R_max/R_0 as stated, and stretch_std; frame_rate, 1/s; exposure of a frame, s.
-        maximum: (time in s, R_max in m), which is fitted to the samples (landmarks.py) where it is not given.
-        stated_time_of_max: s, as the file has it; counts where the recording does not show the growth.
-        unscaled: why the radii have no scale yet; `max_radius` raises it until `with_max_radius` gives the scale.
-        time_unscaled: time is in units of R_max sqrt(rho/p) times (s/m) and needs that scale too.
-        late: whether R_max may have been before the first frame, where the frames are not to tell it (`begins_late`).
-        warnings: of scale, rate or order of the frames; no answer is `ok` then unless the user
-            vouches for it. That of the radius' unit ends when `with_max_radius` gives the scale.
-        unusable: why there is nothing to be read off. Such a curve (three samples, all NaN, an empty cell) is one
-            too, so that the others of its file can be answered: `max_radius` raises the reason.
+        radius_std: (n,) m, standard deviation of the radius; NaN where unknown.
+        meta: facts about the recording. Every key is optional, and these are attributes of the curve too: name, group
+            and group_source; source (the file as given) and source_sha256; notes (what was recognised, converted or
+            left out); hints (remarks on scale and constants); column (title and value in the user's table); stretch
+            (R_max/R_0 as stated) and stretch_std; frame_rate, 1/s (key frame_rate_hz); exposure, s (key exposure_s).
+        maximum: (time in s, R_max in m); if None, it is fitted to the samples (landmarks.py).
+        stated_time_of_max: time of R_max that the file states, s; used where the recording does not show the growth.
+        unscaled: reason why the radii have no scale; `max_radius` raises it until `with_max_radius` sets the scale.
+        time_unscaled: whether `time` is time/R_max in s/m; `with_max_radius` then scales it too.
+        late: whether R_max may be before the first frame; if None, the frames decide (`begins_late`).
+        warnings: input warnings, such as frames out of order. With a warning no answer is `ok`, unless the user
+            confirms that the input is right.
+        unusable: reason why the curve cannot be analysed (three samples, all NaN, an empty cell); `max_radius` raises
+            it. Such a curve exists so that the other curves of its file can be answered.
 
     Raises:
-        InputError: arrays of different lengths, a time that is not finite or does not increase, a radius <= 0, or
-            numbers that no bubble has in m and s.
+        InputError: arrays of different lengths, a time that is not finite or does not increase, a radius that is
+            infinite or <= 0, or radii or frame intervals that no bubble has in m and s.
     """
 
     time: Floats
@@ -117,7 +117,7 @@ class RadiusCurve:
     stretch: ClassVar[_Stated[float | None]] = _Stated("stretch", None)
     stretch_std: ClassVar[_Stated[float | None]] = _Stated("stretch_std", None)
     frame_rate: ClassVar[_Stated[float | None]] = _Stated("frame_rate_hz", None)
-    exposure: ClassVar[_Stated[float]] = _Stated("exposure_s", 0.0)  # centred on its time
+    exposure: ClassVar[_Stated[float]] = _Stated("exposure_s", 0.0)  # centred on the time of the frame
 
     def __post_init__(self) -> None:
         expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
@@ -149,24 +149,24 @@ class RadiusCurve:
 
     @property
     def group(self) -> str:
-        """Name of the material whose shots are one group; that of the curve where there is none."""
+        """Name of the group, the shots of one material; by default the name of the curve."""
         return str(self.meta.get("group", self.name))
 
     @property
     def group_source(self) -> str:
-        """The file or folder that the group stands for."""
+        """The file or folder that defines the group; by default `source`."""
         return str(self.meta.get("group_source", self.source))
 
     @property
     def max_radius(self) -> float:
         """R_max in m: `maximum`, else by the local fit (landmarks.py). Raises InputError: the curve is `unusable` or
-        `unscaled`, has fewer than 5 measured frames, no fall after the maximum, or no frame near it."""
+        `unscaled`, has fewer than 5 measured frames, no fall after the maximum, or too much scatter near it."""
         self._require(not self.unscaled, f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
         return self._maximum[1]
 
     @property
     def time_of_max(self) -> float:
-        """Time of R_max in s on the clock of `time`; as `max_radius`."""
+        """Time of R_max on the clock of `time`, s. Raises InputError: as `max_radius`, except for `unscaled` curves."""
         return self._maximum[0]
 
     @cached_property
@@ -189,7 +189,7 @@ class RadiusCurve:
 
     @cached_property
     def _after_max(self) -> tuple[Floats, Floats]:
-        """Measured samples after the maximum, with the fitted maximum itself as the first."""
+        """(time, radius) of the measured samples after the maximum, with the maximum itself as the first sample."""
         time, radius = self._finite
         start, top = self._maximum
         later = time > start
@@ -205,32 +205,32 @@ class RadiusCurve:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of the radius noise from frame to frame after R_max, m (landmarks.scatter); 0 below 9
-        frames. That of rounded radii is at least that of the rounding."""
+        """Standard deviation of the radius noise from frame to frame after R_max, m: `landmarks.scatter` (0 for fewer
+        than 8 frames), but at least the standard deviation of the rounding of the radii."""
         return max(landmarks.scatter(self._after_max[1][1:]), landmarks.rounding(self._finite[1]) / sqrt(12.0))
 
     def _require(self, fine: bool, message: str, code: str) -> None:
         require(fine, message, f"curve.{code}", self.name)
 
     def labelled(self, *, warnings: tuple[Message, ...] | None = None, **meta: Any) -> RadiusCurve:
-        """The same samples with these entries of `meta`, or these warnings; what was read off them stays known."""
+        """A copy of the curve with these entries of `meta` or these warnings; computed properties are kept."""
         curve = copy(self)
         warnings = self.warnings if warnings is None else warnings
         vars(curve).update(meta=_labels({**self.meta, **meta}), warnings=warnings)
         return curve
 
     def with_notes(self, *notes: str) -> RadiusCurve:
-        """The same curve with more notes."""
+        """A copy of the curve with more notes."""
         return self.labelled(notes=self.notes + notes)
 
     def with_group(self, name: str, source: str) -> RadiusCurve:
-        """The same curve as a shot of another group; `source` is the file or folder that the group stands for."""
+        """A copy of the curve in another group; `source` is the file or folder that defines the group."""
         return self.labelled(group=name, group_source=source)
 
     def with_max_radius(self, max_radius: float) -> RadiusCurve:
-        """The curve scaled so that its fitted maximum is `max_radius` (m): for pixels, or a scale known better.
+        """The curve scaled so that its maximum is `max_radius` (m): for radii in pixels, or if R_max is known better.
 
-        Times stay, except where the file gives time only in units of R_max sqrt(rho/p) and no R_max.
+        Times do not change, unless the curve is `time_unscaled`.
         """
         why = f"the maximum radius must be a positive number of metres, got {max_radius!r}"
         require(isinstance(max_radius, Real) and 0 < max_radius < np.inf, why, "curve.max_radius")
@@ -271,12 +271,12 @@ class RadiusCurve:
 
     def spikes(self) -> list[int]:
         """Frames (indices into `time`) whose radius exceeds that of both measured neighbours by 20 % of R_max: wrong
-        measurements. They stay in the curve; only the search for collapses passes over them."""
+        measurements. They stay in the curve; only the search for collapses ignores them."""
         measured = np.flatnonzero(np.isfinite(self.radius))
         return [int(measured[i]) for i in spikes(self.radius[measured], _SPIKE * self.max_radius)]
 
     def collapse_times(self) -> Floats:
-        """(k,) s, on the clock of `time`: the collapses, first one first; empty where the radius only creeps down."""
+        """(k,) s: ascending times of the collapses on the clock of `time`; empty if there is none."""
         time, radius = self._after_max
         return np.array([collapse_time(time, radius, i) for i in self._turning_points[0]])
 
@@ -284,8 +284,8 @@ class RadiusCurve:
         """The part from R_max on: up to the middle of the rebound after the given number of collapses, or up to `end` s
         after R_max, whichever is earlier. R_max and its time stay those of the whole curve.
 
-        The middle is between two collapses, the second of which is told by the heights of the rebounds where it is not
-        shown. The largest frame of the rebound is near, but would be the last one because its noise is positive.
+        The middle is halfway between two collapses. If the second one is not recorded, its time is estimated from the
+        heights of the rebounds. The largest frame of the rebound would be a biased end: its noise is positive.
         Raises InputError: the curve shows fewer collapses, or fewer than two frames are left.
         """
         start, top = self.time_of_max, self.max_radius
@@ -310,13 +310,13 @@ class RadiusCurve:
 
     @cached_property
     def drifts_from(self) -> float | None:
-        """Time, s, from which the radius drifts upwards (landmarks.drift), as that of no single bubble; None if not."""
+        """Time, s, from which the radius drifts upwards as no single bubble does (landmarks.drift); None: no drift."""
         time, radius = self._after_max
         first = drift(time, radius, *self._turning_points, max(_DRIFT * radius[0], 6.0 * self.noise))
         return None if first is None else float(time[first])
 
     def strain_rate(self) -> float:
-        """Mean strain rate at the bubble wall between R_max and the first violent collapse, 1/s.
+        """Mean strain rate at the bubble wall between R_max and the first collapse, 1/s.
 
         For an incompressible medium the wall's radial logarithmic strain rate is -2 R'/R, whose mean is
         2 ln(R_max/R_1)/(t_1 - t_max), R_1 being the smallest *measured* radius of the first collapse; the hoop rate is
@@ -331,16 +331,16 @@ class RadiusCurve:
     def stretch_from_tail(self) -> tuple[float, float] | None:
         """(lambda, its standard deviation): R_max over the mean radius of the last third of the time.
 
-        None where this is no plateau: it has fewer than 8 frames, begins sooner than two collapse periods after R_max,
-        scatters by 5 % (residual oscillation included), or drifts by 5 %, in itself or against the sixth of the time
-        before it. The deviation is that of scatter and drift.
+        None where the last third is no plateau: it has fewer than 8 frames, begins before twice the time from R_max to
+        the first collapse, scatters by more than 5 % (residual oscillation included), or drifts by more than 5 %, in
+        itself or relative to the sixth of the time before it. The standard deviation combines scatter and drift.
         """
         collapses = self.collapse_times()
         return plateau(*self._after_max, collapses[0] if len(collapses) else None)
 
     @property
     def begins_late(self) -> bool:
-        """Whether R_max may have been before the first frame: no growth is recorded, and no time of R_max stated."""
+        """Whether R_max may be before the first frame: `late`; if None, no growth is recorded and no R_max is given."""
         if self.late is not None or self.maximum or self.stated_time_of_max is not None:
             return bool(self.late)
         return not self._grows()
@@ -352,9 +352,9 @@ class RadiusCurve:
 
     @cached_property
     def time_of_max_span(self) -> tuple[float, float]:
-        """(earliest, latest) time of R_max, s, as far as the frames near it tell (landmarks.py); of a recording that
-        shows no growth its first frame may be R_max or not. One time twice where it was stated. Raises InputError: the
-        curve has no R_max."""
+        """(earliest, latest) time of R_max, s, that the frames near it allow (landmarks.py). Unless `late` is given,
+        both are equal if `maximum` is given, or if `stated_time_of_max` is given and no growth is recorded. Raises
+        InputError: the curve has no R_max."""
         start, top = self._maximum
         if self.late is None and (self.maximum or (self.stated_time_of_max is not None and not self._grows())):
             return start, start
@@ -362,8 +362,8 @@ class RadiusCurve:
 
     @cached_property
     def frames_missed(self) -> float:
-        """Frames by which R_max lies before the first frame, where the first radii say clearly that it is far more than
-        the one by which the clock of an answer is free; else 0. Raises InputError: the curve has no R_max."""
+        """Number of frames from R_max to the first frame, if the first radii show clearly that it is more than the one
+        frame that the fit of the clock allows; else 0. Raises InputError: the curve has no R_max."""
         time, radius = self._finite
         return landmarks.frames_missed(time, radius, self.noise) if self.begins_late and not self.maximum else 0.0
 
@@ -387,7 +387,8 @@ class RadiusCurve:
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the radius over the time after R_max into `axes` (matplotlib), by default into those of a new figure.
 
-        A curve without a scale or a maximum is drawn on its own clock, over its largest radius. Returns the axes.
+        A curve without a scale or a maximum is drawn over its own time, with radii relative to the largest one.
+        Returns the axes.
         Raises InputError without matplotlib."""
         start, unit, labels = 0.0, float(np.nanmax(self.radius, initial=1e-300)), ("time (µs)", "R / largest R")
         with suppress(InputError):

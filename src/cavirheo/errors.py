@@ -1,7 +1,7 @@
-"""The package's two own exceptions, whose messages say what was given, what was expected, and how to mend it; and what
-is asked of whatever a user gives: texts, numbers, paths, cells of tables, and files.
+"""The two exceptions of the package, and checks of user input: texts, numbers, paths, cells of tables, and files.
 
-Files are looked at before they are read: a pipe or a device would never end, and gigabytes would fill the memory.
+Messages say what was given, what was expected, and how to correct it. The type and size of a file are checked before
+it is read: a pipe or a device would never end, and gigabytes would fill the memory.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _INVISIBLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
 )
 _INVISIBLE_IN_LINES = re.compile(rf"(?![\t\r\n]){_INVISIBLE.pattern}")
-_LONGEST = 2000  # characters of a message
-# what a spreadsheet would compute when it opens the file, wide characters included, and quotes before it
+_LONGEST = 2000  # most characters of a message
+# the start of a cell that a spreadsheet would compute as a formula, with full-width signs and quotes before it
 _FORMULA = re.compile("'*[=+@\uff1d\uff0b\uff0d\uff20-]")
 
 
 def printable(text: str) -> str:
-    """The text with what a terminal would obey and a document cannot hold written as an escape: control characters,
-    marks of direction, and the bytes of a file name that are no UTF-8 (`\\xe9`)."""
+    """The text with escapes for characters that a terminal obeys or a document cannot hold: control characters,
+    direction marks, and the bytes of a file name that are not UTF-8 (`\\xe9`)."""
 
     def escape(character: re.Match[str]) -> str:
         code = ord(character[0])
@@ -42,15 +42,15 @@ def printable(text: str) -> str:
 
 
 def without_unseen(text: str) -> tuple[str, int]:
-    """(the text without such characters but tabs and ends of lines, how many there were)."""
+    """(the text without the characters that `printable` escapes, except tabs and line ends; how many were removed)."""
     return _INVISIBLE_IN_LINES.subn("", text)
 
 
 class InputError(ValueError):
-    """What the user gave cannot be used (a file, a curve, an option).
+    """The user's input (a file, a curve, an option) cannot be used.
 
-    `code` names the mistake for programs and stays the same when the sentence is put better: "curve.no_maximum".
-    `where` is the file, row, option or curve that it concerns, and `message` what is wrong there; both are one
+    `code` identifies the mistake for programs and stays the same when the message is reworded: "curve.never_falls".
+    `where` is the file, row, option or curve that it concerns, and `message` says what is wrong there. Both are one
     printable line, whatever names and cells they quote.
     """
 
@@ -64,7 +64,7 @@ class InputError(ValueError):
         return type(self), (self.message, self.code, self.where)
 
     def within(self, where: str) -> InputError:
-        """The same mistake, with the file, row or option that it concerns before what is known of its place."""
+        """The same error, with this file, row or option put before its place."""
         return type(self)(self.message, self.code, f"{where}: {self.where}" if self.where else where)
 
 
@@ -78,14 +78,14 @@ class SolverError(RuntimeError):
 
 
 def require(fine: bool, message: str, code: str = "input", where: str = "") -> None:
-    """Raise InputError with this message, code and place unless all is fine."""
+    """Raise InputError with this message, code and place unless `fine`."""
     if not fine:
         raise InputError(message, code, where)
 
 
 def expect(value: object, kind: type, what: str) -> None:
-    """Raise InputError unless the value is of this kind; `what` says what was expected, and how to come by it."""
-    if not isinstance(value, kind):  # else its text, which may take long, is not needed
+    """Raise InputError unless the value is of this kind; `what` says what was expected, and how to get it."""
+    if not isinstance(value, kind):  # brief(value) may take long, so only an error computes it
         raise InputError(f"expected {what}; got {type(value).__name__} {brief(value)}", "input.type")
 
 
@@ -96,7 +96,7 @@ def expect_whole(value: object, name: str, least: int, code: str = "input.whole"
 
 
 def numbered(numbers: str | Iterable[int], what: str, code: str, first: int = 1, last: int | None = None) -> list[int]:
-    """Sorted, each once: "1,4-7" or [1, 4, 5, 6, 7]. Raises InputError: no such list, or numbers beyond these ends."""
+    """Sorted distinct numbers of "1,4-7" or [1, 4, 5, 6, 7]. Raises InputError: no such list, or out of range."""
     ends, like = f"{first} up" if last is None else f"{first} to {last}", f"{first},{first + 3}-{first + 6}"
     message = f'{what} must be numbers from {ends} and ranges of them, such as "{like}", got {numbers!r}'
     chosen: set[int] = set()
@@ -110,7 +110,7 @@ def numbered(numbers: str | Iterable[int], what: str, code: str, first: int = 1,
 
 
 def number_of(text: str | None, what: str) -> float | None:
-    """What was typed; None where nothing was. Raises InputError: no number, or one that can be read in two ways."""
+    """The number that was typed; None for an empty text. Raises InputError: no number, or an ambiguous one (1,234)."""
     number = (text or "").strip()
     two = f"{what} {number} can be read in two ways: type it without the comma, or with a point"
     require(not re.fullmatch(r"[+-]?[1-9]\d{0,2}(,\d{3})+", number), two, "input.which_number")
@@ -121,14 +121,14 @@ def number_of(text: str | None, what: str) -> float | None:
 
 
 def as_path(path: str | PathLike[str]) -> Path:
-    """The path of one file or folder. Raises InputError: it is none."""
+    """The path of one file or folder. Raises InputError: not a path."""
     message = f"expected the path of one file, as text; got {type(path).__name__} {brief(path)}"
     require(isinstance(path, str | PathLike), message, "input.path")
     return Path(path)
 
 
 def validation_message(error: ValidationError, kind: Any) -> str:
-    """In one line, of the first entries that the pydantic model `kind` refuses: where, what is expected and given."""
+    """One line on the first entries that the pydantic model `kind` refuses: where, what was expected and given."""
     parts = []
     for item in error.errors(include_url=False):
         where, what = ".".join(map(str, item["loc"])), item["msg"].removeprefix("Value error, ")
@@ -148,22 +148,22 @@ def validation_message(error: ValidationError, kind: Any) -> str:
 
 
 def as_cell(text: str) -> str:
-    """The text of a cell, after a ' if a spreadsheet would take it for a formula; a number is none."""
+    """The text of a cell, with a ' before it if a spreadsheet would read it as a formula and it is no number."""
     return f"'{text}" if _FORMULA.match(text) and not is_float(text) else text
 
 
 def as_remark(text: str) -> str:
-    """The text of a comment in a table, of which no part between separators is a formula."""
+    """The text of a comment in a table, with `as_cell` applied to each part between separators."""
     return "".join(part if part in ",;\t" else as_cell(part) for part in re.split("([,;\t])", text))
 
 
 def from_cell(cell: str) -> str:
-    """The text that `as_cell` wrote."""
+    """The original text of a cell that `as_cell` wrote."""
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
 
 
 def is_float(text: str) -> bool:
-    """Whether a cell is a number as it stands."""
+    """Whether the text of a cell is a number."""
     try:
         float(text)
     except ValueError:
@@ -179,7 +179,7 @@ def read_bytes(path: str | Path, most: int) -> bytes:
         state = Path(path).stat()
         if (regular := S_ISREG(state.st_mode)) and (size := state.st_size) <= most:
             with Path(path).open("rb") as file:
-                content = file.read(most + 1)  # the size of some is only known when they are read
+                content = file.read(most + 1)  # some files show their size only when they are read
     except (OSError, ValueError) as error:  # ValueError: a name that no file can have
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{str(path)[:200]!r} cannot be read: {reason}", "files.unreadable") from None
@@ -190,7 +190,7 @@ def read_bytes(path: str | Path, most: int) -> bytes:
 
 
 def sha256(path: Path) -> str:
-    """Of the content of a file."""
+    """SHA-256 of the content of a file, in hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

@@ -1,15 +1,15 @@
-"""Where a radius history has its maximum and its collapses: the fits behind RadiusCurve, on bare arrays.
+"""Find the maximum and the collapses of a radius history: the fits of RadiusCurve, as functions of plain arrays.
 
 - *Maximum.* Near its maximum a collapsing bubble follows R = R_max (1 - a s^2 - (2/3) a^2 s^4), s = t - t_max: the
   series of Rayleigh's equation R R'' + (3/2) R'^2 = -P to fourth order, a = P/(2 R_max^2), for any constant driving
-  pressure P. (R_max, t_max, a) are fitted to the samples above 0.9 R_max, each weighted down as its residual passes
-  0.5 % of R_max. Growth and collapse are not mirror images (viscosity): a term k s^3 joins where the noise is low
-  enough to see it.
-- *Collapses.* A turning point counts when the radius rises again by more than `rebound`. Its time is where the two
-  branches meet: R^(5/2) is linear in time on either side of an inertial collapse, and the two lines through the
-  neighbours of the smallest sample cross there.
+  pressure P. (R_max, t_max, a) are fitted to the samples above 0.9 R_max. Samples with residuals above 0.5 % of R_max
+  have less weight. Viscosity makes growth and collapse asymmetric: a term k s^3 is added where the noise is low enough
+  to resolve it.
+- *Collapses.* A minimum is a collapse if the radius rises by more than `rebound` after it. R^(5/2) is linear in time
+  on either side of an inertial collapse: the time of the collapse is where the two lines through the neighbours of the
+  smallest sample cross.
 
-tests/io/test_curve.py measures how well, on simulated shots.
+tests/io/test_curve.py measures the accuracy on simulated shots.
 """
 
 from __future__ import annotations
@@ -23,37 +23,39 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 
 RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
-_JUMP, _REPEATED = 0.01, 2  # of the largest radius: what moves; repeated samples that are none yet
-_KNEE = 0.005  # of R_max: residuals of the fit of the maximum beyond it count less
-_STEEP, _FEWEST = 0.7, 6  # of the first radii: samples above it tell whether these fall; so many are needed
-_SERIES = 0.004  # of R_max: what the series leaves of a fall in a viscous material
-_SKEW = 0.5  # of the time of the fall to _STEEP: some agarose, recorded from R_max, falls as if it began at 0.36
-_PARAMETERS = 3  # of the series of a maximum
-_SPAN = 9.0  # squared standard deviations of its time that are possible,
-_CENTRES = 13  # of which so many are tried first
-_RESOLVED = 0.005  # of the samples' time, to which the first and the last one are known
-_EVIDENCE = 12.0  # chi-square of a maximum a frame before the first sample over that of the best one
-_SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
+_JUMP, _REPEATED = 0.01, 2  # least jump of a moving radius, of the largest radius; repeats that are tolerated
+_KNEE = 0.005  # of R_max: larger residuals have less weight in the fit of the maximum
+_STEEP, _FEWEST = 0.7, 6  # of the first radii: samples before the fall below it are fitted; least number of them
+_SERIES = 0.004  # of R_max: error of the series for a fall in a viscous material
+_SKEW = 0.5  # of the time of the fall to _STEEP: least shift that counts; agarose recorded from R_max shows up to 0.36
+_PARAMETERS = 3  # number of parameters of the series of a maximum
+_SPAN = 9.0  # squared standard deviations: times of the maximum within them are possible
+_CENTRES = 13  # number of times of the maximum that are tried first
+_RESOLVED = 0.005  # of the time span of the samples: tolerance of the earliest and latest time of the maximum
+_EVIDENCE = 12.0  # least excess of chi-square of a maximum one frame before the first sample over the best fit
+_SMALLEST_REBOUND = 0.03  # of R_max: least rise after a minimum that is a collapse
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
 AT_MAXIMUM = 0.97  # a recording whose first radius is above this shows no growth
 
 
 def _median_of_three(values: Floats) -> Floats:
-    """Running median, mirrored at the ends: takes out a single bad frame."""
+    """Running median of three samples, mirrored at the ends: removes a single bad frame."""
     padded = np.concatenate([values[1:2], values, values[-2:-1]])
     return np.asarray(np.median(np.stack([padded[:-2], padded[1:-1], padded[2:]]), axis=0))
 
 
 def _near_maximum(smooth: Floats, peak: int, top: float) -> tuple[int, int]:
-    """First index, and the one after the last, of the smoothed samples (n,) about the peak that are near the top."""
+    """(first index, index after the last) of the smoothed samples (n,) around the peak that are near the top."""
     below = np.flatnonzero(smooth <= _NEAR_MAXIMUM * top)
     return int(below[below < peak].max(initial=-1)) + 1, int(below[below > peak].min(initial=len(smooth)))
 
 
 def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[float, float]:
-    """(t_max, R_max) of measured samples (n,). `stated` is the time of the maximum as the file gives it."""
+    """(t_max, R_max) of measured samples (n,). `stated` is the time of the maximum that the file gives, or None.
+
+    Raises InputError: no fall after the maximum, or too much scatter near it."""
     smooth = _median_of_three(radius)
-    # the maximum before the first deep fall: a late drift may pass it; small early radii (a speck) may fall, too
+    # use the maximum before the first deep fall: a late drift may exceed it; small early radii (a speck) may fall too
     highest = np.maximum.accumulate(smooth)
     fallen = (smooth < 0.6 * highest) & (highest > 0.5 * smooth.max())
     end = int(np.argmax(fallen)) if fallen.any() else len(smooth)
@@ -75,7 +77,7 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
             if _clearly_better(skewed[2], cost, n - 4) and x[0] < skewed[0] < x[-1]:
                 centre, top, _ = skewed
     else:
-        # at the time that the file states, else the first frame, unless the data clearly say another, by two frames
+        # the stated time or the first frame, unless the data clearly show a maximum more than two frames away
         at = x[0] if stated is None else (stated - time[peak]) / unit
         centre, top, _ = _fit_series(x, y, centre=at)
         knee = max(_KNEE, 3.0 * scatter(radius) / smooth[peak])
@@ -83,7 +85,7 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
         free = _fit_series(x, y, knee=knee) if n > 4 else fixed
         if _clearly_better(free[2], fixed[2], n - 3) and abs(free[0] - at) > 2.0 * frame and x[0] <= free[0] <= x[-1]:
             centre, top, _ = free
-    if not (x[0] - 2.0 * frame <= centre <= x[-1] and 0.9 < top < 1.15):  # noise beat the fit: keep the time
+    if not (x[0] - 2.0 * frame <= centre <= x[-1] and 0.9 < top < 1.15):  # noise spoiled the fit: keep the time
         centre, top, _ = _fit_series(x, y, centre=0.0)
     why = "no maximum can be fitted to the samples round the largest; they scatter too much"
     require(0.9 < top < 1.15, why, "curve.scatters")
@@ -91,13 +93,13 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
 
 
 def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noise: float) -> tuple[float, float]:
-    """(earliest, latest) time of the maximum (t_max, R_max), s, as far as the samples (n,) near it tell: the series
-    about a time outside leaves more than _SPAN variances above the best one. noise: that of the radius, m."""
+    """(earliest, latest) time of the maximum (t_max, R_max), s, that the samples (n,) near it allow: at times outside,
+    the squared residuals of the series exceed the least ones by more than _SPAN variances. noise: of the radius, m."""
     start, top = maximum
     peak = int(np.argmin(np.abs(time - start)))
     first, last = _near_maximum(_median_of_three(radius), peak, top)
     frame = float(np.median(np.diff(time)))
-    if last - first <= _PARAMETERS:  # between the samples that are not near it
+    if last - first <= _PARAMETERS:  # too few samples for a fit: up to the samples beyond them
         return float(time[first]) - frame, float(time[min(last, len(time) - 1)])
     unit = time[last - 1] - time[first]
     x, y, deviation = (time[first:last] - start) / unit, radius[first:last] / top, noise / top
@@ -110,7 +112,7 @@ def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noi
     costs = [cost(centre) for centre in centres]
     best = int(np.argmin(costs))
     limit = costs[best] + _SPAN * max(costs[best] / (len(x) - _PARAMETERS), deviation**2)
-    from scipy.optimize import brentq  # a third of a second to import
+    from scipy.optimize import brentq  # the import takes a third of a second
 
     ends = [
         end if value < limit else brentq(lambda centre: cost(centre) - limit, centres[best], end, xtol=_RESOLVED)
@@ -120,13 +122,13 @@ def maximum_span(time: Floats, radius: Floats, maximum: tuple[float, float], noi
 
 
 def scatter(radius: Floats) -> float:
-    """Standard deviation of the noise of samples (n,) from one to the next, from the median absolute third difference:
-    these cancel the motion except at the few collapses; 0 below 8 samples."""
+    """Standard deviation of the noise of samples (n,), from the median absolute third difference: third differences
+    cancel the motion except at the few collapses. 0 for fewer than 8 samples."""
     return float(1.4826 * np.median(np.abs(np.diff(radius, 3))) / np.sqrt(20.0)) if len(radius) > 7 else 0.0
 
 
 def rounding(radius: Floats) -> float:
-    """Step of which all radii (n,) are multiples, m; 0 where they have no common one."""
+    """Rounding step of radii (n,), m: the number of which all are multiples; 0 if there is none."""
     steps = np.diff(np.unique(radius))
     if not len(steps):
         return 0.0
@@ -135,9 +137,9 @@ def rounding(radius: Floats) -> float:
 
 
 def repeated(radius: Floats) -> tuple[int, int] | None:
-    """(samples that equal the one before, times that each one stands, 0 if not alike) of samples (n,) that repeat more
-    often than rounding explains; None: they do not. Where the radius moves on to one side by clearly more than the
-    rounding, two equal samples are a chance of at most about the step over the jumps before and after them."""
+    """(number of samples equal to the one before, how often each value occurs or 0 if that varies) of samples (n,) with
+    more repeats than rounding explains, else None. Only values within a fast motion in one direction are examined:
+    there, rounding makes two samples equal with a probability of at most about its step over the jump around them."""
     start = np.flatnonzero(np.diff(radius, prepend=np.nan) != 0)
     value, length = radius[start], np.diff(start, append=len(radius))
     step, before, after = rounding(radius), np.diff(value)[:-1], np.diff(value)[1:]
@@ -153,8 +155,8 @@ def repeated(radius: Floats) -> tuple[int, int] | None:
 
 
 def frames_missed(time: Floats, radius: Floats, noise: float) -> float:
-    """Frames by which the maximum lies before the first of samples (n,) that fall from there on; 0 unless they say by
-    _EVIDENCE that it is more than one, and more than the skew of real falls. noise: that of the radius, m."""
+    """Number of frames from the maximum to the first of samples (n,) that fall from their start; 0 unless it is more
+    than one by the chi-square _EVIDENCE, and more than the shift _SKEW of real falls. noise: of the radius, m."""
     top = float(radius[:3].max())
     fallen = radius < _STEEP * top
     count = int(np.argmax(fallen)) if fallen.any() else len(radius)
@@ -179,7 +181,7 @@ def _fit_series(
 
     A given `centre` is kept; k = 0 unless `skewed`. cost is the sum of squared residuals, weighted down beyond `knee`.
     """
-    c2, c1, _ = np.polyfit(x, y, 2, full=True)[0]  # and no warning where samples are of one instant
+    c2, c1, _ = np.polyfit(x, y, 2, full=True)[0]  # full: no warning if samples have the same time
     free = centre is None
     if centre is None:
         centre = float(np.clip(-c1 / (2.0 * c2), x[0], x[-1])) if c2 < 0 else float(x[np.argmax(y)])
@@ -230,13 +232,13 @@ def turning_points(radius: Floats, threshold: float) -> tuple[list[int], list[in
 
 
 def rebound(top: float, noise: float) -> float:
-    """By how much a radius must rise after a minimum that this is a collapse, of the maximum and the noise, m."""
+    """Least rise of the radius after a minimum that is a collapse, m, for a maximum radius `top` and noise, m."""
     return float(np.clip(6.0 * noise, _SMALLEST_REBOUND * top, 4.0 * _SMALLEST_REBOUND * top))
 
 
 def collapses_backwards(radius: Floats) -> int:
-    """How many collapses samples (n,) show before their largest, where they are several, more than after it, with
-    maxima that rise, as those of a bubble do if time runs backwards. Else 0."""
+    """Number of collapses before the largest of samples (n,) if time seems to run backwards, else 0: there are several,
+    more than after the largest sample, and the rebounds between them grow."""
     if len(radius) < _FEWEST:
         return 0
     smooth = _median_of_three(radius)
@@ -246,13 +248,13 @@ def collapses_backwards(radius: Floats) -> int:
     later, _ = turning_points(smooth[last:], least)
     if len(minima) <= max(1, len(later)):
         return 0
-    earlier = [float(smooth[last - i]) for i in maxima[:2]]  # the last one before the largest first
+    earlier = [float(smooth[last - i]) for i in maxima[:2]]  # the one nearest to the largest sample first
     rises = earlier[-1] <= earlier[0] < smooth[last] - least
     return len(minima) if rises else 0
 
 
 def collapse_time(time: Floats, radius: Floats, i: int) -> float:
-    """Time at which the two branches of R^(5/2) round the smallest sample i meet, kept between its neighbours."""
+    """Time at which the lines of R^(5/2) before and after the smallest sample i cross, limited to its neighbours."""
     if i < 2 or i > len(time) - 3:
         return float(time[i])
     t, y = time[i - 2 : i + 3], radius[i - 2 : i + 3] ** 2.5
@@ -264,9 +266,9 @@ def collapse_time(time: Floats, radius: Floats, i: int) -> float:
 
 
 def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], rise: float) -> int | None:
-    """Index from which a radius drifts upwards, by more than `rise`, as no oscillating bubble does (it breaks up, or
-    another comes before it); None: it does not. Either a rebound goes higher than the one before, or, a period after
-    the last collapse, the running median over a period rises."""
+    """Index from which the radius drifts upwards by more than `rise`, or None. A drift is a rebound that is higher than
+    the one before, or a rise of the running median over a period that begins a period after the last collapse or later.
+    It shows that the bubble breaks up, or that another bubble hides it."""
     if not minima:
         return None
     for collapse, following in pairwise([*minima[1:], len(radius)]):
@@ -285,7 +287,7 @@ def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], ri
 
 
 def plateau(time: Floats, radius: Floats, first_collapse: float | None) -> tuple[float, float] | None:
-    """`RadiusCurve.stretch_from_tail` of samples (n,) that begin at R_max."""
+    """The result of `RadiusCurve.stretch_from_tail` for samples (n,) that begin at R_max."""
     duration = time[-1] - time[0]
     late = time > time[-1] - duration / 3.0
     before = (time > time[-1] - duration / 2.0) & ~late

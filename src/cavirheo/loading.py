@@ -1,4 +1,4 @@
-"""What cavirheo wrote, read back: documents and training sets, told apart by what they say of themselves."""
+"""Load what cavirheo wrote: documents, recognised by the kind that they state, and training sets."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cavirheo.training.dataset import Dataset
 
 Loaded = TypeVar("Loaded", bound="Document | Dataset")
-# by `kind`, which with the ending .json is the usual name of its file: its class, and what prints its table
+# by `kind` (the usual file name is KIND.json): the class of the document, and the function that prints its table
 KINDS = {
     "result": ("cavirheo.reporting.record.Result", "cavirheo.reporting.table.print_all"),
     "laws": ("cavirheo.reporting.laws.Laws", "cavirheo.reporting.laws.print_table"),
@@ -32,7 +32,7 @@ NAMES = tuple(f"{kind}.json" for kind in KINDS)
 
 
 @overload
-def load(path: str | Path) -> Result | Any: ...  # so that a name which no Result has is noticed, and others may come
+def load(path: str | Path) -> Result | Any: ...  # type checkers then report a wrong name of a Result
 
 
 @overload
@@ -40,14 +40,14 @@ def load(path: str | Path, kind: type[Loaded]) -> Loaded: ...
 
 
 def load(path: str | Path, kind: type[Any] | None = None) -> Any:
-    """The document (`Result`, `Laws`, `Measured`, ...: docs/file-formats.md) or training set that was written; SI.
+    """Load a document (`Result`, `Laws`, `Measured`, ...: docs/file-formats.md) or a training set; values are SI.
 
     Args:
-        path: a file of any name, a folder with one, or a folder of `cavirheo generate`.
-        kind: the class that the file must hold; default: any, and a `Result` to type checkers.
+        path: a document with any file name, a folder with one document, or a folder of `cavirheo generate`.
+        kind: the class that the file must hold; default: any class (type checkers see a `Result`).
 
     Raises:
-        InputError: nothing there, nothing that cavirheo wrote, or another kind.
+        InputError: no such file, not a file of cavirheo, or another kind.
     """
     expect(object if kind is None else kind, type, "a class such as Result, of cavirheo.reporting.record")
     loaded = _load(path)
@@ -79,5 +79,5 @@ def _load(path: str | Path) -> Document | Dataset:
 
 
 def print_table(document: Document) -> None:
-    """The table of a document, as its verb and `cavirheo show` print it."""
+    """Print the table of a document, as its verb and `cavirheo show` do."""
     resolve_name(KINDS[document.kind][1])(document)

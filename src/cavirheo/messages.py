@@ -1,6 +1,6 @@
-"""Messages of an answer as records, and the sentences that people read: every sentence stands here once.
+"""Messages of an answer as records, and the sentences for users; every sentence is written here once.
 
-Other code makes messages by code and values, and decides by codes alone; nothing looks into a sentence.
+Other modules create messages from a code and values, and decide by codes alone; none of them parses a sentence.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import parameter_of, searched_bound
 from cavirheo.writing import digits
 
-_COUNTED = 0.005  # share of a law in an average, below which it is said to be rejected
+_COUNTED = 0.005  # least share of a law in an average; a law with less is listed as rejected
 _Words = str | Callable[..., str]
 
 
 @dataclass(frozen=True)
 class Message:
-    """What is to be known of an answer.
+    """A statement about an answer, as a code and values.
 
     Attributes:
-        code: what it is about, for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected". It stays
-            the same when the sentence is put better. The code of an error is that of `InputError`.
-        parameters: the values in the sentence, SI; of a code without a sentence of its own, the sentence as `text`.
+        code: identifies the statement for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected". It
+            stays the same when the sentence is reworded. An error has the code of its `InputError`.
+        parameters: the values in the sentence, SI; for a code without a sentence here, `text` holds the sentence.
     """
 
     code: str
@@ -32,29 +32,29 @@ class Message:
 
     @property
     def text(self) -> str:
-        """The sentence."""
+        """The sentence with its values."""
         common, details = _sentence_of(self.code)
         return common + (details.format if isinstance(details, str) else details)(**self.parameters)
 
 
 def is_input_warning(code: str) -> bool:
-    """Whether it is about the recording or its settings, so that the answer is not ok unless the user vouches."""
+    """Whether the message concerns the recording or its settings: no answer is ok unless the user confirms these."""
     return code.startswith("check_input.")
 
 
 def title(code: str) -> str:
-    """What all messages with this code have in common, without the values of one; "" of a code without a sentence."""
+    """The part without values, common to all messages with this code; "" for a code without a sentence."""
     return _sentence_of(code)[0]
 
 
 def of_bound(name: str, bound: str, interval: tuple[float, float, float]) -> Message:
-    """That the range of a parameter, and not the recording, ends its interval (5 %, 50 %, 95 %), SI."""
+    """The message that the range of a parameter, not the recording, limits its interval (5 %, 50 %, 95 %), SI."""
     low, median, high = interval
     return Message(f"bound.{name}.{bound}", {"name": name, "bound": bound, "median": median, "q05": low, "q95": high})
 
 
 def of_error(error: Exception) -> Message:
-    """Why there is no answer, of the error that ended it."""
+    """The message why there is no answer, from the error that ended the analysis."""
     if isinstance(error, InputError):
         return Message(error.code, {"text": error.message})
     if isinstance(error, SolverError):
@@ -63,8 +63,8 @@ def of_error(error: Exception) -> Message:
 
 
 def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
-    """'µ 0.040 [0.031, 0.052] Pa s' of (5 %, 50 %, 95 %), SI; 'µ below 0.010 Pa s (95 %)' where the interval reaches
-    the lower end of the range that is searched."""
+    """'µ 0.040 [0.031, 0.052] Pa s' from (5 %, 50 %, 95 %), SI; 'µ below 0.010 Pa s (95 %)' where the interval reaches
+    the lower end of the searched range."""
     from cavirheo.writing.document import Quantity
 
     (low, median, high), parameter = interval, parameter_of(name)
@@ -74,7 +74,7 @@ def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
 
 
 def _sentence_of(code: str) -> tuple[str, _Words]:
-    """(what all messages with this code have in common, what the values of one add)."""
+    """(the part without values, common to all messages with this code; the template for the part with values)."""
     family, *arguments = code.split(".")
     sentence = _SENTENCES.get(code) or _SENTENCES.get(family, "|{text}")
     common, details = sentence if isinstance(sentence, tuple) else sentence.partition("|")[::2]
@@ -122,7 +122,7 @@ def _bound(name: str, bound: str, q05: float, q95: float, **_: Any) -> str:
 
 
 _STATED = {"file": "stretch that the file states", "late_plateau": "late plateau"}
-_CHECKED = {  # by nuisance: its words, and what to check where it runs to the end of its prior
+_CHECKED = {  # by nuisance parameter: its name in messages, and what to check if it is at an end of its prior
     "time_origin": ("time origin", ": check the times of the frames, and that R_max was recorded"),
     "radius_scale": ("radius scale", ": check the µm per pixel"),
     "max_radius_factor": ("R_max", ": check that R_max was recorded"),
@@ -162,11 +162,11 @@ def _training_range(name: str, value: float, low: float, high: float, trained_at
     return f" (at the training scale 10^{value:.2f}, trained in 10^{low:g} to 10^{high:g})"
 
 
-_Model = Mapping[str, Any]  # "material", "bubble" (words), "values" (interval by parameter), "interval" (is there one)
+_Model = Mapping[str, Any]  # "material", "bubble" (names), "values" (interval by parameter), "interval" (bool)
 
 
 def _tells(*models: _Model) -> list[str]:
-    """What tells models apart: their laws, the words for their bubbles, or both."""
+    """The keys in which models differ: "material", "bubble" or both."""
     return [key for key in ("material", "bubble") if len({model[key] for model in models}) > 1]
 
 
@@ -176,7 +176,7 @@ def _values(model: _Model) -> str:
 
 
 def _both(this: _Model, rival: _Model) -> str:
-    """Two models by what tells them apart, with their values."""
+    """Two models, named by the keys in which they differ, with their values."""
     tells = _tells(this, rival)
     first, second = (f"{', '.join(model[key] for key in tells)} with {_values(model)}" for model in (this, rival))
     return f": {second}, instead of {first}"
@@ -187,7 +187,7 @@ def _by(gain: float, rough: bool) -> str:
 
 
 def _preferred(rival: str, this: str, gain: float | None, equal: bool, rough: bool) -> str:
-    """' (the evidence prefers the second by a factor of e^12)'; nothing where one has no evidence."""
+    """' (the evidence prefers the second by a factor of e^12)'; "" if a model has no evidence."""
     if gain is None:
         return ""
     return " (equally likely)" if equal else f" (the evidence prefers {rival if gain > 0 else this}{_by(gain, rough)})"
@@ -211,8 +211,8 @@ def _averaged(laws: Mapping[str, float]) -> str:
     return f": {', '.join(counted)}" + f"; rejected: {', '.join(rejected)}" * bool(rejected)
 
 
-# By code, or by its first part where several codes share a sentence: what all messages have in common, "|", and a
-# template of the values of one; or both apart, where a function gives one of them.
+# By code, or by its first part where several codes share a sentence: the part without values, "|", and a template for
+# the part with values; or a tuple of these two parts, if a function makes one of them.
 _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     # the recording and its settings
     "check_input.time_order": "times not in order| ({steps} steps back): frames sorted",
@@ -239,7 +239,7 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
     "viscosity does|: read the upper end of µ alone, or let them be free (--confinement-inertia free "
     "--confinement-damping free)",
     "check_input.spikes": ("check the recording: frames that stand out by 20 % of R_max move the answer", _moved),
-    # what counts
+    # frames and stretch that are used
     "frames.spikes": (
         "spikes are left out",
         lambda frames: f": {digits.counted(frames, 'frame')} above both neighbours by 20 % of R_max",
@@ -254,7 +254,7 @@ _SENTENCES: dict[str, str | tuple[_Words, _Words]] = {
         lambda source: f"λ was fitted, with the {_STATED[source]} as prior",
         ": {value:.3g}, taken as ± {deviation:.2g}",
     ),
-    # the simulation beside the measurement
+    # the simulation compared with the measurement
     "misfit.rms": (
         "the simulation misses the measurement",
         lambda rms, limit: f" by {100 * rms:.2g} % of R_max RMS (limit {100 * limit:.2g} %)",

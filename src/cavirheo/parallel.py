@@ -1,4 +1,4 @@
-"""Work on all cores: what an executor is, and those of this machine, with threads and with processes."""
+"""Work on all cores: the interface of executors, and those of this machine, with threads and with processes."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from cavirheo.errors import InputError, expect_whole, require
 
 Job = TypeVar("Job")
 Output = TypeVar("Output")
-FEWEST = 2  # jobs of some seconds for which processes are started, which takes a second or two
-AHEAD = 2  # jobs sent to each process: one that runs and one that waits there
-SAFE_PATH = {"PYTHONSAFEPATH": "1"}  # of a Python that does not look for modules in the current folder
+FEWEST = 2  # least number of jobs of some seconds for which processes are started (their start takes a second or two)
+AHEAD = 2  # jobs sent to each process: one that runs and one that waits
+SAFE_PATH = {"PYTHONSAFEPATH": "1"}  # environment of a Python that imports no modules from the current folder
 IDLE = 30.0  # s after which a process without work ends
-_pools: dict[tuple[int, int], Any] = {}  # the latest, by (this process, how many): the next flow uses it again
-_in_use = threading.Lock()  # by a flow
-_here = threading.Lock()  # held by the thread that does a job of `run_on_any_core`
-_starting = threading.Lock()  # of processes, by threads
+_pools: dict[tuple[int, int], Any] = {}  # the latest pool, by (process id, size): the next flow reuses it
+_in_use = threading.Lock()  # held by the flow that uses the processes
+_here = threading.Lock()  # held by the thread that itself runs a job of `run_on_any_core`
+_starting = threading.Lock()  # held by the thread that starts processes
 
 
 def cores(workers: int | None = None) -> int:
-    """`workers`, or as many as this process may use: those of the machine, of its container or of its job, and at most
-    LOKY_MAX_CPU_COUNT of the environment."""
+    """`workers`, or the number of cores that this process may use: those of the machine, its container or its cluster
+    job, and at most LOKY_MAX_CPU_COUNT of the environment. Raises InputError: not a whole number from 1 up."""
     if workers is None:
         try:
             return int(_loky().cpu_count())
@@ -49,9 +49,9 @@ def cores(workers: int | None = None) -> int:
 
 
 class _OneBlasThread(ContextDecorator):
-    """While any thread is in this block, BLAS computes in the thread that calls it: its own threads would only wait for
-    each other beside ours, and with them the last bits differ. threadpoolctl lets one thread set the number, and does
-    nothing for others: a thread of ours does it for all."""
+    """While any thread is in this block, BLAS computes in the calling thread: BLAS threads beside those of an executor
+    would only wait for each other, and they change the last bits of results. threadpoolctl accepts the number of
+    threads from one thread only, so `_setter` sets and restores it for all threads."""
 
     _setter: ThreadPoolExecutor
     _limits: Any
@@ -78,25 +78,25 @@ one_blas_thread = _OneBlasThread()
 
 
 class Executor(Protocol):
-    """Where units of work run: `Threads` or `Processes` here, or the workers of a cluster. The outputs are the same."""
+    """Runs jobs: `Threads` or `Processes` of this module, or the workers of a cluster. The outputs are the same."""
 
     def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
-        """(index, function(job)) of each job, in the order in which they end. Close it to drop what has not begun.
+        """(index, function(job)) of each job, in the order in which they end. Closing it drops jobs not yet begun.
 
-        A job is asked for when its turn comes, so that not all need be in memory.
+        An element of `jobs` is read when its turn comes, so that not all jobs need to be in memory.
         """
 
 
 @dataclass(frozen=True)
 class Threads:
-    """So many threads of this machine, all cores by default: for what the solver, which lets go of the interpreter,
-    does most of."""
+    """`workers` threads of this machine, by default one per core: for jobs that mostly run the compiled solver, which
+    releases Python's global lock."""
 
     workers: int | None = None
 
     def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
-        """As `Executor.flow`. An exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has
-        begun ends by itself. BLAS has one thread meanwhile."""
+        """As `Executor.flow`. An exception, also Ctrl-C, is raised at once: jobs that have not begun are dropped, jobs
+        that have begun end by themselves. BLAS has one thread meanwhile."""
         waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
         threads = min(cores(self.workers), len(jobs))
 
@@ -130,15 +130,15 @@ class Threads:
 
 @dataclass(frozen=True)
 class Processes:
-    """So many processes of this machine, all cores by default: for jobs of seconds that are mostly Python's, of which
-    threads do one at a time."""
+    """`workers` processes of this machine, by default one per core: for jobs of some seconds that mostly run Python
+    code, which threads would run one at a time."""
 
     workers: int | None = None
 
     def flow(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> Generator[tuple[int, Output], None, None]:
-        """As `Executor.flow`. What has begun when it is closed, or by an exception, ends at once. Threads do the work
-        while another flow of this process has the processes, or where there cannot be any; this thread does a job that
-        cannot be sent. Raises InputError: a process was ended from outside; and what `function` raises."""
+        """As `Executor.flow`. When it is closed, or after an exception, running jobs end at once. Threads do the work
+        while another flow of this process uses the processes, or where none can be started; the calling thread runs a
+        job that cannot be pickled. Raises InputError: a process was ended from outside; and what `function` raises."""
         count, waiting = min(cores(self.workers), len(jobs)), deque(range(len(jobs)))
         mine = bool(jobs) and _in_use.acquire(blocking=False)
         sent: dict[Future[Output], int] = {}
@@ -169,19 +169,19 @@ class Processes:
 
 
 def _loky() -> Any:
-    """The library of processes, imported where Ctrl-C cannot stop it halfway, after which no import would mend it."""
+    """The library loky, imported in a thread: if Ctrl-C interrupted the import, it could not be imported again."""
     return run_in_thread(lambda: import_module("loky"))
 
 
 @contextmanager
 def _protected_start() -> Iterator[None]:
-    """Processes that are started here run nothing that lies in the current folder, and neither Ctrl-C nor the end of
-    the terminal reaches them: this process ends them."""
+    """Processes that are started in this block import no modules from the current folder, and receive neither Ctrl-C
+    nor the hang-up of the terminal: this process ends them."""
     before, mask = os.environ.get("PYTHONSAFEPATH"), None
     os.environ |= SAFE_PATH
     try:
         if hasattr(signal, "pthread_sigmask"):
-            resource_tracker.ensure_running()  # whose start takes the mask off
+            resource_tracker.ensure_running()  # its start would remove the mask
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
         yield
     finally:
@@ -194,35 +194,35 @@ def _protected_start() -> Iterator[None]:
 
 
 def _pool_of(count: int) -> Any:
-    """So many processes, those of before if there are as many; None where there cannot be any: a sandbox without the
-    means by which they wait for each other, or no room for more."""
+    """A pool of `count` processes, the latest one if it has this size; None if none can be started, as in a sandbox
+    without semaphores, or without enough memory or files."""
     key, loky = (os.getpid(), count), _loky()
     if any(process != os.getpid() for process, _ in _pools):
-        _pools.clear()  # of the process that this one is a fork of
+        _pools.clear()  # pools of the process that this one was forked from
     if key not in _pools:
         end_processes()
-    for _ in range(2):  # those of before may have been ended from outside meanwhile
-        with suppress(OSError, RuntimeError, NameError), _protected_start():  # NameError: of loky, where files run out
+    for _ in range(2):  # the processes of the latest pool may have been ended from outside
+        with suppress(OSError, RuntimeError, NameError), _protected_start():  # NameError: of loky, too many open files
             if key not in _pools:
                 how = {"timeout": IDLE, "initializer": _depend_on, "initargs": (os.getpid(),), "env": SAFE_PATH}
                 _pools[key] = loky.ProcessPoolExecutor(count, **how)
-            _pools[key].submit(int)  # starts them, or those anew that have ended for want of work
+            _pools[key].submit(int)  # starts the processes, also again after they ended for lack of work
             return _pools[key]
         end_processes()
     return None
 
 
 def end_processes() -> None:
-    """End those that `Processes` has started, whatever they do. A process that leaves without its exit handlers calls
-    it first."""
+    """End all processes that `Processes` has started, even running ones. To be called before an exit that skips the
+    exit handlers."""
     while _pools:
         _pools.popitem()[1].shutdown(kill_workers=True)
-        gc.collect()  # gives their semaphores back, which are in cycles: else a line on stderr says that they leaked
+        gc.collect()  # releases semaphores that are in reference cycles: otherwise stderr shows a line that they leaked
 
 
 def _depend_on(parent: int) -> None:
-    """Ctrl-C is for the parent of this process, which ends it; if the parent is killed, so is this."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not blocked
+    """Make this process ignore Ctrl-C, because its parent ends it, and exit if the parent is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # in case it is not blocked
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -233,8 +233,8 @@ def _depend_on(parent: int) -> None:
 
 
 def of_this_machine(jobs: int, workers: int | None = None) -> Executor:
-    """That for so many jobs of some seconds: processes, but for few jobs or in one of several processes of somebody
-    else, which would wait for ours at its end."""
+    """The executor for this number of jobs of some seconds: processes, or threads for few jobs and in a child process
+    of another program, which would wait for our processes at its end."""
     several = jobs >= FEWEST and cores(workers) > 1 and multiprocessing.parent_process() is None
     return Processes(workers) if several else Threads(workers)
 
@@ -245,7 +245,7 @@ def each(
     executor: Executor | int | None = None,
     on_output: Callable[[int, Output], None] | None = None,
 ) -> list[Output]:
-    """function(job) of each job, in their order, by an executor or on so many threads (all cores by default).
+    """function(job) of each job, in their order, by an executor or on this number of threads (default: all cores).
     `on_output` is called in this thread with the index and the output of each job, in the order in which they end."""
     outputs: dict[int, Output] = {}
     chosen = Threads(executor) if executor is None or isinstance(executor, int) else executor
@@ -258,7 +258,7 @@ def each(
 
 
 def run_in_thread(function: Callable[[], Output]) -> Output:
-    """function() in a thread of its own: this one only waits, so that Ctrl-C ends a long compilation, too."""
+    """function() in a new thread: the calling thread only waits, so that Ctrl-C ends even a long compilation."""
     pool = ThreadPoolExecutor(1)
     try:
         return pool.submit(function).result()
@@ -267,8 +267,8 @@ def run_in_thread(function: Callable[[], Output]) -> Output:
 
 
 def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
-    """function(*arguments), mostly Python's, for one of several threads: in this thread, or by a process while another
-    thread of this process is in here, which would only take turns with it. The output is the same."""
+    """function(*arguments), mostly Python code, for one of several threads: runs in the calling thread, or in a process
+    while another thread runs such a function, because two threads would take turns. The output is the same."""
     if _here.acquire(blocking=False):
         try:
             return function(*arguments)
@@ -284,28 +284,28 @@ def run_on_any_core(function: Callable[..., Output], *arguments: Any) -> Output:
 
 
 class Stoppable:
-    """Work on one list of jobs at a time, on all cores, which another thread ends by setting `stopped`; `busy`: locked
-    while it goes on."""
+    """Runs one list of jobs at a time, on all cores, until another thread sets `stopped`; `busy` is locked while a list
+    runs."""
 
     def __init__(self) -> None:
         self.busy, self.stopped = threading.Lock(), threading.Event()
-        self._left: set[Future[Any]] = set()  # jobs that ran when it was stopped: they end by themselves
+        self._left: set[Future[Any]] = set()  # jobs that were running at the stop: they end by themselves
 
     def ready(self) -> bool:
-        """Whether nothing goes on; a stop of before is forgotten then."""
+        """Whether no list runs; if so, an earlier stop is cleared."""
         if free := not self.busy.locked():
             self.stopped.clear()
         return free
 
     def each(self, function: Callable[[Job], Output], jobs: Sequence[Job]) -> list[Output | None]:
-        """function(job) of each, in their order; None for those that had not ended when it was stopped.
+        """function(job) of each job, in their order; None for jobs that had not ended at the stop.
 
-        Raises InputError: stopped before the first ended, or the list before still runs.
+        Raises InputError: stopped before the first job ended, or the previous list still runs.
         """
         free = self.busy.acquire(blocking=False)
         require(free, "the run before goes on: stop it, or wait for its end", "parallel.busy")
         try:
-            wait(self._left)  # one who stops and starts in turns takes no more cores than others
+            wait(self._left)  # so a user who stops and starts repeatedly gets no more cores
             pool = ThreadPoolExecutor(cores())
             tasks = [pool.submit(function, job) for job in jobs]
             left = set(tasks)
@@ -320,6 +320,6 @@ class Stoppable:
 
 
 def call_glibc(name: str, *arguments: int) -> None:
-    """Call a function of the C library on memory, where it is glibc."""
+    """Call a memory function of glibc, such as malloc_trim; no effect with another C library."""
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None)[name](*arguments)

@@ -1,8 +1,8 @@
-"""Every parameter of every law and shot, once: its symbol, its SI unit, and the range in which it is looked for; the
-sizes and times that bubbles have, by which a wrong unit is told; and the domains of a dataclass' fields.
+"""All parameters of laws and shots, with symbol, SI unit and searched range; plausible values of quantities, which
+reveal a wrong unit; and the domains of the fields of dataclasses.
 
-A name in the scale of a prior or of draws may begin with log10_ (log10_viscosity), and a parameter that two laws of a
-sum have ends in the number of the later one (viscosity_2).
+A name in the scale of a prior or of draws may begin with log10_ (log10_viscosity). If two laws of a sum have the same
+parameter, the name for the later law ends in its number in the sum (viscosity_2).
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from cavirheo.errors import InputError
 
 LOG10 = "log10_"
 Bound = Literal["upper", "lower", "undetermined"]
-"""What is known of a value whose interval reaches an end of its range: that it is below the interval's upper end, above
-its lower end, or nothing."""
+"""What is known of a value whose interval reaches an end of its range: an upper limit (the interval's upper end), a
+lower limit (the interval's lower end), or nothing."""
 
 
 class Parameter(NamedTuple):
     """What is known of a parameter before any measurement.
 
     Attributes:
-        symbol, unit: as tables write them; the unit is SI, and "1" is dimensionless.
-        searched: log10 of the SI values that a fit searches and a posterior takes as prior; None for one that is not
-            fitted but keeps the default of its law.
-        started: log10 of the values where searches start.
+        symbol, unit: as written in tables; the unit is SI, and "1" means dimensionless.
+        searched: (low, high) of the log10 of the SI value: the range of a fit and of the prior. None: the parameter has
+            no such range; it keeps the default of its law, or other code defines its prior.
+        started: (low, high) of the log10 of the SI value, between which searches start.
     """
 
     symbol: str
@@ -42,8 +42,8 @@ class Parameter(NamedTuple):
 
 
 class Plausible(NamedTuple):
-    """What a quantity is in experiments: from `low` to `high`, often near `usual`, in SI. `taken`: other units in which
-    it is often given by mistake, each with (factor, offset) to SI."""
+    """The values of a quantity in experiments: from `low` to `high`, often near `usual`, in SI. `taken`: other units in
+    which it is often given by mistake, each with (factor, offset) to SI."""
 
     low: float
     high: float
@@ -52,7 +52,7 @@ class Plausible(NamedTuple):
     taken: Mapping[str, tuple[float, float]] = {}
 
     def check(self, name: str, value: float, code: str, advice: str = "") -> None:
-        """Raises InputError for a finite value outside, with the unit that may be meant."""
+        """Raises InputError for a value out of range, except inf; the message names the unit that may be meant."""
         if self.low <= value <= self.high or value == inf:
             return
         converted = ((value * factor + offset, unit) for unit, (factor, offset) in self.taken.items())
@@ -68,7 +68,7 @@ RADIUS = Plausible(1e-8, 0.05, 2.5e-4, "m", {"um": (1e-6, 0.0), "mm": (1e-3, 0.0
 INTERVAL = Plausible(1e-12, 2e-3, 1e-6, "s", _SECONDS)  # between frames
 FRAME_RATE = Plausible(500.0, 1e10, 1e6, "frames per second", {"kHz": (1e3, 0.0), "MHz": (1e6, 0.0)})
 DURATION = Plausible(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation
-STRETCH_RANGE = (1.2, 16.0)  # in which R_max/R_0 is looked for
+STRETCH_RANGE = (1.2, 16.0)  # searched range of R_max/R_0
 
 
 PARAMETERS: dict[str, Parameter] = {
@@ -105,9 +105,9 @@ PARAMETERS: dict[str, Parameter] = {
     "confinement_damping": Parameter("ζ", "1"),
     "vapour_excess": Parameter("Δp_v", "Pa"),
 }
-"""Every parameter by its name; a new law enters those of its parameters that are not here."""
+"""All parameters by name; those of a new law must be added here."""
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
-BUBBLE = {  # what a bubble has besides its law, and which values are usual, for who reads a table
+BUBBLE = {  # parameters of the bubble itself: meaning and usual values, as text for users
     "accommodation": "share of the vapour that condenses where it hits the wall, 0.01 to 1 (all)",
     "damage_modulus": "G of the torn gel over G before, 0.01 to 1 (not torn)",
     "damage_radius": "stress-free radius of the torn gel over that before, 1 to 10",
@@ -115,13 +115,13 @@ BUBBLE = {  # what a bubble has besides its law, and which values are usual, for
     "confinement_damping": "confinement damping: vessel and walls slow the bubble, usually 0 (not at all) to 0.6",
     "vapour_excess": "pressure of the vapour at R_max above saturation, usually 0",
 }
-AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s
-AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
+AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # name of the viscosity of a rate-dependent law at RATE, 1/s
+AT_END = 0.25  # of an interval's width: an end nearer than this to an end of the range counts as limited by the range
 
 
 def inferred_as(name: str) -> str:
-    """The parameter that is inferred in place of one of a law: of a consistency, which is a viscosity at 1 1/s, far
-    below the rates that bubbles have, and follows the exponent, the reference viscosity."""
+    """Name of the parameter that is inferred in place of one of a law: the reference viscosity for a consistency. A
+    consistency is a viscosity at 1 1/s, far below the rates of bubbles, and strongly correlated with the exponent."""
     return "reference_viscosity" if name == "consistency" else name
 
 
@@ -131,30 +131,30 @@ def natural_name(name: str) -> str:
 
 
 def _base(name: str) -> str:
-    """Without its scale and the number of its law in a sum."""
+    """The name without log10_ and without the number of its law in a sum."""
     return re.sub(r"_\d+$", "", natural_name(name))
 
 
 def parameter_of(name: str) -> Parameter:
-    """The entry of a parameter, by its name in any scale and of any law of a sum. Raises KeyError: an unknown one."""
+    """The entry of a parameter by its name, with or without log10_ and a number. Raises KeyError: unknown name."""
     return Parameter("µ at 1e5/s", "Pa s") if name == AT_RATE else PARAMETERS[_base(name)]
 
 
 def of_the_law(name: str) -> bool:
-    """Whether a parameter is the material's, not one of the shot, its bubble and its camera."""
+    """Whether a parameter belongs to the material, and not to the shot, its bubble or its camera."""
     return natural_name(name) not in ("stretch", *CAMERA, *BUBBLE)
 
 
 def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None:
-    """What is left of an interval that reaches an end of a range, in the scale of that range: there the range decides,
-    not the curve; None: all of it."""
+    """What an interval tells if it reaches an end of a range, in the same scale: that end is due to the range, not to
+    the curve. None: the interval lies within the range."""
     room = AT_END * (high - low)
     below, above = low - ends[0] < room, ends[1] - high < room
     return "undetermined" if below and above else "upper" if below else "lower" if above else None
 
 
 def searched_bound(name: str, low: float, high: float) -> Bound | None:
-    """`bound_of` an interval in natural values, SI, in the range that is searched; None where there is no range."""
+    """`bound_of` for an interval in natural values, SI, and the searched range; None if there is no such range."""
     parameter = PARAMETERS.get(_base(name))
     if parameter is None or parameter.searched is None or not 0 < low < high:
         return None
@@ -167,22 +167,22 @@ def units(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def natural(name: str, values: ArrayLike) -> Floats:
-    """Natural values in SI of a parameter from those in the prior's scale (log10 for a name that begins so)."""
+    """Natural values in SI of a parameter from those in the prior's scale (log10 for a log10_ name)."""
     values = np.asarray(values, dtype=float)
     return np.asarray(10.0**values if name.startswith(LOG10) else values)
 
 
 def scaled(name: str, value: float | None) -> float:
-    """A natural value in SI in the prior's scale (its log10 for a name that begins so); NaN for None."""
+    """The value in the prior's scale (log10 for a log10_ name) of a natural value in SI; NaN for None."""
     return np.nan if value is None else float(np.log10(value)) if name.startswith(LOG10) else value
 
 
 Domain = dict[str, Any]
-"""The numbers that a parameter may be, as metadata of its field: `modulus: float = field(metadata=POSITIVE)`."""
+"""The allowed numbers of a parameter, as metadata of its field: `modulus: float = field(metadata=POSITIVE)`."""
 
 
 def domain(words: str, holds: Callable[[float], bool]) -> Domain:
-    """The numbers for which `holds`, and how a message names them."""
+    """The domain of numbers for which `holds` is true; `words` describe it in messages."""
     return {"domain": (words, holds)}
 
 
@@ -193,7 +193,7 @@ POSITIVE_OR_INFINITE = domain("positive", lambda x: x > 0)
 
 
 def within(allowed: Mapping[str, Any], name: str, value: float) -> None:
-    """Raises InputError for what is no number of a domain; its code is `physics.` and the first word of the name."""
+    """Raises InputError for a value outside a domain; the code is `physics.` and the first word of `name`."""
     words, holds = allowed["domain"]
     try:
         fine = holds(value)

@@ -1,4 +1,4 @@
-"""Posterior: the answer for one curve, with the checks that it passed or failed and where it came from."""
+"""Posterior: the answer for one curve, with the results of its checks and its provenance."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ Verdict = Literal[
     "outside_training_range", "no_interval", "failed",
 ]  # fmt: skip
 TRUSTED: frozenset[Verdict] = frozenset(("ok", "undetermined", "other_model_preferred"))
-"""What counts in a material, and, where it determines a parameter, in a mean."""
+"""Verdicts of answers that count for a material and, for the parameters that they determine, in a mean."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Checks:
-    """What was found when the answer was simulated and laid over the measurement; None for what could not be.
+    """Results of comparing the simulated answer with the measurement; None for values that could not be computed.
 
     Attributes:
         verdict: "ok", or what is wrong (docs/method/verdicts.md).
-        messages: why, and what else is to be known; input warnings first.
+        messages: reasons for the verdict, and other remarks; input warnings first.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         mae_over_rmax: mean absolute difference, over R_max.
         max_difference_over_rmax: largest absolute difference, over R_max.
         collapses: complete collapses in the compared window.
-        t_star_end: end of this window, t/t_c after R_max.
-        compared_time: (m,) s on the measurement's clock, the frames that were compared.
-        residual_over_rmax: (m,) (measured - simulated)/R_max there.
-        reconstruction_time: (k,) s on that clock, fine enough to draw.
+        t_star_end: end of the compared window, t/t_c after R_max.
+        compared_time: (m,) s, times of the compared frames on the measurement's clock.
+        residual_over_rmax: (m,) (measured - simulated)/R_max at these times.
+        reconstruction_time: (k,) s on the measurement's clock, dense enough for a plot.
         reconstruction_radius: (k,) m, the simulated radius.
         time_scale: t_c = R_max sqrt(rho/p) of the shot in its medium, s.
     """
@@ -65,12 +65,12 @@ class Checks:
 
     @property
     def message(self) -> str:
-        """All messages in one line, for people."""
+        """All messages in one line, for users."""
         return "; ".join(message.text for message in self.messages)
 
     @property
     def warnings(self) -> tuple[Message, ...]:
-        """Those about the recording and its settings."""
+        """The messages about the recording and its settings."""
         return tuple(message for message in self.messages if is_input_warning(message.code))
 
     def __repr__(self) -> str:
@@ -87,13 +87,13 @@ class Checks:
 
 @dataclass(frozen=True)
 class WindowAnswer:
-    """What another window of the same curve answers.
+    """The answer from another window of the same curve.
 
     Attributes:
         best: the law's parameters and the stretch by natural name, SI.
         t_star_end: end of the window, t/t_c after R_max.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        at_bound: parameters that ended at the end of the range searched.
+        at_bound: parameters with a best value at an end of the searched range.
     """
 
     best: Mapping[str, float]
@@ -104,11 +104,11 @@ class WindowAnswer:
 
 @dataclass(frozen=True)
 class Evidence:
-    """How probable a law makes the frames.
+    """The evidence (marginal likelihood) of a law.
 
     Attributes:
         log: natural logarithm of p(frames | law).
-        error: its standard error; None where it is Laplace's integral, which has none.
+        error: standard error of `log`; None for Laplace's approximation, which has no estimate of its error.
     """
 
     log: float
@@ -117,16 +117,16 @@ class Evidence:
 
 @dataclass(frozen=True)
 class OtherAnswer:
-    """What another model answers for the same frames, or another mode of the same model.
+    """The answer of another model for the same frames, or of another mode of the same model.
 
     Attributes:
         material: the law.
         bubble: the model of the bubble.
-        best: every parameter by its natural name, SI.
+        best: best value of every parameter by its natural name, SI.
         intervals: (5 %, 50 %, 95 %) of the parameters by natural name, SI.
-        evidence: to be compared with that of the answer.
+        evidence: to compare with the evidence of the answer; None if it was not computed.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
-        weight: share of it in the answer, which is an average over both models; 0 where it has none.
+        weight: share of this model in the answer if that is an average over both models; else 0.
     """
 
     material: str
@@ -140,27 +140,27 @@ class OtherAnswer:
 
 @dataclass(frozen=True)
 class Diagnostics:
-    """How an answer was found and what its interval is worth; None or empty where the method does not say.
+    """How an answer was computed and how reliable its interval is; None or empty if the method has no such value.
 
     Attributes:
-        stretch_source: "given", "fitted", ...
-        free: the clock (s), scale and R_max factor that were freed, at the best.
-        correlations: by "name, name".
-        frames: how many were compared.
-        frames_per_independent_residual: how many frames count as one.
-        at_bound: parameters that ended at the end of the range searched; clock, scale and R_max factor at the end of
-            what is expected of a recording.
-        frames_left_out: how many do not count, because they stand out or rise again as by another bubble.
-        draws: how many were weighted.
-        effective_sample_size: how many independent draws these are worth.
+        stretch_source: origin of the stretch: "given", "fitted", ...
+        free: best values of the clock (s), scale and R_max factor, if they were free.
+        correlations: correlation coefficients of parameters, by "name, name".
+        frames: number of compared frames.
+        frames_per_independent_residual: number of frames that count as one independent frame.
+        at_bound: parameters with a best value at an end of the searched range; or clock, scale and R_max factor at an
+            end of their priors.
+        frames_left_out: number of frames that are not used: spikes, and a rise as by another bubble.
+        draws: number of weighted draws.
+        effective_sample_size: number of independent draws that they are worth.
         tail_index: generalised Pareto shape of the largest weights.
-        predictive: of the posterior-predictive check: p_value, and the least that it can be; p and observed by
-            statistic.
-        systematic_misfit_over_rmax: what no simulation follows, over R_max.
-        simulations: how many were run.
-        failed_simulations: how many of them failed.
-        modulus_over_scale: relative change of G over that of R_max or of the frame rate; over that of the density it
-            is half as large.
+        predictive: result of the posterior predictive check: "p_value" and its smallest possible value "least"; "p"
+            and "observed" by statistic.
+        systematic_misfit_over_rmax: root mean square misfit of the best simulation beyond the noise, over R_max.
+        simulations: number of simulations.
+        failed_simulations: number of failed simulations.
+        modulus_over_scale: relative change of G per relative change of R_max or of the frame rate; per relative change
+            of the density it is half as large.
     """
 
     stretch_source: str = ""
@@ -182,32 +182,32 @@ class Diagnostics:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Posterior:
-    """Draws of the parameters given one curve, and the best of them.
+    """Posterior draws of the parameters for one curve, and their best values.
 
     Attributes:
-        names: "log10_shear_modulus", "log10_viscosity", "stretch", ...
-        units: of 10**theta for the log10 names: "Pa", "Pa s", "1".
+        names: of the inferred parameters in the prior's scale: "log10_shear_modulus", "log10_viscosity", "stretch", ...
+        units: of the parameters (of 10**theta for the log10 names): "Pa", "Pa s", "1".
         theta: (draws, parameters) in the prior's scale (log10 for G and mu); a point answer is one draw, and a
             failed one none.
-        checks: what was found when the answer was simulated.
-        material: "nhkv", "newtonian", ...
-        method: "bdt", "amortised", "verified", "laplace", "least_squares".
-        provenance: model, settings, versions and hash of the source, a record for people: nothing reads it.
-        log_q: (draws,) the proposal's log density.
+        checks: results of comparing the simulated answer with the measurement.
+        material: name of the law: "nhkv", "newtonian", ...
+        method: name of the method: "bdt", "amortised", "verified", "laplace", "least_squares".
+        provenance: model, settings, versions and hash of the source, as a record for users.
+        log_q: (draws,) log density of the proposal.
         log_weight: (draws,) log of importance weights.
-        seconds: wall time.
-        best: every parameter by its natural name in SI, the stretch and what was held fixed included.
+        seconds: wall time of the computation.
+        best: best value of every parameter by its natural name in SI, including the stretch and fixed parameters.
         stretch: R_max/R_0 of the answer, whether it was inferred or given.
-        windows: what windows of "1", "2", "3" and "all" collapses answer, if they were fitted.
-        evidence: of the law.
-        diagnostics: of the method.
+        windows: answers from windows of "1", "2", "3" and "all" collapses, if they were fitted.
+        evidence: of the law, if it was computed.
+        diagnostics: how the answer was computed.
         bubble: the model of the bubble itself.
-        medium: the constants of what surrounds it.
-        others: what other models and other modes answer, if they were looked at.
-        prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
-            deviation) of a normal; without those for which it is not known.
+        medium: the constants of the surroundings and of the contents of the bubble.
+        others: answers of other models and other modes, if they were computed.
+        prior: of the law's parameters, by name as in `names`: (low, high) if uniform, (low, high, mean, standard
+            deviation) if normal; parameters with an unknown prior are missing.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
-        laws: of an average over laws, the answer of each law that has a part in it, by its name.
+        laws: for an average over laws, the answer of each law in it, by its name.
     """
 
     names: tuple[str, ...]
@@ -243,7 +243,7 @@ class Posterior:
 
     @property
     def parameters(self) -> dict[str, str]:
-        """Natural names of what was inferred, and their units: {"shear_modulus": "Pa", ...}."""
+        """Natural names of the inferred parameters, with their units: {"shear_modulus": "Pa", ...}."""
         return dict(zip(map(natural_name, self.names), self.units, strict=True))
 
     @property
@@ -254,7 +254,7 @@ class Posterior:
 
     def draws(self, name: str) -> Floats:
         """(draws,) values of a parameter in natural units, by its natural name: "shear_modulus" (Pa), "viscosity" (Pa
-        s), "stretch" (1), ...; none if the answer failed. Raises InputError: what was not inferred, with what was."""
+        s), "stretch" (1), ...; none if the answer failed. Raises InputError: the parameter was not inferred."""
         scaled_name = self._scaled(name)
         held = f" (`best` has {name})" if name in self.best else ""
         message = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
@@ -263,9 +263,9 @@ class Posterior:
         return values if scaled_name == name else natural(scaled_name, values)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
-        """Credible interval of this probability, in natural units, with as much below as above it; None for a point or
-        failed answer (no width is made up). Its ends have two priors (`ends`). Raises InputError: as `draws`, or a
-        level outside 0 to 1."""
+        """Central credible interval with the probability `level`, in natural units; None for a point or failed answer,
+        which has no width. The priors of its two ends may differ (`ends`). Raises InputError: as `draws`, or the level
+        is not between 0 and 1."""
         check_level(level)
         values = self.draws(name)
         return ends(self._scaled(name), values, (1.0 - level) / 2.0, self.log_weight) if len(values) > 1 else None
@@ -275,9 +275,9 @@ class Posterior:
         return LOG10 + name if LOG10 + name in self.names else name
 
     def bound(self, name: str) -> Bound | None:
-        """Where the central 90 % of the draws reach an end of the range of `prior`, else of the search: "upper" (the
-        value is below the interval's upper end), "lower" (above its lower end) or "undetermined" (nothing is known);
-        None for draws within the range, or none. Raises InputError: as `draws`."""
+        """What is known if the central 90 % of the draws reach an end of the range of `prior` (else of the search):
+        "upper" (the value is below the interval's upper end), "lower" (above its lower end), "undetermined" (nothing).
+        None: they lie within the range, or there are fewer than two draws. Raises InputError: as `draws`."""
         values, scaled_name = self.draws(name), self._scaled(name)
         if len(values) < 2:
             return None
@@ -318,7 +318,7 @@ class Posterior:
         return export.inference_data(groups, self.parameters, self._attributes)
 
     def plot(self) -> Figure:
-        """The marginals of the draws and their pairs (library corner), with the median and the central 90 % of them.
+        """Plot the marginals of the draws and of their pairs (library corner), with the median and the central 90 %.
         Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing."""
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
         by_label = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
@@ -330,7 +330,7 @@ class Posterior:
 
 
 def check_level(level: object) -> None:
-    """Raises InputError: it is no probability of an interval."""
+    """Raises InputError unless the level is a number between 0 and 1."""
     value = float(level) if isinstance(level, Real) else 0.0
     percent = f": did you mean {value / 100:g}?" if 1 < value < 100 else ""
     message = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
@@ -340,8 +340,8 @@ def check_level(level: object) -> None:
 def intervals(
     names: Sequence[str], theta: Floats, log_weight: Floats | None = None
 ) -> dict[str, tuple[float, float, float]]:
-    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters), the outer two as `ends`; none of a single
-    one."""
+    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters), the outer two as `ends`; empty for a single
+    draw."""
     by_name: dict[str, tuple[float, float, float]] = {}
     for name, column in zip(names, theta.T, strict=True) if len(theta) > 1 else ():
         values = natural(name, column)
@@ -351,12 +351,12 @@ def intervals(
 
 
 def ends(name: str, values: Floats, tail: float, log_weight: Floats | None) -> tuple[float, float]:
-    """Ends of an interval beyond each of which lies the probability `tail`, of draws (draws,) in natural values of a
-    parameter by its name in the prior's scale.
+    """(low, high) of an interval with the probability `tail` beyond each end, from draws (draws,) in natural values;
+    `name` is that of the parameter in the prior's scale.
 
-    The prior of a law's parameter is uniform in the logarithm, and where a recording hardly tells small values from
-    none, the upper end would depend on how far down it reaches: it is that of a prior which is uniform in the value.
-    Where the recording tells the value, both priors have the same ends.
+    The prior of a law's parameter is uniform in the logarithm. If a recording hardly distinguishes small values from 0,
+    the upper end would depend on the lower end of this prior. The upper end is therefore computed with a prior that is
+    uniform in the value. If the recording determines the value, both priors give about the same ends.
     """
     low, high = weighted_quantile(values, [tail, 1.0 - tail], log_weight)
     if name.startswith(LOG10) and of_the_law(name):
@@ -366,7 +366,7 @@ def ends(name: str, values: Floats, tail: float, log_weight: Floats | None) -> t
 
 
 def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None = None) -> dict[str, float]:
-    """By "name, name", of draws (draws, parameters) in the prior's scale; none of a single one."""
+    """Correlations by "name, name" of draws (draws, parameters) in the prior's scale; empty for a single draw."""
     if len(theta) < 2:
         return {}
     covariance = np.cov(theta.T, aweights=None if log_weight is None else unscaled(log_weight))
@@ -379,6 +379,6 @@ def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None 
 
 
 def weighted_quantile(values: Floats, levels: ArrayLike, log_weight: Floats | None) -> Floats:
-    """At each level, of the values along their first axis."""
+    """Quantiles of the values along their first axis at these levels, weighted by exp(log_weight)."""
     how: Any = {} if log_weight is None else {"weights": unscaled(log_weight), "method": "inverted_cdf"}
     return np.asarray(np.quantile(values, np.asarray(levels, float), axis=0, **how))

@@ -1,13 +1,14 @@
-"""What is assumed of parameters before a curve is seen: the prior, and the training problem of a network.
+"""The prior of parameters, and the training problem of a network.
 
 *Coordinates.* u = Phi^-1(F(x)), F the cumulative distribution of a parameter's prior, x in its scale. In u, where
-posteriors are sampled, there are no bounds and the prior density is prod phi(u_i). A density over x is one over u times
-p(x)/phi(u).
+posteriors are sampled, there are no bounds and the prior density is prod phi(u_i). A density over u times p(x)/phi(u)
+is a density over x.
 
 *Training.* R/R_max over t* = t/t_c depends on the Cauchy number p_inf/G, the Reynolds number p_inf t_c/mu and the
 stretch, and less on R_max itself (docs/method/physics.md, section 1). So all training curves have one R_max, 245 um:
-35 um (the R_0 of the app of the Bubble Dynamics Transformer) times 7 (the mean stretch). A shot comes to their grid of
-t* through its own t_c, and the answer goes back at the same Cauchy and Reynolds numbers (`grid_step`, `to_shot`):
+35 um (the R_0 of the app of the Bubble Dynamics Transformer) times 7 (the mean stretch). A shot is sampled on
+their grid of t* with its own t_c, and the answer is scaled back at equal Cauchy and Reynolds numbers (`grid_step`,
+`to_shot`):
 
     step_shot = step x t_c,shot/t_c,   G_shot = G x p_inf,shot/p_inf,   mu_shot = mu x (p_inf t_c)_shot/(p_inf t_c)
 """
@@ -35,9 +36,9 @@ if TYPE_CHECKING:
     from cavirheo.physics.simulate import Simulation
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
-_INSIDE = 1e-12  # of the probability, that u keeps away from the bounds
-MOST_FRAMES = 5_000  # of a network's grid; training sets of more would not fit a machine
-LONGEST = 1_000.0  # time of the grid in t_c
+_INSIDE = 1e-12  # least probability between a value and a bound in `to_x`
+MOST_FRAMES = 5_000  # of a network's grid; larger training sets would not fit on a machine
+LONGEST = 1_000.0  # longest time of the grid in t_c
 
 
 def uniforms(seed: int, index: int, count: int, stream: int = 0) -> Floats:
@@ -55,15 +56,15 @@ def log_normal(u: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Independent and normalised: uniform between the bounds, or normal and cut there. All arrays are (parameters,).
+    """Independent, normalised priors: uniform between bounds, or normal and truncated there. Arrays: (parameters,).
 
     Attributes:
-        names: one that starts with log10_ is of the logarithm of the SI value.
+        names: of the parameters; log10_ at the start means the logarithm of the SI value.
         low, high: bounds.
-        mean, std: of the normal; std is infinite where uniform.
+        mean, std: of the normal distributions; std is infinite for uniform ones.
 
     Raises:
-        InputError: a range that is not finite and rising, or arrays of other lengths than the names.
+        InputError: a range that is not finite and rising, an array of another length than the names, or equal names.
     """
 
     names: tuple[str, ...]
@@ -101,12 +102,12 @@ class Prior:
         return float(self.low[i]), float(self.high[i])
 
     def of(self, names: Sequence[str]) -> Prior:
-        """The prior of these parameters alone, which is independent of that of the others."""
+        """The prior of these parameters alone; the parameters are independent."""
         at = [self.names.index(name) for name in names]
         return Prior(tuple(names), *(values[at] for values in (self.low, self.high, self.mean, self.std)))
 
     def sample(self, draws: int | range, seed: int) -> Floats:
-        """(draws, parameters) of a uniform prior; draw i depends on (seed, i) alone: any part can be drawn anywhere."""
+        """Draws (draws, parameters) of a uniform prior; draw i depends on (seed, i) alone, not on the others."""
         indices = range(draws) if isinstance(draws, int) else draws
         cube = np.array([uniforms(seed, i, len(self.names)) for i in indices]).reshape(len(indices), len(self.names))
         return np.asarray(self.low + (self.high - self.low) * cube)
@@ -120,21 +121,21 @@ class Prior:
         return uniform, unit, centre, below, ndtr((self.high - centre) / unit) - below
 
     def cdf(self, x: Floats) -> Floats:
-        """(..., d) from x (..., d)."""
+        """Cumulative probabilities (..., d) of x (..., d)."""
         flat, unit, centre, below, inside = self._normal
         uniform = (x - self.low) / (self.high - self.low)
         normal = (ndtr((x - centre) / unit) - below) / inside
         return np.asarray(np.clip(np.where(flat, uniform, normal), 0.0, 1.0))
 
     def to_x(self, u: Floats) -> Floats:
-        """(..., d) from u (..., d)."""
+        """x (..., d) from u (..., d)."""
         flat, unit, centre, below, inside = self._normal
         p = np.clip(ndtr(u), _INSIDE, 1.0 - _INSIDE)
         normal = centre + unit * ndtri(np.clip(below + p * inside, _INSIDE, 1.0 - _INSIDE))
         return np.asarray(np.clip(np.where(flat, self.low + p * (self.high - self.low), normal), self.low, self.high))
 
     def to_u(self, x: Floats, inside: float = 0.0) -> Floats:
-        """(..., d) from x (..., d); infinite at and beyond a bound, unless it is to keep a probability `inside` it."""
+        """u (..., d) from x (..., d); infinite at and beyond a bound, unless `inside` > 0 limits the probability."""
         return np.asarray(ndtri(np.clip(self.cdf(x), inside, 1.0 - inside)))
 
     def log_density(self, x: Floats) -> Floats:
@@ -164,7 +165,7 @@ class FrameGrid:
 
     Attributes:
         frame_interval: s between samples.
-        frames: how many samples.
+        frames: number of samples.
     """
 
     frame_interval: float = 1e-6
@@ -183,17 +184,17 @@ class FrameGrid:
 
 @dataclass(frozen=True, eq=False)
 class TrainingProblem:
-    """What the curves of a training set are drawn from and simulated with; a network's card and its data hold it.
+    """How the curves of a training set are drawn and simulated; stored in the network's card and in the data.
 
     Attributes:
-        material_name: "nhkv", ...
-        prior: of its parameters and the stretch.
+        material_name: name of the law, "nhkv", ...
+        prior: of the parameters of the law and the stretch.
         medium: liquid and gas constants.
         grid: times of the frames.
         reference_max_radius: R_max of all curves, m.
 
     Raises:
-        InputError: unknown material, or a prior whose names are not its parameters and the stretch.
+        InputError: unknown material, a prior of other parameters or outside their domains, or an invalid R_max or grid.
     """
 
     material_name: str
@@ -218,7 +219,7 @@ class TrainingProblem:
         message = f"the stretch R_max/R_0 must be 1 or more and not of log10_, got the prior {self.prior.to_dict()}"
         require("stretch" in names and self.prior.bounds("stretch")[0] >= 1, message, "problem.prior")
         for ends in (self.prior.low, self.prior.high):
-            self.material(ends)  # refuses what the law does
+            self.material(ends)  # raises InputError if the law refuses a value
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, from which `from_dict` makes the same problem again."""
@@ -227,9 +228,9 @@ class TrainingProblem:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TrainingProblem:
-        """The problem of a `to_dict`. Raises InputError if a part is missing or unknown."""
+        """The problem from the data of `to_dict`. Raises InputError if a part is missing or unknown."""
         try:
-            medium = Medium(**data["medium"], unusual=True)  # whoever made the problem has insisted
+            medium = Medium(**data["medium"], unusual=True)  # checked when the problem was made
             prior, grid = Prior.uniform(data["prior"]), FrameGrid(**data["camera"])
             return cls(data["material"], prior, medium, grid, data["reference_max_radius"])
         except InputError:
@@ -252,7 +253,7 @@ class TrainingProblem:
     def simulate_many(self, theta: ArrayLike, **options: Any) -> list[Simulation]:
         """The curves of theta (curves, parameters) on the grid at the reference R_max, failed ones too (see their
         status). `options` are those of the simulation."""
-        from cavirheo.physics.simulate import simulate_many  # compiles: whoever only trains need not wait
+        from cavirheo.physics.simulate import simulate_many  # it compiles; training does not need it
 
         rows = np.asarray(theta, dtype=float)
         stretch = np.array([natural_values(self.prior.names, row)["stretch"] for row in rows])

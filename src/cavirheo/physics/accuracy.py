@@ -1,9 +1,9 @@
-"""How exact a simulation is: the accuracies that are in use (docs/validation.md), shells in space, steps in time.
+"""Accuracy of a simulation: the settings in use (docs/validation.md), the shells in space, the steps in time.
 
 The finite-volume grid on y = r/R in [0, 1] is clustered at the wall, where the thermal and vapour layers are thin.
 Steps are those of Rodas5P, a stiffly accurate, L-stable Rosenbrock method of order 5 with an embedded 4th-order
-solution (G. Steinebach, BIT Numer. Math. 63, 27 (2023), doi:10.1007/s10543-023-00967-x). Its order does not fall on
-parabolic problems with moving boundary values, which the vapour at the wall is. In the transformed form
+solution (G. Steinebach, BIT Numer. Math. 63, 27 (2023), doi:10.1007/s10543-023-00967-x). Its order is not
+reduced for parabolic problems with time-dependent boundary values, as for the vapour at the wall. In transformed form
 
     (1/(h gamma) - J) u_i = f(y + sum_j A_ij u_j) + sum_j (C_ij/h) u_j + h drift_i df/dt,  f at t + when_i h;
 
@@ -25,15 +25,15 @@ from cavirheo.parameters import check, domain
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Of the radius in space and in time.
+    """Accuracy of the radius in space and in time.
 
     Attributes:
-        cells: shells across the bubble, a whole number from 8 up.
-        relative_error: of a step, between 1e-12 and 0.1; of kinetic contents a tenth of it counts, and of a gas with
-            an exponent, which has no shells, at most 1e-7.
+        cells: number of shells from the centre to the wall, 8 or more.
+        relative_error: of a step, between 1e-12 and 0.1; a tenth of it is used for kinetic contents, and at most 1e-7
+            for a polytropic gas, which has no shells.
 
     Raises:
-        InputError: cells or relative_error are not so.
+        InputError: cells or relative_error is out of range.
     """
 
     cells: int = 152
@@ -44,11 +44,11 @@ class Accuracy:
         check(self)
 
 
-DEFAULT = Accuracy()  # 1e-4 of R_max in the median, up to 2e-3 in the most violent collapses
-PRECISE = Accuracy(384, 1e-5)  # ten times as accurate as the default, and five times as long
-ROUGH = Accuracy(64, 3e-4)  # inside a search: 2 ms, good to 1 % of R_max, most to 0.04 %
-BRISK = Accuracy(64, 1e-3)  # for draws, with what it misses of the default's: that hardly changes
-COARSE = Accuracy(24, 3e-3)  # for starts: 1 ms
+DEFAULT = Accuracy()  # median error 1e-4 of R_max, up to 2e-3 in the most violent collapses
+PRECISE = Accuracy(384, 1e-5)  # ten times as accurate as the default, and five times as slow
+ROUGH = Accuracy(64, 3e-4)  # inside a search: 2 ms, error up to 1 % of R_max, mostly 0.04 %
+BRISK = Accuracy(64, 1e-3)  # for draws, corrected by its difference from the default, which hardly changes
+COARSE = Accuracy(24, 3e-3)  # for the starting points of a search: 1 ms
 
 
 class Grid(NamedTuple):
@@ -58,13 +58,13 @@ class Grid(NamedTuple):
     centre: Floats  # (M,) centroid of each shell
     face: Floats  # (M-1,) y of the interior faces
     area: Floats  # (M-1,) y^2
-    inverse_distance: Floats  # (M-1,) between the two centroids
+    inverse_distance: Floats  # (M-1,) inverse distance of the two centroids
     left: Floats  # (M-1,) weight of the inner cell in the value on the face
-    right: Floats  # (M-1,) and of the outer one
+    right: Floats  # (M-1,) weight of the outer cell in that value
     wall: Floats  # (3,) d/dy at y = 1 from the values at the wall, in cell M-1 and in cell M-2
 
 
-NO_SHELLS = Grid(*(np.zeros(0) for _ in Grid._fields))  # for contents without fields
+NO_SHELLS = Grid(*(np.zeros(0) for _ in Grid._fields))  # for polytropic contents
 
 
 @lru_cache(maxsize=16)
@@ -73,7 +73,7 @@ def wall_clustered(shells: int) -> Grid:
     first = min(1e-4, 0.5 / shells)
     s = np.linspace(0.0, 1.0, shells + 1)
     low, high = 1e-3, 18.0
-    for _ in range(60):  # bisection: importing a solver takes longer than a simulation
+    for _ in range(60):  # bisection: importing scipy's solver would take longer than a simulation
         steepness = (low + high) / 2
         thick = 1 - np.tanh(steepness * s[-2]) / np.tanh(steepness) > first
         low, high = (steepness, high) if thick else (low, steepness)
@@ -89,7 +89,7 @@ def wall_clustered(shells: int) -> Grid:
 
 
 class Method(NamedTuple):
-    """The coefficients as the compiled solver takes them."""
+    """Coefficients of a Rosenbrock method, as the compiled solver takes them."""
 
     A: np.ndarray
     C: np.ndarray

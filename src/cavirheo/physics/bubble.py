@@ -1,4 +1,4 @@
-"""Bubble: what is assumed of the bubble besides the law of its surroundings and the medium; and Damage."""
+"""Bubble: the model of the bubble itself, besides the law of its surroundings and the medium; and Damage."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cavirheo.parameters import NOT_NEGATIVE, Domain, check, domain
 
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
 CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
-DAMAGES = ("none", "first-rebound", "strain")  # of the elastic part
-FREE = "free"  # inferred with the other parameters
+DAMAGES = ("none", "first-rebound", "strain")  # kinds of damage of the elastic part
+FREE = "free"  # value of a field that is inferred with the other parameters
 FROM_NOTHING = ("confinement_inertia", "confinement_damping", "vapour_excess")  # numbers that are 0 by default
-ACCOMMODATION = 0.07  # of vapour at the wall: the median of real gels (docs/method/physics.md, section 3.5)
+ACCOMMODATION = 0.07  # of vapour at the wall: median of real gels (docs/method/physics.md, section 3.5)
 _TITLES = {"real": "real bubble", "field": "field's bubble", "kinetic": "bubble with kinetic contents"}
 _DAMAGE_WORDS = {"none": "", "first-rebound": "damage", "strain": "damage by strain"}
 
@@ -33,21 +33,21 @@ _EXPONENT = domain("between 0 and 10 (1 is isothermal)", lambda x: x is None or 
 
 @dataclass(frozen=True)
 class Damage:
-    """Any elastic law becomes softer and gets another stress-free radius, with two factors m and r:
+    """Damage of the elastic part: any law becomes softer and its stress-free radius changes, with two factors m and r:
 
         S_el(R/R_0) becomes m S_el(R/(r R_0)).
 
-    by="first-rebound": from there on m = modulus, r = radius. That stands for damage, it is no law of damage: the
-    moment is declared. by="strain": m = modulus^e, r = radius^e, e = log10(R(0)/R_min) with R_min the smallest radius
-    so far, so modulus and radius are the factors of a tenfold contraction (docs/method/physics.md, section 4.5).
+    by="first-rebound": m = modulus, r = radius from the first rebound on. This emulates damage at a prescribed time
+    and is no law of damage. by="strain": m = modulus^e, r = radius^e, e = log10(R(0)/R_min) with R_min the smallest
+    radius so far: modulus and radius are the factors of a tenfold contraction (docs/method/physics.md, section 4.5).
 
     Attributes:
-        modulus: m, 0 (1e-6 by strain) to 1.
-        radius: r, 1 to 20.
+        modulus: factor of the modulus, from 0 (1e-6 by strain) to 1.
+        radius: factor of the stress-free radius, from 1 to 20.
         by: "first-rebound" or "strain".
 
     Raises:
-        InputError: a factor out of its domain, or damage by nothing known.
+        InputError: a factor out of its domain, or an unknown kind of damage.
     """
 
     modulus: float = field(metadata=domain("between 0 and 1", lambda x: 0 <= x <= 1))
@@ -62,34 +62,34 @@ class Damage:
 
 @dataclass(frozen=True)
 class Bubble:
-    """What is assumed of the bubble; a number, or "free" for what is inferred with the other parameters.
+    """Model of the bubble. A field of type `float | str` may be "free": it is inferred with the other parameters.
 
     `REAL` is the bubble that recordings show: vapour condenses at a finite rate, and the surroundings damp the motion
-    (docs/real-bubbles.md). `FIELD` is what the field's tables assume: equilibrium contents in an unbounded liquid.
+    (docs/real-bubbles.md). `FIELD` is the usual model of the literature: equilibrium contents in an unbounded liquid.
 
     Attributes:
         contents: "equilibrium" (vapour at the wall is saturated) or "kinetic" (it condenses at a finite rate, and its
             diffusivity depends on temperature and pressure).
-        accommodation: coefficient of kinetic contents, above 0 and at most 10: share of the vapour's molecules that
-            stay where they hit the wall, or what stands for any resistance there; free from 0.01 to 1.
-        damage: "none"; "first-rebound": from there on the law has another modulus and stress-free radius; or "strain":
-            both follow the largest contraction so far. Its two factors are inferred. A `Damage` has known factors, for
-            `simulate`.
+        accommodation: coefficient of kinetic contents, above 0 and at most 10: share of the vapour molecules hitting
+            the wall that condense; it stands for any other resistance there, too. If free, from 0.01 to 1.
+        damage: "none"; "first-rebound": modulus and stress-free radius of the law change at the first rebound; or
+            "strain": both depend on the largest contraction so far. The two factors are then inferred. A `Damage` has
+            known factors, for `simulate`.
         confinement_inertia: beta = R_max sum(s_i/d_i) over the images of the bubble behind walls, d_i their distances,
             s_i = 1 for a rigid wall and -1 for a free surface.
         wall_distance: m, from the bubble's centre to one rigid wall, instead of confinement_inertia (R_max over twice
             the distance).
-        vapour_excess: Pa of vapour above saturation at R_max.
+        vapour_excess: pressure of the vapour above saturation at R_max, Pa.
         confinement_damping: zeta = 2 pi (R_max^2/A) c/U_c of a tube of cross-section A around the bubble, along which
-            its sound leaves as plane waves: it resists V' of the bubble's volume, as rho c V'/(2 A).
+            its sound leaves as plane waves: they resist the growth V' of the volume by the pressure rho c V'/(2 A).
         motion: "keller-miksis", "rayleigh-plesset" (incompressible) or "gilmore" (Tait's liquid).
         exponent: polytropic exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, instead of
-            heat and vapour transport. The gas of R_0 is expanded to R_max isothermally: with another exponent than 1
-            the bubble rests above R_0.
+            heat and vapour transport. The gas is expanded from R_0 to R_max isothermally: with an exponent above
+            1 the bubble comes to rest above R_0.
 
     Raises:
-        InputError: motion, contents or damage that are not known, what is neither a number of its domain nor "free",
-            an exponent with kinetic contents or vapour above saturation, or two descriptions of the walls.
+        InputError: unknown motion, contents or damage, a value that is neither in its domain nor "free", an exponent
+            with kinetic contents or vapour above saturation, or two descriptions of the walls.
     """
 
     contents: str = field(default="equilibrium", metadata=_one_of(CONTENTS))
@@ -115,7 +115,7 @@ class Bubble:
         require(self.exponent is None or not condenses, twice, "physics.contents_twice")
 
     def check_known(self) -> None:
-        """Raises InputError for a value that is to be inferred, with what to give instead."""
+        """Raises InputError for a value that is "free"; the message says what to give instead."""
         usual = {"accommodation": ACCOMMODATION} if self.contents == "kinetic" else {}
         usual |= dict.fromkeys(FROM_NOTHING, 0.0)
         free = [f"{name}={value}" for name, value in usual.items() if isinstance(getattr(self, name), str)]
@@ -154,7 +154,7 @@ class Bubble:
 
     @property
     def sentence(self) -> str:
-        """What it assumes, for people."""
+        """The assumptions of the model, for users."""
         vapour = "vapour condenses at a finite rate" if self.contents == "kinetic" else "vapour condenses at once"
         gas = ", its gas is polytropic" if self.exponent is not None else ""
         damper = "its surroundings damp it" if self.confinement_damping != 0 else "nothing around it damps it"
@@ -190,5 +190,5 @@ def bubbles_of(requested: Requested) -> tuple[Bubble, ...]:
 
 
 def rival_of(bubble: Bubble) -> Bubble | None:
-    """The bubble whose answer stands beside: the field's beside the real one and the other way round."""
+    """The bubble whose answer is shown for comparison: `FIELD` for `REAL`, `REAL` for `FIELD`, None for others."""
     return {REAL: FIELD, FIELD: REAL}.get(bubble)

@@ -1,9 +1,9 @@
-"""Compiled functions kept on disk, so that only the first start compiles: as numba's cache, but nothing stops it.
+"""Compiled functions are kept on disk, so that only the first start compiles: like numba's cache, but more robust.
 
-numba's own loads whatever lies there (an empty or cut file stops every later call), needs a folder that it may write,
-and keeps an index that two processes at once can set against its files. Here every compiled function is one file: its
-name is that of all it depends on, and it begins with its own checksum. A file that is not whole is compiled anew, one
-in a folder that cannot be written is used, and where nothing can be written the code stays in memory.
+numba's cache loads any file that it finds (an empty or truncated file makes every later call fail), needs a writable
+folder, and keeps an index that two simultaneous processes can make inconsistent. Here every compiled function is one
+file. Its name has a hash of all that the code depends on, and it begins with its own checksum. A damaged file is
+compiled again, a file in a read-only folder is used, and where no folder is writable the code stays in memory.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
 _DIGEST = 32  # bytes of sha256
-NOTICES: dict[str, str] = {}  # what is said on stderr, once, before a function ("solver.integrate") is compiled
+NOTICES: dict[str, str] = {}  # by function ("solver.integrate"): a message on stderr, once, before it is compiled
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """`function` compiled by numba when it is first called. A product and a sum are one operation where the machine has
-    it, which gains 9 %; the rest of fastmath makes the last bits depend on where in memory the arrays lie."""
+    """`function`, compiled by numba when it is first called. "contract" fuses a product and a sum into one operation if
+    the machine has it, which gains 9 %; other fastmath flags make the last bits depend on the addresses of arrays."""
     return _kept(function, counted=True)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for a function that makes no array: it does not count references to those of its caller, which
-    takes half of the time of a small function."""
+    """As `compiled`, for a function that makes no array: it does not count references to the arrays of its caller;
+    counting takes half of the time of a small function."""
     return _kept(function, counted=False)
 
 
 def _kept(function: Callable[..., Any], counted: bool) -> Any:
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}, "_nrt": counted}
     dispatcher: Any = numba.njit(**options)(function)
-    with suppress(OSError):  # a package without its source: nothing would tell one version's code from another's
+    with suppress(OSError):  # without source files the code of different versions could not be distinguished
         dispatcher._cache = StoredCode(function)
     return dispatcher
 
 
 def stored_files(function: Any) -> list[Path]:
-    """Files with the compiled code of a `compiled` function as its source is now, of any Python and machine."""
+    """Files with the compiled code of a `compiled` function and its present source, for any Python and machine."""
     store = function._cache
     if not isinstance(store, StoredCode):
         return []
@@ -59,12 +59,12 @@ def stored_files(function: Any) -> list[Path]:
 
 
 class StoredCode(caching.NullCache):
-    """What numba asks for compiled code, and gives it to keep."""
+    """The cache of one function: numba asks it for compiled code and gives it new code to save."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         file = Path(inspect.getfile(function)).absolute()
         caches = [getattr(value, "_cache", None) for value in function.__globals__.values()]
-        called = sorted({cached.source for cached in caches if isinstance(cached, StoredCode)})  # what it may call
+        called = sorted({cached.source for cached in caches if isinstance(cached, StoredCode)})  # of its callees
         self.begin: str = f"{file.stem}.{function.__name__}"
         self.source: str = _source(file, *called)
         chosen, of_user = getattr(config, "CACHE_DIR", ""), AppDirs("numba", appauthor=False).user_cache_dir
@@ -97,7 +97,7 @@ class StoredCode(caching.NullCache):
                     if not old.name.startswith(f"{self.begin}.{self.source}"):
                         old.unlink(missing_ok=True)
                 return
-            except OSError:  # no such place, not ours, or full
+            except OSError:  # the folder is missing, not writable, or full
                 with suppress(OSError):
                     unfinished.unlink()
         _say(", ".join(map(str, self.folders)))
@@ -109,8 +109,8 @@ class StoredCode(caching.NullCache):
 
 @cache
 def _source(file: Path, *called: str) -> str:
-    """Of the whole file, of those of what it calls, for a function is compiled together with these, and of this one,
-    which says how."""
+    """Hash of the whole file, of the sources of the functions that it calls, which are compiled together with it, and
+    of this module, which sets the options."""
     contents = [file.read_bytes(), Path(__file__).read_bytes(), *map(str.encode, called)]
     return hashlib.sha256(b"".join(contents)).hexdigest()[:16]
 

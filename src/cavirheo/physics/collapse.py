@@ -1,8 +1,8 @@
-"""When the bubble collapses first: the analytic model of pIMR, and the simulation's answer.
+"""Time of the first collapse, by the analytic model of pIMR and by simulation.
 
 t_1 is the time from R_max to the first minimum of R(t), t_RC = 0.9147 R_max sqrt(rho/p) that of an empty bubble.
 The analytic model (Zhu et al. 2025, doi:10.1039/D5SM00397K) takes a microsecond and is 0.3 % too long in the median
-where Re > 10; where it holds, and what its errors are made of, is in docs/method/collapse-time.md.
+where Re > 10; docs/method/collapse-time.md describes its range and the sources of its errors.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _A = 1 / RAYLEIGH  # A_RC of the paper
 _SURFACE = pi * _A / sqrt(6)  # mean of (3/2) (1 - r^2)/(1 - r^3) over Rayleigh's collapse
 _GAS = 1.4942  # the paper's C_kappa: mean of 3 (r^(3-3k) - 1)/((3k-3)(1 - r^3)) over Rayleigh's collapse, k = 1.4
 _VISCOUS = (0.4637, 0.56598, 5.7331)  # the paper's series in 1/Re
-_SAMPLES = 4096  # of a simulated collapse: one costs 50 ns
-_LATEST = 4.0  # t_RC by which a simulated bubble must have collapsed
+_SAMPLES = 4096  # number of samples of a simulated collapse; each costs 50 ns
+_LATEST = 4.0  # in t_RC: latest time at which a simulated bubble may collapse
 
 
 def rayleigh_time(max_radius: ArrayLike, medium: Medium = WATER) -> Floats:
@@ -36,14 +36,14 @@ def rayleigh_time(max_radius: ArrayLike, medium: Medium = WATER) -> Floats:
 def inverse_square(
     max_radius: ArrayLike, stretch: ArrayLike, shear_modulus: ArrayLike, viscosity: ArrayLike, medium: Medium = WATER
 ) -> Floats:
-    """(t_RC/t_1)^2 of the analytic model = f_model - f_We - f_Ma - f_gas; zero or less where it sees no collapse.
+    """(t_RC/t_1)^2 of the analytic model = f_model - f_We - f_Ma - f_gas; zero or less if there is no collapse.
 
     Neo-Hookean Kelvin-Voigt (Zhu et al. 2025, doi:10.1039/D5SM00397K); G = 0 is a Newtonian fluid, mu = 0 a neo-Hookean
-    solid. The arguments broadcast; it falls with mu and rises with G.
+    solid. The arguments broadcast; the result falls with mu and rises with G.
 
     f_We = -pi A_RC/(sqrt(6) We), f_Ma = 2/(1 + sqrt(1 + 4 (C/A_RC)^2)), f_gas = 1.4942 (lambda^-3 + p_v),
     f_model = (Z + sqrt(Z^2 + beta))^-2, Z = 2 beta A_RC (0.4637/Re + 0.56598/Re^2 + 5.7331/Re^3),
-    beta = 1/(1 + Be/Ca), Be = 5/2 - sqrt(2/3) pi A_RC/lambda; numbers as in docs/method/physics.md, section 1.
+    beta = 1/(1 + Be/Ca), Be = 5/2 - sqrt(2/3) pi A_RC/lambda; symbols as in docs/method/physics.md, section 1.
     """
     lost, Be, Y = _terms(max_radius, stretch, viscosity, medium)
     beta = 1 / (1 + Be * np.asarray(shear_modulus, dtype=float) / medium.pressure)
@@ -52,7 +52,7 @@ def inverse_square(
 
 
 def _terms(max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, medium: Medium) -> tuple[Floats, ...]:
-    """f_We + f_Ma + f_gas, Be and Y = Z/beta."""
+    """(f_We + f_Ma + f_gas, Be, Y = Z/beta) of `inverse_square`."""
     R, stretch, mu = (np.asarray(a, dtype=float) for a in (max_radius, stretch, viscosity))
     U_c, p = medium.velocity_scale, medium.pressure
     f_We = -_SURFACE * 2 * medium.surface_tension / (p * R)
@@ -67,7 +67,7 @@ def _terms(max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, medi
 def analytic_time(
     max_radius: ArrayLike, stretch: ArrayLike, shear_modulus: ArrayLike, viscosity: ArrayLike, medium: Medium = WATER
 ) -> Floats:
-    """t_1 in s of the analytic model; infinite where it sees no collapse. Arguments as `inverse_square`."""
+    """t_1 in s of the analytic model; infinite if there is no collapse. Arguments as for `inverse_square`."""
     f = inverse_square(max_radius, stretch, shear_modulus, viscosity, medium)
     with np.errstate(divide="ignore"):
         return np.asarray(rayleigh_time(max_radius, medium) / np.sqrt(np.maximum(f, 0.0)))
@@ -78,11 +78,11 @@ def analytic_modulus(
 ) -> Floats:
     """G in Pa with which the analytic model collapses at t_1 = `time` (s); the arguments broadcast.
 
-    Not positive where the viscosity alone takes longer. With s = f_model^(-1/2), Z + sqrt(Z^2 + beta) = s and
-    Z = beta Y give beta = s^2/(1 + 2 s Y).
+    Zero or negative where t_1 is not shorter than without elasticity. With s = f_model^(-1/2), the two equations
+    Z + sqrt(Z^2 + beta) = s and Z = beta Y give beta = s^2/(1 + 2 s Y).
     """
     lost, Be, Y = _terms(max_radius, stretch, viscosity, medium)
-    with np.errstate(invalid="ignore"):  # a fall that is slower than any
+    with np.errstate(invalid="ignore"):  # a time longer than any collapse of the model
         s = ((rayleigh_time(max_radius, medium) / np.asarray(time, dtype=float)) ** 2 + lost) ** -0.5
     return np.asarray(((1 + 2 * s * Y) / (s * s) - 1) * medium.pressure / Be)
 
@@ -95,7 +95,7 @@ def simulated_time(
     medium: Medium = WATER,
     **options: Any,
 ) -> Floats:
-    """(n,) s: t_1 of simulated neo-Hookean Kelvin-Voigt bubbles; infinite where none is seen within 4 t_RC.
+    """(n,) s: t_1 of simulated neo-Hookean Kelvin-Voigt bubbles; infinite without a collapse within 4 t_RC.
 
     The first four arguments broadcast to (n,); `options` are those of `simulate_many`. About 5 ms per bubble and core.
 
@@ -106,7 +106,7 @@ def simulated_time(
     four = (np.atleast_1d(np.asarray(a, dtype=float)) for a in (max_radius, stretch, shear_modulus, viscosity))
     R, stretches, G, mu = np.broadcast_arrays(*four)
     late = _LATEST * rayleigh_time(R, medium)
-    # the analytic answer says how far to look first
+    # the analytic time gives the end of the first simulation
     guess = np.minimum(1.3 * analytic_time(R, stretches, G, mu, medium), late)
     times = np.full(R.shape, np.inf)
     for end in (guess, late):
@@ -122,7 +122,7 @@ def simulated_time(
 
 
 def _first_minimum(time: Floats, radius: Floats, velocity: Floats) -> float:
-    """Where the wall first turns outwards, on the cubic through radius and velocity of that step."""
+    """Time at which the wall first turns outwards, by a cubic through radius and velocity; infinite if it does not."""
     turns = np.flatnonzero((velocity[1:] > 0) & (velocity[:-1] <= 0) & (time[1:] > 0))
     turns = turns[radius[turns] < radius[0]]
     if turns.size == 0:

@@ -1,18 +1,18 @@
-"""Laws of materials: elastic, viscous, and the bases of these and of arms with memory.
+"""Laws of materials: elastic and viscous laws, and the base classes of these and of arms with memory.
 
 An elastic law is one function of one number, the stress integral S_el(L) at L = R/R_0. With stretches (b^-2, b, b)
 around the bubble, What(b) = W(b^-2, b, b), W_1 = dW/dI_1 and q = 1/L (docs/method/physics.md, section 4),
 
     dS_el/dL = -What'(L)/(L^3 - 1),  for W(I_1):  dS_el/dL = -4 W_1 (q^2 + q^5),  S_el(1) = 0.
 
-So a law is complete with `slope`, dS_el/dL; the table for the solver follows by quadrature. The laws with a short
-closed form are tabulated from that. A viscous law is the stress integral S_v(g) at the wall's hoop rate g = U/R. The
+So an elastic law only needs `slope`, dS_el/dL; the table for the solver follows by quadrature. Laws with a short
+closed form are tabulated from it. A viscous law is the stress integral S_v(g) at the wall's hoop rate g = U/R. The
 shear rate sqrt(2 D:D) is 2 sqrt3 |g| at the wall and falls as r^-3, so
 
     S_v(g) = -4 int_0^g mu(2 sqrt3 |e|) de,   dS_v/dg = -4 mu(2 sqrt3 |g|):
 
-a law is complete with `apparent`, its viscosity mu at a shear rate. Every law is by itself the material of a purely
-elastic solid or of a fluid.
+so a viscous law only needs `apparent`, its viscosity mu at a shear rate. Every law is also a material: a purely
+elastic solid, or a fluid.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ from cavirheo.parameters import FINITE, NOT_NEGATIVE, PARAMETERS, POSITIVE, POSI
 from cavirheo.physics.table import continued, hermite, read, scaled, tabulate
 
 _RAISES = "Raises:\n    InputError: a parameter that is no number or out of its domain."
-SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
+SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: wider than the range of any collapse or stretch
 
 
 def nodes(spacing: float) -> Floats:
-    """From SMALLEST to LARGEST, about `spacing` apart in log L; 1 is one of them."""
+    """Nodes from SMALLEST to LARGEST, about `spacing` apart in log L; 1 is a node."""
     n = int(np.ceil(np.log(LARGEST) / spacing))
     return np.concatenate([np.geomspace(SMALLEST, 1, n + 1)[:-1], np.geomspace(1, LARGEST, n + 1)])
 
 
-_COARSE = nodes(0.1)  # halved where a law needs it
+_COARSE = nodes(0.1)  # divided further where a law needs it
 _FINE = nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest term, q^8
 SHEAR = 2 * sqrt(3)  # shear rate at the wall over |U/R|
 SLOWEST, FASTEST = 1e-3, 1e12  # U/R in 1/s: below the first and above the second the viscosity counts as constant
 
 
 class Parts(NamedTuple):
-    """What a material is made of; the stresses add."""
+    """The parts of a material; their stresses add."""
 
     elastic: Elastic | None = None
     viscous: Viscous | None = None
@@ -58,13 +58,13 @@ class Parts(NamedTuple):
 
 
 class Material:
-    """A law, or a sum of laws: a new one defines `parts`. It is a frozen dataclass with SI parameters."""
+    """Base of laws and of sums of laws: frozen dataclasses with SI parameters, which define `parts`."""
 
-    proportional: ClassVar[str] = ""  # the parameter that all of the stress is proportional to, where there is one
-    name: ClassVar[str]  # as it is written; by default that of the class, "power-law" of PowerLaw
+    proportional: ClassVar[str] = ""  # the parameter to which the whole stress is proportional, if any
+    name: ClassVar[str]  # name in texts; by default from the class, "power-law" for PowerLaw
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """help() of a law ends with its parameters, as parameters.py knows them."""
+        """Set the name of a law, and append its parameters from parameters.py to its docstring, for help()."""
         super().__init_subclass__(**options)
         if "name" not in cls.__dict__:
             cls.name = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower()
@@ -78,7 +78,7 @@ class Material:
         check(self)
 
     def parts(self) -> Parts:
-        """The elastic and the viscous part and the arms with memory of which it is the sum."""
+        """The elastic part, the viscous part and the arms with memory; the material is their sum."""
         return Parts()
 
     @property
@@ -95,7 +95,7 @@ class Material:
 
 
 class Elastic(Material):
-    """Base of the elastic laws: a new one defines `slope`, or `first` if its energy depends on I_1 only."""
+    """Base of the elastic laws: a subclass defines `slope`, or `first` if its energy depends on I_1 only."""
 
     def parts(self) -> Parts:
         return Parts(elastic=self)
@@ -110,7 +110,7 @@ class Elastic(Material):
         return -4 * self.first(q2 * q2 + 2 * ratio * ratio) * (q2 + q2 * q2 / ratio)
 
     def table(self) -> Floats:
-        """(n, 7) S_el over L in Pa for the solver (physics/table.py); it ends where the law does."""
+        """(n, 7) S_el over L in Pa for the solver (physics/table.py); it ends where the law ends."""
         table = tabulate(self.slope, _COARSE, origin=1.0)
         why = f"the stress of {self} must be finite and smooth around R = R_0, which it is not"
         require(bool(table[0, 0] < 1 < table[-1, 0]), why, "physics.no_stress_at_rest")
@@ -122,7 +122,7 @@ class Elastic(Material):
 
 
 class Viscous(Material):
-    """Base of the viscous laws: a new one defines `apparent`."""
+    """Base of the viscous laws: a subclass defines `apparent`."""
 
     def parts(self) -> Parts:
         return Parts(viscous=self)
@@ -156,7 +156,7 @@ class Arm(Material):
     relaxation_time: float = field(metadata=POSITIVE)
     terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
     follows: ClassVar[bool] = False  # whether the elastic part of the material acts through this arm alone
-    grown = True  # whether the growth to R_max leaves stress in it, where the simulation does not start relaxed
+    grown = True  # whether the growth to R_max leaves stress in the arm, unless the simulation starts relaxed
 
     def parts(self) -> Parts:
         return Parts(memory=(self,))
@@ -167,14 +167,14 @@ class Arm(Material):
         return self.viscosity / self.relaxation_time
 
     def table(self) -> Floats:
-        """(k, 4) rows C_k in Pa, n_k, 1/tau in 1/s, and 1/C_k in 1/Pa of an arm that follows the elastic part or 0,
-        for the solver."""
+        """(k, 4) rows for the solver: C_k in Pa, n_k, 1/tau in 1/s, and 1/C_k in 1/Pa if the arm follows the elastic
+        part, else 0."""
         stiff = [(self.modulus * c, n) for c, n in self.terms]
         return np.array([[C, n, 1 / self.relaxation_time, 1 / C if self.follows else 0.0] for C, n in stiff])
 
 
 def table_of(law: Elastic | Viscous) -> Floats:
-    """`law.table()`, kept once computed; of a law that is proportional to a modulus it is kept for 1 Pa."""
+    """`law.table()`, cached; for a law that is proportional to a modulus, the table for 1 Pa is cached."""
     if not law.proportional:
         return _table_of(law)
     unit: Any = {law.proportional: 1.0}
@@ -298,9 +298,9 @@ class Fung(Elastic):
 
 
 def fung_stress(modulus: Floats, stiffening: Floats, ratio: Floats) -> Floats:
-    """(k,) -S_el of Fung's law, Pa, at ratios L > 1, of its parameters (k,): in closed form by Dawson's integral, but
-    that I_1 - 3 is taken as 2 L^2 - 3 and what goes with q^5 as neo-Hookean: within 10 % from L = 3 on."""
-    from scipy.special import dawsn  # simulations need not wait for it
+    """(k,) -S_el of Fung's law, Pa, at ratios L > 1 for its parameters (k,): a closed form by Dawson's integral, with
+    I_1 - 3 approximated by 2 L^2 - 3 and the term in q^5 by the neo-Hookean one; within 10 % from L = 3 on."""
+    from scipy.special import dawsn  # simulations do not need it
 
     root = np.sqrt(2.0 * stiffening)
 
@@ -349,7 +349,7 @@ class Ogden(Elastic):
     exponents: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        for name in ("moduli", "exponents"):  # lists are welcome, but could not be the key of a kept table
+        for name in ("moduli", "exponents"):  # lists are accepted, but only tuples can be keys of the cache
             object.__setattr__(self, name, tuple(getattr(self, name)))
         several = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
         require(len(self.moduli) == len(self.exponents) > 0, several, "physics.terms")
@@ -378,7 +378,7 @@ class StrainEnergy(Elastic):
     with arithmetic and numpy functions, without abs, max, or conditions.
 
     Raises:
-        InputError: at its first use, if the function cannot be differentiated so.
+        InputError: at its first use, if the function cannot be differentiated in this way.
     """
 
     energy: Callable[[Any, Any, Any], Any]
@@ -396,7 +396,7 @@ class StrainEnergy(Elastic):
             raise InputError(why, "physics.not_analytic") from None
 
     def slope(self, ratio: Floats) -> Floats:
-        close = np.abs(ratio - 1) < 2e-3  # 0/0 at 1: there a polynomial through six points beside it
+        close = np.abs(ratio - 1) < 2e-3  # 0/0 at 1: use a polynomial through six points near it
         away = np.where(close, 2.0, ratio)
         x = np.array([-3, -2, -1, 1, 2, 3])
         b = 1 + 2e-3 * x
@@ -460,14 +460,14 @@ class HerschelBulkley(Viscous):
 
 @dataclass(frozen=True)
 class _Thinning(Viscous):
-    """From one plateau, mu_0 at rest, to another."""
+    """Base of the laws that go from a plateau mu_0 at rest to a plateau mu_inf at high rates."""
 
     zero_rate: float = field(metadata=NOT_NEGATIVE)
     infinite_rate: float = field(metadata=NOT_NEGATIVE)
     time: float = field(metadata=NOT_NEGATIVE)
 
     def between(self, fall: Floats) -> Floats:
-        """The viscosity where `fall` has come down from 1 at rest."""
+        """The viscosity for `fall`, which is 1 at rest and 0 at infinite rate."""
         return self.infinite_rate + (self.zero_rate - self.infinite_rate) * fall
 
 

@@ -1,12 +1,13 @@
-"""Materials that are sums of laws, an elastic part, a viscous part and arms with memory; and every law by its name.
+"""Materials as sums of an elastic part, a viscous part and arms with memory; and all laws by name.
 
-The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4). A Maxwell arm is a
-spring and a dashpot in series, whose stress fades within the relaxation time. Its spring forgets what it was stretched
-from, which one number a term tells (section 4.3 there):
+The solver gets tables and does not know the laws behind them (docs/method/physics.md, section 4). A Maxwell arm is a
+spring and a dashpot in series, whose stress fades within the relaxation time. One number m_k per term describes the
+history of its spring (section 4.3 there):
 
     S = sum_k C_k m_k,   m_k' = -m_k/tau - n_k (1 + m_k) U/R,   m_k = 0 in the relaxed state:
 
-1 + m_k is the fading mean of past R^n_k over the present one. One arm takes the elastic part of the material along.
+1 + m_k is the fading mean of past R^n_k over the present one. The elastic part can act through one arm
+(`TotalRelaxation`).
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ class UpperConvectedMaxwell(Arm):
 class TotalRelaxation(Maxwell):
     """The stress of spring and dashpot together relaxes at a fixed place: tau dT/dt + T = T_el + 2 mu D, T = T_rr.
 
-    T_el is the stress of the elastic part of the material that this arm stands in, which acts through it alone:
+    T_el is the stress of the elastic part of the material, which acts through this arm alone:
 
         m' = -(m - S_el/C)/tau - 3 (1 + m) U/R,   S = C m,   C = 4 mu/(3 tau),
 
-    and S -> S_el - 4 mu U/R for tau -> 0. With Z = R^3 S it is the Zener model of IMRv2 and PyIMR; of a linear spring
-    G it is that spring beside a Maxwell arm of viscosity mu - G tau. Hua and Johnsen 2013, doi:10.1063/1.4817673.
+    and S -> S_el - 4 mu U/R for tau -> 0. With Z = R^3 S it is the Zener model of IMRv2 and PyIMR; for a linear spring
+    G it is this spring beside a Maxwell arm of viscosity mu - G tau. Hua and Johnsen 2013, doi:10.1063/1.4817673.
 
-    grown: False: it starts without stress at R_max, as in these codes, and so without that of the elastic part.
+    grown = False: no stress at R_max, as in these codes, and so no stress of the elastic part either.
     """
 
     viscosity: float = field(metadata=POSITIVE)
@@ -70,8 +71,8 @@ class Viscoelastic(Material):
     `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`.
 
     Attributes:
-        elastic: a law, None without this part.
-        viscous: a law, None without this part.
+        elastic: elastic law, or None.
+        viscous: viscous law, or None.
         memory: the arms.
     """
 
@@ -123,8 +124,8 @@ class QuadraticKelvinVoigt(NeoHookeanKelvinVoigt):
 @dataclass(frozen=True)
 class OldroydB(Material):
     """Dilute polymer solution: an upper-convected Maxwell arm in a Newtonian solvent.
-    viscosity mu in Pa s is that of both at rest; relaxation time tau_1 and retardation time tau_2 <= tau_1 in s: the
-    solvent has mu tau_2/tau_1. Oldroyd 1950, doi:10.1098/rspa.1950.0035."""
+    viscosity mu in Pa s is the sum of both at rest; relaxation time tau_1 and retardation time tau_2 <= tau_1 in s. The
+    viscosity of the solvent is mu tau_2/tau_1. Oldroyd 1950, doi:10.1098/rspa.1950.0035."""
 
     viscosity: float = field(metadata=NOT_NEGATIVE)
     relaxation_time: float = field(metadata=POSITIVE)
@@ -175,8 +176,8 @@ class QuadraticStandardLinearSolid(Zener):
     """qSLS: the stress of a quadratic spring and a dashpot together relaxes at a fixed place, the field's Zener model.
 
     With stiffening 0 it is IMRv2's `stress = 3`, else its `stress = 4`, both without retardation; a dashpot beside it
-    ("qsls + newtonian") is the retardation. As there the bubble starts without any stress, also that of the spring
-    (`TotalRelaxation` leaves the choice). Hua and Johnsen 2013, doi:10.1063/1.4817673, with the
+    ("qsls + newtonian") is the retardation. As in IMRv2 the bubble starts without any stress, also without that of the
+    spring (`TotalRelaxation` offers both). Hua and Johnsen 2013, doi:10.1063/1.4817673, with the
     spring of Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
     """
 
@@ -209,7 +210,7 @@ KINDS = {
     ),
 }
 LAWS = {name: law for kind in KINDS.values() for name, law in kind.items()}
-"""Every law by the name that it is written with; a law that is put here is known to all commands."""
+"""All laws by name; all commands know a law that is added here."""
 EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
 _HOW = f"write a sum of laws like {EXAMPLE}"
 
@@ -229,17 +230,17 @@ def usage(name: str) -> str:
 
 
 def summary(name: str) -> str:
-    """The energy or viscosity function of a law in one line: the first of its docstring."""
+    """The first line of the docstring of a law: its energy or viscosity function."""
     return cleandoc(LAWS[name].__doc__ or "").partition("\n")[0]
 
 
 def parse(text: str) -> Material:
     """The material of a sum like "gent(2e3, limit=40) + carreau-yasuda(0.5, 0.01, 1e-4, 0.4)", parameters in SI units.
 
-    Only numbers and tuples of numbers are read, nothing is executed. A hyphen between letters may be an underscore.
+    Only numbers and tuples of numbers are read, nothing is executed. An underscore may replace a hyphen in a name.
 
     Raises:
-        InputError: not a sum of laws, an unknown law, a parameter missing, too many or out of range, a part twice.
+        InputError: not a sum of laws, an unknown law, missing, surplus or invalid parameters, two parts of one kind.
     """
     require(text.strip() != "", f"the material is empty; {_HOW}", "laws.empty")
     try:
@@ -270,7 +271,7 @@ def combine(terms: Sequence[Material]) -> Material:
 
 
 def with_consistency(values: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of a law by name, the consistency K in place of the reference viscosity K (1e5 1/s)^(n-1)."""
+    """Parameters of a law by name, with the consistency K in place of the reference viscosity K (1e5 1/s)^(n-1)."""
     values = dict(values)
     if "reference_viscosity" in values:
         values["consistency"] = values.pop("reference_viscosity") * RATE ** (1.0 - values["exponent"])
@@ -278,10 +279,10 @@ def with_consistency(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def viscosity_at(material: str, rate: float, values: Mapping[str, float]) -> float | None:
-    """Pa s at a shear rate (1/s) of the law in a sum of laws whose viscosity depends on it; None where there is none.
+    """Viscosity, Pa s, at a shear rate (1/s) of the rate-dependent law in a sum of laws; None if there is none.
 
-    `values`: its parameters by name, as they are inferred (with a reference viscosity) or as the law has them, among
-    others.
+    `values`: its parameters by name, as inferred (with a reference viscosity) or as the law has them (with a
+    consistency); other entries are ignored.
     """
     values = with_consistency(values)
     for name in material.split("+"):
@@ -322,7 +323,7 @@ def _law(node: ast.expr) -> Material:
 
 
 def _value(parameter: Parameter, node: ast.expr) -> float | tuple[float, ...]:
-    """The number or the tuple of numbers that a parameter takes; one number does for a tuple of one."""
+    """The number or the tuple of numbers of a parameter; a single number may stand for a tuple of one."""
     many = _takes_tuple(parameter)
     try:
         value = ast.literal_eval(node)

@@ -1,8 +1,8 @@
 """The medium, and the pressure that drives the bubble in it.
 
-Media are named sets of constants for the liquid and the bubble contents; each says which code of the field it is from.
-The gas and the vapour are those of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006) throughout, unless a set says
-otherwise. A driving is for the solver one more table (physics/table.py), of pressure over time.
+Media are named sets of constants for the liquid and the bubble contents; their docstrings name the codes that use them.
+The gas and the vapour are those of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006), unless a set states otherwise.
+The solver gets a driving as a table (physics/table.py) of pressure over time.
 """
 
 from __future__ import annotations
@@ -35,35 +35,36 @@ _INSIST = " (if it is meant: Medium(..., unusual=True), --trust-input)"
 def _constant(
     allowed: Domain, usual: float, low: float, high: float, unit: str, *, zero: float = 0.0, **taken: float
 ) -> Any:
-    """A field: its domain, default, plausible range, unit, and other units that are taken for it with their size (and
-    their zero) in this one."""
+    """A field with its domain, default, plausible range and unit; `taken`: units that are given by mistake, with their
+    size in this unit; `zero`: their zero in this unit."""
     mistaken = {name: (size, zero) for name, size in taken.items()}
     return field(default=usual, metadata=allowed | {"plausible": Plausible(low, high, usual, unit, mistaken)})
 
 
 @dataclass(frozen=True)
 class Medium:
-    """The surroundings of the bubble and what is in it. All SI.
+    """Constants of the surroundings and of the contents of the bubble, SI.
 
     Attributes:
         density: of the liquid or gel, kg/m3.
-        sound_speed: in it, m/s; may be infinite.
-        surface_tension: N/m.
+        sound_speed: of the liquid or gel, m/s; may be infinite.
+        surface_tension: at the wall of the bubble, N/m.
         pressure: far from the bubble, Pa.
         temperature: far from the bubble and at its wall, K.
         adiabatic_index: kappa of gas and vapour.
         gas_constant: of the gas that does not condense (air), J/(kg K).
         vapour_constant: of the vapour, J/(kg K).
         diffusivity: of the vapour in the gas, m2/s.
-        conductivity_slope: of gas and vapour, K = slope T + intercept, W/(m K2).
-        conductivity_intercept: W/(m K).
+        conductivity_slope: of the conductivity of gas and vapour, K = slope T + intercept, W/(m K2).
+        conductivity_intercept: of this conductivity, W/(m K).
         vapour_reference_pressure: p_ref of p_v = p_ref exp(-T_ref/T), Pa; 0 without vapour.
         vapour_reference_temperature: T_ref, K.
-        name: as documents have it.
-        unusual: accept constants outside the ranges that liquids and gels have; it is not kept.
+        name: of the set, for documents.
+        unusual: accept constants outside the ranges of liquids and gels; it is not stored.
 
     Raises:
-        InputError: a constant that no medium has (a density of 0), or, unless `unusual`, hardly one (1.05 kg/m3).
+        InputError: an impossible constant (a density of 0), a boiling liquid, or, unless `unusual`, an implausible
+            constant (1.05 kg/m3).
     """
 
     density: float = _constant(POSITIVE, 998.0, 500, 3000, "kg/m3", **{"g/cm3": 1e3})
@@ -118,13 +119,13 @@ YANG2020 = Medium(1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020")
 """IMRv2, doi:10.1016/j.eml.2020.100839."""
 
 MEDIA: dict[str, Medium] = {m.name: m for m in (WATER, BU2026, ESTRADA2018, ZHU2025, YANG2020)}
-"""These sets by name."""
+"""The media by name."""
 
 
 def medium(name: str | Medium, *, unusual: bool = False, **constants: float | None) -> Medium:
-    """The named set, with the constants (fields of Medium) that are not None instead of its own; `unusual` as there.
+    """The medium of this name, or this Medium, with the constants that are not None in place of its own.
 
-    A Medium is itself such a set.
+    constants: fields of Medium. unusual: as in Medium.
 
     Raises InputError: unknown name (with the known ones), or a constant out of its domain.
     """
@@ -137,7 +138,7 @@ def medium(name: str | Medium, *, unusual: bool = False, **constants: float | No
 
 
 class Driving(Protocol):
-    """Any function of time in s, given in Pa above the ambient pressure."""
+    """Far-field pressure above the ambient one, Pa, as a function of time, s."""
 
     def table(self) -> Floats: ...
 
@@ -206,7 +207,7 @@ class Trace:
         require(bool(ascends), why, "physics.trace_values")
 
     def table(self) -> Floats:
-        from scipy.interpolate import PchipInterpolator  # a third of a second that other uses need not wait for
+        from scipy.interpolate import PchipInterpolator  # the import takes a third of a second
 
         rows = np.zeros((self.time.size, 7))
         rows[:, 0], rows[:, 1] = self.time, self.pressure
@@ -215,6 +216,6 @@ class Trace:
 
 
 def _held(rows: Floats) -> Floats:
-    """The table from rows (n, 7) over ascending times, continued by its first and its last value."""
+    """The table from rows (n, 7) at ascending times, continued at both ends by the first and the last value."""
     before, after = (min(0.0, rows[0, 0]) - 1.0, rows[0, 1], 0.0), (rows[-1, 0], rows[-1, 1], 0.0)
     return continued(rows, before, after)

@@ -1,6 +1,6 @@
 """Dimensionless numbers of one simulation (docs/method/physics.md, section 1).
 
-R_c = R_max, U_c = sqrt(p_inf/rho), t_c = R_c/U_c, pressures by p_inf, temperature by T_inf.
+Scales: R_c = R_max, U_c = sqrt(p_inf/rho), t_c = R_c/U_c, p_inf for pressures, T_inf for temperature.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cavirheo.physics.table import hermite, read, scaled
 
 
 class Numbers(NamedTuple):
-    """What the compiled solver is given; every field is dimensionless."""
+    """Input of the compiled solver; every field is dimensionless."""
 
     C: float  # c/U_c
     We: float  # p_inf R_max/(2 gamma); infinite without surface tension
@@ -32,30 +32,30 @@ class Numbers(NamedTuple):
     pv: float  # vapour pressure/p_inf
     kappa: float
     elastic: Floats  # (n, 7) table of S_el/p_inf over R/R_0 (physics/table.py)
-    whole: Floats  # (n, 7) the same below the smallest radius so far, before damage; (0, 7) without damage
-    damage: Floats  # (3,) both factors of a tenfold contraction; the smallest R/R_max so far (`damaged`), or 0
+    whole: Floats  # (n, 7) the same for R/R_max below damage[2] (`damaged`); (0, 7) without damage
+    damage: Floats  # (3,) both factors of a tenfold contraction; R/R_max below which `whole` holds, or 0 (`damaged`)
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
     memory: Floats  # (k, 4) C_k/p_inf, power n_k, t_c/tau, p_inf/C_k or 0, of each relaxing term (physics/laws.py)
-    delayed: bool  # the elastic part acts through a relaxing term alone
+    delayed: bool  # whether the elastic part acts through a relaxing term alone
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
     polytropic: float  # exponent of the gas where the contents are polytropic
     tait: float  # exponent of the liquid in Gilmore's equation; 0: Keller-Miksis
     vapour: float  # pressure of the vapour at the start/p_inf
-    rate: float  # of condensation, a of docs (3.11): accommodation sqrt(R_v T_inf/2 pi)/U_c; infinite: equilibrium
-    varying: bool  # D = Fo T^1.75/p instead of Fo
-    inertia: float  # beta of walls around, at R_max
-    radiation: float  # zeta of a tube around, at R_max
-    base: float  # p_b, which the state of the solver leaves out of the pressure (docs/method/physics.md, section 3.2)
+    rate: float  # rate of condensation, a of docs (3.11): accommodation sqrt(R_v T_inf/2 pi)/U_c; infinite: equilibrium
+    varying: bool  # whether D = Fo T^1.75/p instead of Fo
+    inertia: float  # beta of the walls, at R_max
+    radiation: float  # zeta of the tube, at R_max
+    base: float  # p_b, subtracted from the pressure in the state of the solver (docs/method/physics.md, section 3.2)
 
     @property
     def pressure(self) -> float:
-        """Contents at the start: the gas that R_0 in equilibrium holds, isothermally, and saturated vapour (3.9)."""
+        """Pressure at the start (3.9): vapour, and the gas of the equilibrium at R_0 after isothermal expansion."""
         return self.vapour + (1 + self.stretch / self.We - self.pv) / self.stretch**3
 
 
 TAIT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
 STRETCH = domain("at least 1 (the bubble starts at its largest radius)", lambda x: 1 <= x < inf)
-ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no driving
+ABSENT = np.zeros((2, 7))  # table that is 0 everywhere: no stress, or no driving
 ABSENT[1, 0] = np.inf
 
 
@@ -71,7 +71,7 @@ def dimensionless(
     """Numbers of a bubble of `max_radius` (m) and `stretch` (1) in a material (SI) and a medium.
 
     Raises:
-        InputError: the radius is not positive, the stretch is below 1, the bubble has values that are free, it follows
+        InputError: the radius is not positive, the stretch is below 1, the bubble has free values, it follows
             Gilmore's equation in an incompressible medium, a wall is nearer than R_max, or there is damage without an
             elastic part.
     """
@@ -105,7 +105,7 @@ def dimensionless(
         rate=float(bubble.accommodation) * mean_speed / U_c if kinetic else inf,
         inertia=bubble.inertia(max_radius),
         radiation=bubble.confinement_damping,
-        base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # p may fall below p_v where it is kinetic
+        base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # kinetic: p may fall below p_v
     )
     elastic, viscous = (table_of(part) if part else ABSENT for part in parts[:2])
     whole, hurt = np.zeros((0, 7)), np.zeros(3)
@@ -113,7 +113,7 @@ def dimensionless(
         elastic, whole, hurt = damaged(elastic, damage, stretch)
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c, p] for arm in parts.memory]
     return Numbers(
-        **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew
+        **{name: float(value) for name, value in fields.items()},  # with ints the solver would be compiled again
         varying=kinetic,
         elastic=scaled(elastic, 1.0, 1 / p),
         whole=scaled(whole, 1.0, 1 / p),
@@ -126,11 +126,11 @@ def dimensionless(
 
 
 def damaged(elastic: Floats, damage: Damage, stretch: float) -> tuple[Floats, Floats, Floats]:
-    """From the table of a law (physics/table.py): that of the law at radii above the smallest so far, that below
-    it, and (3,) both factors of a tenfold contraction and the smallest R/R(0) so far.
+    """(`elastic`, `whole`, `damage`) of `Numbers` from the table of a law (physics/table.py): tables for radii above
+    and below a limit, and (3,) both factors of a tenfold contraction and the limit in R/R(0).
 
-    At the first rebound: damaged and whole; the smallest radius counts as infinite until then. By strain: whole,
-    to be scaled as the wall turns; and the law while the wall is at its smallest radius, x = L/stretch,
+    First rebound: the damaged and the undamaged law; the limit is infinite until the rebound and then 0. Strain: the
+    undamaged law, which `soften` scales when the wall turns, and the law at the smallest radius so far, x = L/stretch,
 
         S = x^a S_el(u),  u = L x^b,  a = -log10 modulus,  b = log10 radius.
     """
@@ -142,7 +142,7 @@ def damaged(elastic: Floats, damage: Damage, stretch: float) -> tuple[Floats, Fl
     L = (u * stretch**b) ** (1 / (1 + b))
     S, S1, S2 = read(elastic, u)
     share, c = (L / stretch) ** a, (1 + b) * u
-    first = a * S + c * S1  # over share, by ln L
+    first = a * S + c * S1  # first derivative by ln L, over share
     second = a * first + c * ((a + 1 + b) * S1 + c * S2)
     falling = hermite(L, share * S, share * first / L, share * (second - first) / L**2)
     return elastic, falling, np.array([damage.modulus, damage.radius, 1.0])

@@ -26,20 +26,20 @@ from cavirheo.physics.scales import ABSENT, Numbers, dimensionless
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-POLYTROPIC = 1e-7  # largest relative error of a step without fields, which costs next to nothing
-KINETIC = 0.1  # of the relative error: kinetic contents are less stiff, and longer steps would be less accurate
+POLYTROPIC = 1e-7  # largest relative error of a step with polytropic contents, which is cheap
+KINETIC = 0.1  # factor of the relative error: kinetic contents are less stiff; steps would be too long
 MAX_STEPS = 100_000
-GROWTH_TIME = np.linspace(0.0, 4.0, 401)  # in t_c: an impulse turns within about one
+GROWTH_TIME = np.linspace(0.0, 4.0, 401)  # in t_c; the wall turns after about one
 GROWTH_ERROR = (1e-7, 1e-5)
-GROWTH_NEAR = 0.03  # of R^3, from which memories follow from those of other impulses
-LARGEST_IMPULSE = 1e9  # impulse over stretch^3
+GROWTH_NEAR = 0.03  # of R^3: if the miss is smaller, memories are interpolated between impulses
+LARGEST_IMPULSE = 1e9  # largest impulse that is tried, over stretch^3
 _INSIST = " (if it is meant: unusual=True)"
 _EXAMPLE = "NeoHookeanKelvinVoigt(shear_modulus=8e3, viscosity=0.05)"
 
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """Fields in the bubble, from its centre to its wall.
+    """Temperature and vapour in the bubble, from its centre to its wall.
 
     Attributes:
         position: (m,) r/R of the centroids of the shells and of the wall, ascending to 1.
@@ -58,7 +58,7 @@ class Contents:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """One solved (or failed) forward problem. Where a solve failed the arrays hold NaN from there on.
+    """One solved (or failed) forward problem. If the solve failed, the arrays are NaN from the failure on.
 
     Attributes:
         time: (n,) s after the start.
@@ -69,7 +69,7 @@ class Simulation:
         equilibrium_radius: R_0, m.
         status: "ok", or what went wrong and where.
         stats: steps, rejected, gas_drift (relative change of the gas in the bubble).
-        contents: fields in the bubble, if they were asked for.
+        contents: temperature and vapour in the bubble, if `fields` was set.
     """
 
     time: Floats
@@ -97,7 +97,7 @@ class Simulation:
 
     @property
     def ok(self) -> bool:
-        """Whether it reached the last time."""
+        """Whether the solve reached the last time."""
         return self.status == "ok"
 
     @property
@@ -107,12 +107,12 @@ class Simulation:
 
     @property
     def strain_rate(self) -> Floats:
-        """(n,) its rate U/R, 1/s; the radial rate is -2 times as large, the shear rate 2 sqrt(3)."""
+        """(n,) hoop strain rate at the wall, 1/s; the radial rate is -2 times, the shear rate 2 sqrt(3) times it."""
         return self.velocity / self.radius
 
     @property
     def collapses(self) -> int:
-        """Minima of R after which it rises again by more than 3 % of the largest R, as those of a measured curve."""
+        """Number of minima of R after which R rises by more than 3 % of the largest R, as for a noise-free curve."""
         radius = self.radius[np.isfinite(self.radius)]
         return len(turning_points(radius, 0.03 * radius.max(initial=0.0))[0])
 
@@ -130,7 +130,7 @@ class Simulation:
         return dataframe(self.columns, {"status": self.status, "equilibrium_radius_m": self.equilibrium_radius})
 
     def plot(self, axes: Axes | None = None) -> Axes:
-        """R(t), um over us, on these axes or on those of a new figure. Raises InputError without matplotlib."""
+        """Plot R(t), um over us, on these axes or on those of a new figure. Raises InputError without matplotlib."""
         from cavirheo.writing.style import BLUE, new_axes, new_figure
 
         if axes is None:
@@ -154,7 +154,7 @@ def simulate(
     throw: bool = True,
     unusual: bool = False,
 ) -> Simulation:
-    """One bubble from rest at R_max (laser-induced cavitation), or from equilibrium, driven by ultrasound (stretch 1).
+    """Simulate a bubble from rest at R_max (laser cavitation), or driven by ultrasound from equilibrium (stretch 1).
 
     Args:
         material: constitutive law of the surroundings, SI.
@@ -162,14 +162,14 @@ def simulate(
         stretch: lambda = R_max/R_0, R_0 the stress-free equilibrium radius.
         time: (n,) s after the start, ascending, from zero or later.
         medium: liquid and gas constants, or the name of a set of them.
-        bubble: equation of the wall, contents, walls around and damage, none of them "free".
+        bubble: equation of the wall, contents, confinement and damage; no value may be "free".
         driving: pressure far from the bubble above the ambient one (`Pulse`, `Trace`).
-        relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
-            (`remembered`), but for those that always start so (`qsls`).
+        relaxed: start laws with memory without stress; otherwise with the stress that the growth from R_0 to R_max
+            leaves (`remembered`), except for laws that always start without (`qsls`).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
         accuracy: in space and time; PRECISE of physics/accuracy.py is ten times as accurate as the default.
         throw: raise on a failed solve; otherwise return it with its status.
-        unusual: accept bubbles smaller than 10 nm or larger than 5 cm, and more than a second.
+        unusual: accept bubbles smaller than 10 nm or larger than 5 cm, and times of more than a second.
 
     Returns:
         Radius, velocity, pressure and stress at each of these times, (n,), SI.
@@ -207,7 +207,7 @@ def simulate(
 
 
 def _check(material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driving | None, fields: bool) -> None:
-    """Raises InputError for arguments of `simulate` of another kind, or that do not go together."""
+    """Raises InputError for arguments of `simulate` of a wrong type, or that exclude each other."""
     expect(material, Material, f"a material such as {_EXAMPLE}")
     expect(bubble, Bubble, "a Bubble such as Bubble(contents='kinetic', accommodation=0.07)")
     expect(accuracy, Accuracy, "an Accuracy such as Accuracy(cells=152, relative_error=1e-4)")
@@ -220,11 +220,11 @@ def _check(material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driv
 def _solve(
     numbers: Numbers, material: Material, times: Floats, t_c: float, accuracy: Accuracy, *, relaxed: bool, fields: bool
 ) -> tuple[Floats, Floats, Floats, str]:
-    """What the solver gives at these times (n,), s, with t_c their scale in s, in dimensionless numbers:
+    """Solve for times (n,), s, with t_c, s, as their scale. Returns four results, the arrays in dimensionless numbers:
 
-    (n, 4 + k) radius, velocity, pressure, stress and k memories, NaN from where it failed; (n, 2 cells) moles of all
-    and of gas in each shell, (0, 0) where no fields were asked for; (5,) steps, rejected ones, drift of the gas, and
-    instant and radius that were reached; what went wrong and where, empty if nothing did.
+    (n, 4 + k) radius, velocity, pressure, stress and k memories, NaN from a failure on; (n, 2 cells) moles of gas and
+    vapour and moles of gas in each shell, (0, 0) without `fields`; (5,) steps, rejected steps, drift of the gas, and
+    the time and the radius that were reached; the failure and its place, empty if there was none.
     """
     out = np.full((times.size, 4 + len(numbers.memory)), np.nan)
     shells = np.full((times.size, 2 * accuracy.cells), np.nan) if fields else np.zeros((0, 0))
@@ -271,7 +271,7 @@ def _contents(out: Floats, shells: Floats, medium: Medium, numbers: Numbers, gri
 
 
 class SimulationOptions(TypedDict, total=False):
-    """Options of `simulate` that many bubbles share."""
+    """Options of `simulate` that all bubbles of `simulate_many` share."""
 
     medium: Medium | str
     bubble: Bubble
@@ -323,12 +323,12 @@ def simulate_many(
         shot: dict[str, Any] = dict(max_radius=float(radii[i]), stretch=float(stretches[i]), time=times[i])
         return simulate(materials[i], **shot, throw=False, **options)
 
-    first = [simulate_one(0)] if m else []  # it may compile: before threads
+    first = [simulate_one(0)] if m else []  # before threads start, because it may compile
     return first + parallel.each(simulate_one, range(1, m), workers)
 
 
 def load_solver() -> None:
-    """Load the compiled solver, which Ctrl-C ends; tell the user where it is compiled first."""
+    """Load the compiled solver; Ctrl-C ends it. If it must be compiled first, the user is told."""
     cache.NOTICES["solver.integrate"] = "compiling the bubble solver for this machine, once (10 to 30 s) ..."
     parallel.run_in_thread(lambda: simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7]))
 
@@ -349,11 +349,11 @@ def _checked(time: ArrayLike) -> Floats:
 
 
 def remembered(numbers: Numbers, rtol: float) -> Floats:
-    """Memories (k,) at R = 1 after growth from relaxed rest at R_0 = 1/stretch, a hundred times as exact as `rtol`
-    says, within bounds.
+    """Memories (k,) at R = 1 after growth from relaxed rest at R_0 = 1/stretch, to a relative error of rtol/100 within
+    GROWTH_ERROR.
 
-    The growth is an impulse: at R_0 the wall gets the velocity that carries it to R = 1, in incompressible surroundings
-    of the same law, with isothermal gas and saturated vapour (docs/method/physics.md, section 4.3).
+    The growth is modelled as an impulse: at R_0 the wall gets the velocity that carries it to R = 1, in incompressible
+    surroundings of the same law, with isothermal gas and saturated vapour (docs/method/physics.md, section 4.3).
 
     Raises:
         SolverError: no impulse carries the wall to R_max within the laws of the material.
@@ -362,12 +362,12 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
     if numbers.stretch == 1:
         return nothing
     quiet = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ABSENT, vapour=numbers.pv)
-    quiet = quiet._replace(damage=numbers.damage * [1, 1, 1 / numbers.stretch])  # growth from R_0 does none
+    quiet = quiet._replace(damage=numbers.damage * [1, 1, 1 / numbers.stretch])  # growth from R_0 causes no damage
     exact = min(max(rtol / 100, GROWTH_ERROR[0]), GROWTH_ERROR[1])
-    # R^3 is nearly linear in the impulse v^2, the kinetic energy: (impulse, memories) by R^3 - 1 of what was tried
+    # trials, (impulse, memories) by R^3 - 1; R^3 is nearly linear in the impulse v^2, the kinetic energy
     turns: dict[float, tuple[float, Floats]] = {numbers.stretch**-3.0 - 1.0: (0.0, nothing)}
     low, high = 0.0, np.inf
-    impulse = whole = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure
+    impulse = whole = 2 / 3 * numbers.stretch**3  # the whole work against the ambient pressure
     while high - low > exact * max(low, whole):
         radius, memories = _turn(quiet, float(np.sqrt(impulse)), exact)
         miss = radius**3 - 1.0
@@ -377,9 +377,9 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
             nearest = sorted(turns, key=abs)[:4]
             if abs(nearest[0]) < exact:
                 return turns[nearest[0]][1]
-            # with which values at these give that at 0 of the polynomial through them (Lagrange)
+            # Lagrange weights: from values at these points to the value of their polynomial at 0
             weights = np.array([prod(b / (b - a) for b in nearest if b != a) for a in nearest])
-            # the error of a cubic through four is about the product of what they missed by
+            # the error of a cubic through four points is about the product of their misses
             if abs(nearest[0]) < GROWTH_NEAR and len(nearest) == 4 and prod(map(abs, nearest)) < exact:
                 return np.asarray(weights @ np.array([turns[miss][1] for miss in nearest]))
             impulse = float(weights @ np.array([turns[miss][0] for miss in nearest]))
@@ -391,7 +391,7 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
 
 
 def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats]:
-    """Radius and memories where a wall that leaves R_0 with this velocity comes to rest; infinite if none is found."""
+    """(radius, memories) where a wall that leaves R_0 with this velocity turns; radius inf if no turn is found."""
     k = len(numbers.memory)
     out = np.full((GROWTH_TIME.size, 4 + k), np.nan)
     small = 1 / numbers.stretch
@@ -403,7 +403,7 @@ def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats
     reached = np.count_nonzero(np.isfinite(out[:, 1]))
     if falling.size:
         after = falling[0]
-    elif code == solver.OK and reached < len(GROWTH_TIME):  # the solver stops at the turn, here before the next instant
+    elif code == solver.OK and reached < len(GROWTH_TIME):  # the solver stops at the turn, here before the next time
         after = reached - 1
     else:
         return np.inf, out[0, 4:]
@@ -413,6 +413,6 @@ def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats
     E = np.array([solver.spring(numbers, float(radius))[:1] for radius in R[:, 0]]) if numbers.delayed else 0.0
     rates = (follows * E - m) * fading - power * (1 + m) * U / R
     (y0, y1), (slope0, slope1) = np.hstack([R, m]), step * np.hstack([U, rates])
-    x = U[0, 0] / (U[0, 0] - U[1, 0])  # on the cubic through values and slopes at both instants
+    x = U[0, 0] / (U[0, 0] - U[1, 0])  # on the cubic through values and slopes at both times
     turn = (1 - x) ** 2 * ((1 + 2 * x) * y0 + x * slope0) + x**2 * ((3 - 2 * x) * y1 - (1 - x) * slope1)
     return float(turn[0]), turn[1:]

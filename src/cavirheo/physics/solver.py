@@ -1,8 +1,8 @@
 # mypy: disable-error-code="no-untyped-def"
-"""The bubble and its contents, compiled: a finite-volume Rosenbrock solver.
+"""Compiled solver for the bubble and its contents: finite volumes in space, a Rosenbrock method in time.
 
-State (dimensionless, docs/method/physics.md sections 1-4), all extensive so that what nature conserves is conserved to
-round-off: in each shell i of the grid
+The state (dimensionless, docs/method/physics.md sections 1-4) is extensive, so that conserved quantities are conserved
+to round-off: in each shell i of the grid
 
     N_i = R^3 n        moles of gas and vapour per shell volume, n = p/T
     G_i = R^3 n (1-x)  moles of non-condensable gas, x the mole fraction of vapour
@@ -15,11 +15,11 @@ velocity v the contents obey
 v and p' from docs/method/physics.md (3.7) and (3.8): the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006)
 rewritten without approximation; or with a finite rate of condensation and D(T, p), section 3.5 there. A grid without
 shells means polytropic contents. The laws of the material are two tables (physics/table.py) and rows of relaxing terms
-(`Arm` of physics/laws.py); the far-field pressure is a table too.
+(`Arm` of physics/laws.py); the far-field pressure is also a table.
 
 The Jacobian is analytic: a block-tridiagonal part (2x2 lower-triangular blocks) with a border of five unknowns R, U,
-P, p', z, so one linear solve costs O(cells); the memories are eliminated before. Every function that is compiled for
-the solver lives in this one file, because kept code is renewed only when the file of its function changes.
+P, p', z, so one linear solve costs O(cells); the memories are eliminated first. All compiled functions of the solver
+are in this file: if it changes, physics/cache.py compiles them all again.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def look_up(table, x):
 
 @kernel
 def soften(numbers, R):
-    """Damage (physics/scales.py) where the wall turns at R, its smallest radius so far."""
+    """Apply the damage (physics/scales.py) when the wall turns at R, its smallest radius so far."""
     decades = math.log10(numbers.damage[2] / R)
     softer, wider = numbers.damage[0] ** decades, numbers.damage[1] ** decades
     numbers.damage[2] = R if decades < math.inf else 0.0
@@ -78,7 +78,7 @@ def spring(numbers, R):
 
 @kernel
 def stress(numbers, R, rate):
-    """S without memories at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
+    """S without the memories at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
     E, E_R, E_RR = (0.0, 0.0, 0.0) if numbers.delayed else spring(numbers, R)
     V, V1, V2 = look_up(numbers.viscous, abs(rate))  # odd in the rate
     return E + math.copysign(1.0, rate) * V, E_R, E_RR, V1, math.copysign(1.0, rate) * V2
@@ -86,7 +86,7 @@ def stress(numbers, R, rate):
 
 @kernel
 def fault(numbers, R, P):
-    """OK, or why a step to this state must be shorter: it is unphysical, or beyond the reach of the elastic law."""
+    """OK, or why a step to this state must be shorter: it is unphysical, or outside the range of the elastic law."""
     law = numbers.whole if numbers.damage[2] > R else numbers.elastic
     inside = law[0, 0] <= R * numbers.stretch <= law[-1, 0]
     return STEP_TOO_SMALL if not (R > 0 and P > 0) else OK if inside else OUTSIDE_LAW
@@ -94,7 +94,7 @@ def fault(numbers, R, P):
 
 @kernel
 def accelerate(numbers, t, R, U, p, p_dot, memory):
-    """U' with its derivatives by R, U, p, p' and t, and by the wall's excess pressure b and its rate; docs (2.1)-(2.4).
+    """U' and its derivatives by R, U, t, the wall's excess pressure b (or p) and its rate (or p'); docs (2.1)-(2.4).
 
     b = p - 1/(We R) + S - 1. Keller-Miksis is its enthalpy h(b) = b at constant speed of sound c; Gilmore has Tait's.
     """
@@ -152,9 +152,9 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
 
 @kernel
 def gas_at_wall(numbers, R, P, w, B):
-    """Mole fraction g of gas at the wall, where z = w + B/g (w, B: one-sided difference); 1/(dz/dB); resistance m.
+    """(mole fraction g of gas at the wall, 1/(dz/dB), resistance m); z = w + B/g (w, B: one-sided difference).
 
-    g = (p - p_v)/p - m z: what a finite rate of condensation holds back; m = 0 in equilibrium.
+    g = (p - p_v)/p - m z: the finite rate of condensation gives the term m z; m = 0 in equilibrium.
     """
     pressed = P + numbers.base * R * R * R  # p R^3
     g = (P + (numbers.base - numbers.pv) * R * R * R) / pressed
@@ -170,7 +170,7 @@ def gas_at_wall(numbers, R, P, w, B):
 
 @kernel
 def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
-    """Time derivative of the state into `out`; returns p' and z. theta, gas, F, H are work space."""
+    """Write the time derivative of the state to `out`; returns p' and z. theta, gas, F, H are work space."""
     M = grid.centre.size
     area, face, left, right, wall = grid.area, grid.face, grid.left, grid.right, grid.wall
     inverse_distance, inverse_volume = grid.inverse_distance, grid.inverse_volume
@@ -228,14 +228,14 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
 
 @kernel
 def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
-    """The shells of (shift - J), LU-factorised from the centre to the wall. There must be shells.
+    """LU-factorise the shells of (shift - J) from the centre to the wall. The grid must have shells.
 
     Most loops write one array, so that LLVM can rule out overlap and vectorise; only the elimination is sequential.
 
     cell (5, M), flux (7, M + 1): work space. Column k of flux is the face between shells k-1 and k.
-    blocks (9, M), each NN, GN, GG: inverse diagonal block; that times the block right of it; multipliers of the row
-    above.
-    border (6, M): inverse diagonal block times the columns of R, P and the sweep, N rows and G rows. U and p' enter the
+    blocks (9, M), each NN, GN, GG: inverse diagonal block; its product with the block to the right; multipliers of the
+    row above.
+    border (6, M): inverse diagonal block times the columns of P, R and the sweep, N rows and G rows. U and p' enter the
     fluxes only through the sweep U + R p'/(3 kappa p), z only through the wall.
     """
     M = grid.centre.size
@@ -260,7 +260,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     for i in range(M):
         gas[i] = G[i] * inverse[i]
 
-    by_N[:] = 1.0  # what diffuses, N or T^0.75, by N
+    by_N[:] = 1.0  # derivative by N of the diffusing quantity, N or T^0.75
     # on the faces: N and G times area/R, the velocities of conduction and of diffusion, N or T^0.75 times area/R
     n, g, w, v = flux[0, 1:M], flux[1, 1:M], flux[2, 1:M], flux[3, 1:M]
     q = flux[6, 1:M] if numbers.varying else n
@@ -281,12 +281,12 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     for i in range(M - 1):
         v[i] = diffusion * (gas[i + 1] - gas[i]) * inverse_distance[i]
 
-    # columns of P, R and the sweep: first the velocity's derivatives, then the fluxes', then their difference
+    # columns of P, R and the sweep: first derivatives of the velocity, then of the fluxes, then their differences
     N_flux, G_flux = flux[4], flux[5]
     N_inner, G_inner = N_flux[1:M], G_flux[1:M]
     N_flux[0] = G_flux[0] = G_flux[M] = 0.0
     for k in range(3):
-        if k < 2:  # by the pressure, which R changes too: dp/dR = -3 (p - p_b)/R at constant P
+        if k < 2:  # derivative by p, which depends on R too: dp/dR = -3 (p - p_b)/R at constant P
             for i in range(M - 1):
                 N_inner[i] = (drift * (KT[i + 1] - KT[i]) * inverse_distance[i] - w[i] + swept * face[i]) / p
         if k == 0:
@@ -348,7 +348,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
         c21[i] = fick * q[i] * gas[i + 1] - g[i] * KT[i + 1] - right[i] * by_N[i + 1] * v[i]
     for i in range(M - 1):
         c22[i] = right[i] * w[i] - fick * q[i] * inverse[i + 1]
-    for k in range(3):  # and from them the rows of (shift - J)
+    for k in range(3):  # the rows of (shift - J) from them
         d, c, a = blocks[k], blocks[3 + k], blocks[6 + k]
         a[0] = c[M - 1] = 0.0
         on_diagonal = shift if k != 1 else 0.0
@@ -394,11 +394,11 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
 
 @kernel
 def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot):
-    """LU factors of the border R, U, P, p', z of (shift - J), whose shells `eliminate` has done.
+    """LU-factorise the border R, U, P, p', z of (shift - J), after `eliminate` has factorised the shells.
 
-    recall (k, 4): factor of each memory m, the derivatives of m' by R and U, and that of U' by m.
-    schur (5, 5), pivot (5,): factors of the border, with inverse pivots. Returns dU'/dt, the border rows' couplings to
-    the last two shells, what p' contributes to the sweep, and the last shell's column of z.
+    recall (k, 4): for each memory m its inverse pivot, the derivatives of m' by R and U, and that of U' by m.
+    schur (5, 5), pivot (5,): factors of the border, with inverse pivots. Returns dU'/dt, the couplings of the
+    border rows to the last two shells, the derivative of the sweep by p', and the last shell's column of z.
     """
     M = grid.centre.size
     wall, Fo, kappa = grid.wall, numbers.Fo, numbers.kappa
@@ -460,7 +460,7 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
     for j in range(5 if M > 0 else 0):
         if j == 4:
             Na, Ga, Nb, Gb = z_N, z_G, 0.0, 0.0
-        else:  # columns of R, U, P, p': the second and the fourth are the sweep's
+        else:  # columns of R, U, P, p': those of U and p' are multiples of the sweep's
             k, by = (1, 1.0) if j == 0 else (2, 1.0) if j == 1 else (0, 1.0) if j == 2 else (2, per_rate)
             Na, Ga, Nb, Gb = by * border[k, a], by * border[3 + k, a], by * border[k, b], by * border[3 + k, b]
         Nb, Gb = Nb - blocks[3, b] * Na, Gb - blocks[4, b] * Na - blocks[5, b] * Ga
@@ -557,13 +557,13 @@ def add(x, weights, scale, u, count):
 
 @kernel
 def longest_step(table, t):
-    """The longest step from t that passes over no piece of the table unseen: to the end of the next one."""
+    """The longest step from t that skips no piece of the table: to the end of the next piece."""
     return table[min(piece(table, t) + 2, table.shape[0] - 1), 0] - t
 
 
 @kernel
 def report(k, x, h, M, numbers, y, slope, next_y, next_slope, out, fields):
-    """Row k of the results, a fraction x of the step h from y to next_y."""
+    """Write row k of the results, at a fraction x of the step h from y to next_y."""
     # quintic Hermite in R, whose first two derivatives are known at both ends; cubic in all else
     R0, V0, A0 = y[2 * M], h * y[2 * M + 1], h * h * slope[2 * M + 1]
     D, V1, A1 = next_y[2 * M] - R0, h * next_y[2 * M + 1], h * h * next_slope[2 * M + 1]
@@ -584,13 +584,13 @@ def report(k, x, h, M, numbers, y, slope, next_y, next_slope, out, fields):
         out[k, 4 + m] = y[j] + i * (next_y[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
         out[k, 3] += numbers.memory[m, 0] * out[k, 4 + m]
     if fields.size > 0:
-        for j in range(2 * M):  # steps end at the frames then
+        for j in range(2 * M):  # with fields, steps end at the frames
             fields[k, j] = next_y[j]
 
 
 @kernel
 def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats, work):
-    """What `integrate` does, in arrays `work` that it makes."""
+    """The work of `integrate`, in the arrays `work` that `integrate` makes."""
     M, K = grid.centre.size, numbers.memory.shape[0]
     A, C, when, drift, gamma, order = method.A, method.C, method.when, method.drift, method.gamma, method.order
     n, stages = 2 * M + 3 + K, A.shape[0]
@@ -618,7 +618,7 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
             break
         wish = h
         h = min(h, longest_step(numbers.driving, t))
-        if fields.size > 0:  # the rates at the wall are stiff: only the ends of steps are exact enough
+        if fields.size > 0:  # the rates at the wall are stiff: results are accurate only at the ends of steps
             h = min(h, time[k] - t)
         shift = 1 / (h * gamma)
         if M > 0:
@@ -634,7 +634,7 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
                     for j in range(n):  # an assignment of slices is three times as slow
                         next_y[j] = y[j]
                     add(next_y, A[s], 1.0, u, s)
-                else:  # stiffly accurate: these points are the stage before's plus its increment
+                else:  # stiffly accurate: this point is the previous stage's point plus its increment
                     add(next_y, A[s, s - 1 :], 1.0, u[s - 1 :], 1)
                 cause = fault(numbers, next_y[2 * M], next_y[2 * M + 2])
                 if cause != OK:
@@ -656,7 +656,7 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
             e_R, e_P = last[2 * M] / next_y[2 * M], last[2 * M + 2] / next_y[2 * M + 2]
             e_U = last[2 * M + 1] / (1 + abs(next_y[2 * M + 1]))
             error += e_R * e_R + e_U * e_U + e_P * e_P
-            for j in range(2 * M + 3, n):  # error of stress, against the ambient pressure or the stress itself
+            for j in range(2 * M + 3, n):  # error of the stress, relative to the ambient pressure or the stress
                 modulus = numbers.memory[j - 2 * M - 3, 0]
                 e = modulus * last[j] / (1 + abs(modulus * next_y[j]))
                 error += e * e
@@ -668,7 +668,7 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
             h *= max(0.2, 0.9 * error ** (-1 / order)) if usable else 0.2
             continue
         rebounds = y[2 * M + 1] < 0 < next_y[2 * M + 1] and next_y[2 * M] < numbers.damage[2]
-        if rebounds and next_y[2 * M + 1] > 1e-3:  # damage is then: end the step there
+        if rebounds and next_y[2 * M + 1] > 1e-3:  # the damage occurs at the rebound: end the step there
             rejected += 1
             h *= y[2 * M + 1] / (y[2 * M + 1] - next_y[2 * M + 1])
             continue
@@ -684,7 +684,7 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
         y, next_y = next_y, y
         slope, next_slope = next_slope, slope
         growth = 0.9 * max(error, 1e-8) ** (-1 / order)
-        if steps > 1 and h == wish:  # Gustafsson's control foresees that the error goes on growing: few are rejected
+        if steps > 1 and h == wish:  # Gustafsson's control expects further growth of the error: few rejections
             trend = (max(last_error, 1e-2) / max(error * error, 1e-8)) ** (1 / order)
             growth = min(growth, 0.9 * h / last_h * trend)
         last_error, last_h = error, h
@@ -693,7 +693,7 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
     total = 0.0
     for i in range(M):
         total += y[M + i] / grid.inverse_volume[i]
-    if M == 0:  # what a polytropic gas keeps is p_g R^(3 polytropic)
+    if M == 0:  # a polytropic gas conserves p_g R^(3 polytropic)
         R = y[2 * M]
         total = y[2 * M + 2] + (numbers.base - numbers.pv) * R**3
         total *= (R / start[0]) ** (3 * numbers.polytropic - 3) / 3
@@ -704,10 +704,10 @@ def march(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fie
 
 @compiled
 def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats):
-    """From the state `start` (3 + k,) R, U, p, m_k, contents at rest and ambient temperature, to time[-1].
+    """Integrate from the state `start` (3 + k,) R, U, p, m_k, contents at rest and ambient temperature, to time[-1].
 
-    out (time, 4 + k): R, U, p, S, m_k; fields (time, 2 M) or empty: the contents. Rows from a failure on stay as they
-    are, and so do those after the end of the first step on which the wall turns from growth to collapse if `to_turn`.
+    out (time, 4 + k): R, U, p, S, m_k; fields (time, 2 M) or empty: the contents. Rows after a failure are not written;
+    if `to_turn`, neither are rows after the first step in which the wall turns from growth to collapse.
     stats (5,): steps, rejected steps, relative change of the gas in the bubble, time reached, radius there.
     Returns OK, TOO_MANY_STEPS, STEP_TOO_SMALL, or OUTSIDE_LAW if no step stays within the laws of the material.
     """

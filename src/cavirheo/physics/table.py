@@ -1,9 +1,9 @@
-"""A function of one number as a chain of quintic polynomials: how the solver is given every law of a material.
+"""Tables: functions of one number as chains of quintic polynomials, the form in which the solver gets laws.
 
 A row [x, c0 ... c5] of a table holds f(x + t) = c0 + c1 t + ... + c5 t^5 up to the x of the next row; the last row
-only ends the range. Each piece takes value, first and second derivative at both its ends from the law: the three
-numbers that the solver reads come from one polynomial, and its Jacobian is exact. Nodes lie where the law needs them,
-densely before a singularity, so a table is read by bisection.
+only ends the range. Each piece has the value and the first two derivatives of the law at both its ends. The solver
+reads these three numbers from one polynomial, so its Jacobian is exact. Nodes lie where the law needs them, densely
+near a singularity, so a piece is found by bisection.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from cavirheo.errors import require
 
 TOLERANCE = 1e-8  # largest error of the derivative within a piece, relative to its largest value there
 NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the place where the law ends
-LARGEST = 1e16  # a slope beyond counts as infinite: in Pa six decades above the pressure of any collapse
-STEEP = 1e14  # a slope of the last piece, from which its end is not sought more closely
-MOST = 20_000  # pieces
+LARGEST = 1e16  # a larger slope counts as infinite: in Pa it is six decades above the pressure of any collapse
+STEEP = 1e14  # slope of the last piece from which on the end of the law is not located more precisely
+MOST = 20_000  # largest number of pieces
 _INSIDE = np.polynomial.legendre.Legendre.basis(6).deriv().roots().real  # complex from numpy 2.5 on
-_WHERE = (np.concatenate([[-1.0], _INSIDE, [1.0]]) + 1.0) / 2.0  # in each piece the slope is asked for: Lobatto
-_WEIGHTS = 1.0 / (42.0 * np.polynomial.legendre.Legendre.basis(6)(2.0 * _WHERE - 1.0) ** 2)  # of its integral
+_WHERE = (np.concatenate([[-1.0], _INSIDE, [1.0]]) + 1.0) / 2.0  # Lobatto points of a piece, for its slopes
+_WEIGHTS = 1.0 / (42.0 * np.polynomial.legendre.Legendre.basis(6)(2.0 * _WHERE - 1.0) ** 2)  # for integrals of slopes
 _POWERS = np.arange(7)
-_DIFFERENCE = np.linalg.solve(  # (7, 2) of its derivative at both ends
+_DIFFERENCE = np.linalg.solve(  # (7, 2) weights of the slopes in their derivative at both ends
     np.vander(_WHERE, increasing=True).T, np.stack([_POWERS == 1, _POWERS], axis=1).astype(float)
 )
-MOST_PARTS = 32  # into which a piece is divided at once
+MOST_PARTS = 32  # largest number of parts into which a piece is divided at once
 
 
 def hermite(x: Floats, value: Floats, slope: Floats, curvature: Floats) -> Floats:
@@ -55,8 +55,8 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
     """Table of the integral of `slope` (for arrays of any shape) from `origin`, one of the ascending nodes.
 
     Pieces between the nodes are divided until quintics represent the slope to TOLERANCE. Where the slope is not finite
-    the table ends: its range is the domain of the law. Integrals by Lobatto's quadrature with 7 points a piece; the
-    second derivative is that of the polynomial through the slopes there.
+    the table ends: its range is the domain of the law. Integrals are by Lobatto's quadrature with 7 points per piece;
+    the second derivative is that of the polynomial through the slopes at these points.
 
     Raises:
         InputError: the slope is so rough that MOST pieces do not represent it.
@@ -87,7 +87,7 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
         good = (error <= 1) | (narrow & np.isfinite(error))
         rows_done.append(np.column_stack([a, b, pieces])[good])
         left = ~good & ~narrow & (np.fmin(*np.abs(by_place[[0, -1]])) < STEEP)
-        # the error falls with the fifth power of h; where the law ends within, as many as there may be
+        # the error falls with the fifth power of h; a piece in which the law ends gets MOST_PARTS
         parts = np.ceil(np.fmax(np.fmin(1.2 * error[left] ** 0.2, MOST_PARTS), 2)).astype(int)
         last = np.cumsum(parts) - 1
         start, length, count, first = (np.repeat(each, parts) for each in (a[left], h[left], parts, last + 1 - parts))
@@ -96,7 +96,7 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
         b[last] = ends
     rows = np.concatenate(rows_done)
     rows = rows[np.argsort(rows[:, 0])]
-    chains = np.split(rows, np.flatnonzero(rows[1:, 0] != rows[:-1, 1]) + 1)  # of pieces that join
+    chains = np.split(rows, np.flatnonzero(rows[1:, 0] != rows[:-1, 1]) + 1)  # chains of adjacent pieces
     joined = [chain for chain in chains if len(chain) and chain[0, 0] <= origin <= chain[-1, 1]]
     table = np.vstack([*joined, np.zeros((1, 8))])
     table[-1, 0] = table[-2, 1] if joined else origin
@@ -120,7 +120,7 @@ def read(table: Floats, x: ArrayLike) -> tuple[Floats, Floats, Floats]:
 
 
 def continued(table: Floats, before: tuple[float, ...], after: tuple[float, ...]) -> Floats:
-    """The table between two straight lines, each from x with the value and the slope there; the second has no end."""
+    """The table continued by two straight lines, each given by its (x, value, slope); the second has no end."""
     ends = np.zeros((3, 7))
     ends[0, :3], ends[1, :3], ends[2, 0] = before, after, np.inf
     return np.vstack([ends[:1], table[:-1], ends[1:]])

@@ -126,8 +126,8 @@ class FitEstimation(SearchedEstimation):
             "frames_per_independent_residual": shot.noise_factor**2,
         }
         windows = self._windows(shot.from_best(answer.best))
-        ran = shot.simulations
-        diagnostics = replace(answer.diagnostics, **fit_details, simulations=ran.runs, failed_simulations=ran.failures)
+        fit_details |= {"simulations": shot.simulations.runs, "failed_simulations": shot.simulations.failures}
+        diagnostics = replace(answer.diagnostics, **fit_details)
         return replace(answer, windows=windows, diagnostics=diagnostics, provenance=answer.provenance | fit_details)
 
     def _windows(self, x: Floats) -> dict[str, WindowAnswer]:
