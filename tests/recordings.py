@@ -13,8 +13,7 @@ FRAMES = 34
 
 
 def history(top: float = 24.0, fall: float = 8.3) -> tuple[np.ndarray, np.ndarray]:
-    """(time in frames, radius in px): growth, collapse and two rebounds, each a Rayleigh collapse on both sides, round
-    a radius at rest; `fall` is the first collapse's time."""
+    """(time in frames, radius in px): growth, a collapse at `fall`, two rebounds, all of Rayleigh collapses."""
     time = np.linspace(0.0, 60.0, 6000)
     radius, begin = np.full(time.shape, 0.2 * top), 0.0
     for share in (1.0, 0.55, 0.35):

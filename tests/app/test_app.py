@@ -1,5 +1,4 @@
-"""The browser app without a browser: sessions, limits, the endpoint, the zip, and the step of a recording: measured
-apart, frames left out, confirmed. In a browser: test_app_browser.py."""
+"""The app without a browser (test_app_browser.py has one): sessions, limits, endpoint, zip, and recordings."""
 
 import json
 import os
@@ -25,10 +24,10 @@ from recordings import RATE, SCALE, film
 from cavirheo import InputError, RadiusCurve, read_curves
 from cavirheo.app import steps as step
 from cavirheo.app import words
-from cavirheo.app.page import uploaded
+from cavirheo.app.page import uploaded_paths
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, infer, name_materials, preview, sliders, what_if
-from cavirheo.app.words import files_table
+from cavirheo.app.words import shots_table
 from cavirheo.errors import require
 from cavirheo.inference.analysis import Analysis
 from cavirheo.io import write_csv
@@ -41,9 +40,9 @@ SOFT = examples()["soft_gel.csv"]
 
 @pytest.fixture(scope="module")
 def served():
-    from cavirheo.app.server import running  # gradio takes seconds, which collecting tests need not wait for
+    from cavirheo.app.server import running_server  # gradio takes seconds, which collecting tests need not wait for
 
-    with running(limits=VisitorLimits(file_mb=0.5, files=3)) as (address, visitors):
+    with running_server(limits=VisitorLimits(file_mb=0.5, files=3)) as (address, visitors):
         yield address, visitors
 
 
@@ -147,54 +146,54 @@ def test_only_what_was_uploaded_is_read_and_removed(tmp_path, monkeypatch):
     sent, other = single(tmp_path / "uploads" / "a.csv"), single(tmp_path / "b.csv")
     (tmp_path / "uploads" / "link.csv").symlink_to(other)
     for wrong in (other, tmp_path / "uploads" / "link.csv", tmp_path / "uploads" / ".." / "b.csv"):
-        with refused("app.not_uploaded"), uploaded([str(sent), str(wrong)]):
+        with refused("app.not_uploaded"), uploaded_paths([str(sent), str(wrong)]):
             pass
-    with uploaded([str(sent)]) as paths:
+    with uploaded_paths([str(sent)]) as paths:
         assert paths == [sent]
     assert (other.exists(), sent.exists()) == (True, False)
 
 
 def test_two_visitors_have_their_own_folders_and_are_forgotten_with_their_last_page(tmp_path):
-    with closing(Visitors(VisitorLimits(absent=0.5, visitors=2))) as visitors:
+    with closing(Visitors(VisitorLimits(absent_seconds=0.5, visitors=2))) as visitors:
         forgotten = []
-        visitors.forgotten = forgotten.append
-        one, other = visitors.of("one"), visitors.of("other")
+        visitors.on_forget = forgotten.append
+        one, other = visitors.session_for("one"), visitors.session_for("other")
         one.add([single(tmp_path / "a.csv")], PageSettings())
         assert (len(one.curves), other.curves) == (1, [])
         assert one.folder != other.folder
-        assert visitors.of("one") is one
-        visitors.of("third")  # the one unused for longest makes room
+        assert visitors.session_for("one") is one
+        visitors.session_for("third")  # the one unused for longest makes room
         assert not other.folder.exists()
         visitors.leave("one")
-        assert visitors.of("one") is one  # came back in time
+        assert visitors.session_for("one") is one  # came back in time
         visitors.leave("one")
         gone(visitors, "one")  # left twice, forgotten once
         until(lambda: forgotten == ["other", "one"])
-        last = visitors.of("one")
+        last = visitors.session_for("one")
         assert last.curves == []
-        assert visitors.back("reloaded", last.link) is visitors.of("reloaded") is last
-        assert visitors.back("stranger", "") is visitors.back("stranger", last.link + "x") is None
-        assert visitors.of("stranger") is not last
+        assert visitors.reopen("reloaded", last.link) is visitors.session_for("reloaded") is last
+        assert visitors.reopen("stranger", "") is visitors.reopen("stranger", last.link + "x") is None
+        assert visitors.session_for("stranger") is not last
         visitors.leave("reloaded")
         until(lambda: forgotten[-1] == "reloaded")
-        assert visitors.of("one") is last  # whose other page is open
+        assert visitors.session_for("one") is last  # whose other page is open
     assert not last.folder.exists()
 
 
 def gone(visitors, name):
-    folder = visitors.of(name).folder
+    folder = visitors.session_for(name).folder
     visitors.leave(name)
     until(lambda: not folder.exists())
 
 
 def test_answers_go_with_the_last_visitor_who_has_them():
-    with closing(Visitors(VisitorLimits(absent=0.05))) as visitors:
+    with closing(Visitors(VisitorLimits(absent_seconds=0.05))) as visitors:
         for name in ("one", "other"):
-            session = visitors.of(name)
+            session = visitors.session_for(name)
             session.add([SOFT], QUICK, copy=True)
             infer(session, ["soft_gel[1]"])
             export(session, print)
-        keys = visitors.of("other").keys
+        keys = visitors.session_for("other").keys
 
         def kept():
             return [key for key in keys if visitors.store.get(key, object) or visitors.zips.get(key, object)]
@@ -213,7 +212,7 @@ def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
     assert [curve.name for curve in session.curves] == ["a", "a (2)"]
     assert {curve.meta["group"] for curve in session.curves} == {"your files"}
     with refused("option.several_scales"):
-        session.prepare(PageSettings(rmax_um=300))  # they differ by half
+        session.apply_settings(PageSettings(rmax_um=300))  # they differ by half
     assert all(str(tmp_path) not in str(curve.meta) and "/tmp" not in str(curve.meta) for curve in session.curves)
 
 
@@ -229,7 +228,7 @@ def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
                 session.add(files, PageSettings(), copy=True)
         assert session.curves == session.files == []
         assert [path for path in session.folder.rglob("*") if path.is_file()] == []
-    with closing(Session(VisitorLimits(full=4), reader)) as session:
+    with closing(Session(VisitorLimits(full_shots=4), reader)) as session:
         session.add([SOFT], PageSettings(verify="full"), copy=True)
         with refused("app.too_many_full", "5 shots", "at most 4"):
             infer(session, [curve.name for curve in session.curves])
@@ -244,13 +243,13 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
         infer(session, [])
     infer(session, ["soft_gel[2]"])
     assert session.answers.document.command == "cavirheo infer soft_gel.csv --verify none (1 of 5 shots)"
-    session.prepare(PageSettings(window=2))
+    session.apply_settings(PageSettings(window=2))
     assert session.stale
-    for asked in (lambda: export(session, print), lambda: session.find("soft_gel[2]")):
+    for asked in (lambda: export(session, print), lambda: session.find_answer("soft_gel[2]")):
         with pytest.raises(InputError):
             asked()
-    session.prepare(QUICK)
-    assert session.find("soft_gel[2]")[0] is session.answers
+    session.apply_settings(QUICK)
+    assert session.find_answer("soft_gel[2]")[0] is session.answers
     session.add([SOFT], QUICK, copy=True)
     assert session.answers is None
 
@@ -269,11 +268,11 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     name_materials(session, ["soft_gel", " ", "<gel>", *["soft_gel"] * 5])
     groups = [(group.name, group.n) for group in session.answers.document.groups]
     assert groups == [("soft_gel", 2), ("your files", 1), ("<gel>", 1)]
-    assert "&lt;gel&gt;" in files_table(session)
+    assert "&lt;gel&gt;" in shots_table(session)
     assert not session.stale
     name_materials(session, [""] * 8)
     assert session.answers.document.groups == first.document.groups
-    session.prepare(PageSettings(verify="none", group="none"))
+    session.apply_settings(PageSettings(verify="none", group="none"))
     pairs = infer(session, names[:4]).pairs
     assert all(one.theta is other.theta for (_, one), (_, other) in zip(pairs, first.pairs, strict=True))
 
@@ -297,7 +296,7 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path, monkeypatch):
         name_materials(session, blank, ["", "1.05", *blank[2:]])
     monkeypatch.setattr(session.reader, "read", lambda *_, **__: require(False, "too slow", "app.reading_too_slow"))
     with refused("app.reading_too_slow"):
-        session.prepare(session.settings, {"dense": 1070.0})
+        session.apply_settings(session.settings, {"dense": 1070.0})
     assert session.densities == {"dense": 1060.0}
 
 
@@ -305,10 +304,10 @@ def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
     (tmp_path / "short.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
     session.add([single(tmp_path / "one.csv"), tmp_path / "short.csv"], PageSettings())
     for settings in (PageSettings(bubble="auto"), PageSettings(model="bdt-viscous"), QUICK):
-        session.prepare(settings)
+        session.apply_settings(settings)
         preview(session, ["one"])
         assert session.previews == {}  # these wait for their answers
-    session.prepare(PageSettings(verify="map", material="nhkv"))
+    session.apply_settings(PageSettings(verify="map", material="nhkv"))
     preview(session, ["one", "short"])
     assert list(session.previews) == ["one"]  # of a shot that it cannot answer it says nothing
     row = session.previews["one"]
@@ -350,7 +349,7 @@ TYPED = [  # into the fields, and those that are wrong; the number that is read
 @pytest.mark.parametrize(("typed", "wrong", "density"), TYPED)
 def test_the_fields_of_the_page_are_settings_or_say_why_not(typed, wrong, density):
     usual = {field.name: getattr(PageSettings, field.name) for field in fields(PageSettings)}
-    settings, problems = PageSettings.of([*(usual | {"density": "", "window": 0} | typed).values()])
+    settings, problems = PageSettings.from_page([*(usual | {"density": "", "window": 0} | typed).values()])
     assert list(problems) == wrong
     assert wrong or settings.density == density
 
@@ -382,8 +381,8 @@ def test_a_reader_that_hangs_or_dies_is_replaced(tmp_path, monkeypatch):
 
 
 def test_a_file_that_takes_long_lets_other_visitors_read(tmp_path):
-    with stoppable(lambda: Visitors(VisitorLimits(seconds=8.0))) as (visitors, stop):
-        slow, quick = visitors.of("slow"), visitors.of("quick")
+    with stoppable(lambda: Visitors(VisitorLimits(read_seconds=8.0))) as (visitors, stop):
+        slow, quick = visitors.session_for("slow"), visitors.session_for("quick")
         stop(signal.SIGSTOP)
 
         def read_slowly():
@@ -418,9 +417,9 @@ def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(se
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
     assert np.sqrt(np.mean(left**2)) / record.max_radius_m == pytest.approx(record.rmse_over_rmax, rel=0.05)
     drawn = ("measured", "simulated", "draws", "what-if", "residual")
-    assert all(f'<path class="{layer}"' in words.checked(session, "soft_gel[1]") for layer in drawn)
+    assert all(f'<path class="{layer}"' in words.check_plot(session, "soft_gel[1]") for layer in drawn)
     assert what_if(session, "soft_gel[1]", [5.0, 0.03, 0.5]).verdict == "failed"
-    assert '<path class="what-if"' not in words.checked(session, "soft_gel[1]")
+    assert '<path class="what-if"' not in words.check_plot(session, "soft_gel[1]")
 
 
 def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path, monkeypatch):
@@ -442,18 +441,18 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(client, tmp_path
 
 
 def test_a_port_that_is_taken_is_said(served):
-    from cavirheo.app.server import running
+    from cavirheo.app.server import running_server
 
     port = int(served[0].rstrip("/").rpartition(":")[2])
-    with refused("app.port_taken", str(port)), running(port=port):
+    with refused("app.port_taken", str(port)), running_server(port=port):
         pass
 
 
 def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link():
-    from cavirheo.app.server import running
+    from cavirheo.app.server import running_server
 
-    with running(limits=VisitorLimits(absent=0.05)) as (address, visitors):
-        one = visitors.of("who asks")
+    with running_server(limits=VisitorLimits(absent_seconds=0.05)) as (address, visitors):
+        one = visitors.session_for("who asks")
         own = f"{address}live?session={one.link}"
         assert "waiting" in httpx.get(own).text
         one.add([SOFT], QUICK, copy=True)
@@ -492,21 +491,21 @@ def filming(session, tmp_path):
 @pytest.fixture
 def seen(filming):
     step.measure(filming, CAMERA, print)
-    return filming.current
+    return filming.current_clip
 
 
 def test_the_confirmed_curve_is_that_of_the_command_line(filming, tmp_path):
-    assert (filming.waiting, filming.curves, filming.files) == (["shot.tif"], [], [])
+    assert (filming.unconfirmed, filming.curves, filming.files) == (["shot.tif"], [], [])
     with refused("app.not_measured"):
         step.confirm(filming)
     step.measure(filming, CAMERA, print)
-    filming.current.leave_out("6, 12-14")
+    filming.current_clip.set_excluded("6, 12-14")
     step.confirm(filming)
     (mine,) = filming.curves
     (theirs,) = read_curves(tmp_path / "shot.tif", frame_rate_hz=RATE, um_per_px=SCALE, exclude="6,12-14")
     assert same([mine.time, mine.radius, mine.radius_std], [theirs.time, theirs.radius, theirs.radius_std])
     assert mine.notes == theirs.notes
-    assert filming.waiting == []
+    assert filming.unconfirmed == []
     expected = f"cavirheo infer shot.tif --fps {RATE:g} --um-per-px 5.5 --exclude 6,12-14"
     assert filming.command(filming.settings) == expected
 
@@ -515,47 +514,47 @@ def test_a_confirmed_curve_is_replaced_and_stands_beside_others(filming, seen, t
     (tmp_path / "other.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(8)))
     step.confirm(filming)
     filming.add([tmp_path / "other.csv"], PageSettings())
-    filming.current.leave_out("20")
+    filming.current_clip.set_excluded("20")
     step.confirm(filming)
     assert [one.name for one in filming.curves] == ["shot", "other"]
     assert np.isnan(filming.curves[0].radius[19])
     with pytest.raises(InputError):  # it is not that of the other shot
-        filming.prepare(PageSettings(rmax_um=150.0))
+        filming.apply_settings(PageSettings(rmax_um=150.0))
     filming.clear()
-    assert (filming.films, filming.film, filming.files) == ({}, "", [])
+    assert (filming.films, filming.film_name, filming.files) == ({}, "", [])
 
 
 def test_frames_are_left_out_and_brought_back(seen):
-    seen.frame = 12
-    seen.toggle()
-    assert seen.exclude == "12"
+    seen.shown_frame = 12
+    seen.toggle_excluded()
+    assert seen.excluded_text == "12"
     assert np.isnan(seen.history().radius[11])
-    assert seen.leave_out("12, 3-5,") == [""]  # while it is typed
+    assert seen.set_excluded("12, 3-5,") == [""]  # while it is typed
     assert np.flatnonzero(seen.excluded).tolist() == [2, 3, 4, 11]
-    seen.toggle()
+    seen.toggle_excluded()
     for wrong, why in (("3, 99", "1 to 34"), ("1-34", "all measured frames")):
-        assert why in seen.leave_out(wrong)[0]
-        assert seen.exclude == "3-5"
-    assert seen.leave_out("") == [""]
+        assert why in seen.set_excluded(wrong)[0]
+        assert seen.excluded_text == "3-5"
+    assert seen.set_excluded("") == [""]
     assert not seen.excluded.any()
 
 
 def test_what_is_missing_or_must_be_measured_again_is_said_at_its_field(filming, seen):
-    assert seen.camera_of(TEXTS) == (CAMERA, ["", "", ""])
+    assert seen.read_camera(TEXTS) == (CAMERA, ["", "", ""])
     for texts, field, why in (
         (("", "5.5", ""), 0, "missing"),
         (("500,000", "5.5", ""), 0, "two ways"),
         (("5e5", "-1", ""), 1, "positive"),
         (("5e5", "5.5", "x"), 2, "number"),
     ):
-        wrong = seen.camera_of(texts)[1]
+        wrong = seen.read_camera(texts)[1]
         assert why in wrong[field]
         assert [bool(one) for one in wrong] == [k == field for k in range(3)]
-    assert seen.unready(*TEXTS, "6") == ["", "", "", ""]
-    assert "measure again" in seen.unready(str(RATE), "6", "", "")[1]
-    assert "1 to 34" in seen.unready(*TEXTS, "0")[3]
+    assert seen.confirm_errors(*TEXTS, "6") == ["", "", "", ""]
+    assert "measure again" in seen.confirm_errors(str(RATE), "6", "", "")[1]
+    assert "1 to 34" in seen.confirm_errors(*TEXTS, "0")[3]
     step.measure(filming, Camera(RATE), print)  # a .tif may have a scale; this one has none
-    assert "missing" in filming.current.unready(str(RATE), "", "", "")[1]
+    assert "missing" in filming.current_clip.confirm_errors(str(RATE), "", "", "")[1]
 
 
 def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(filming, tmp_path):
@@ -568,12 +567,12 @@ def test_a_recording_that_cannot_be_measured_is_said_without_its_folder(filming,
     (tmp_path / "damaged.mp4").write_bytes(b"no picture" * 99)
     names = ("still.tif", "one.tif", "empty.mp4", "damaged.mp4")
     filming.add([tmp_path / name for name in names], PageSettings())
-    for filming.film in names:
+    for filming.film_name in names:
         with pytest.raises(InputError) as error:
             step.measure(filming, CAMERA, print)
-        assert str(filming.folder) not in words.for_page(error.value)
+        assert str(filming.folder) not in words.page_text(error.value)
     assert [path.suffix for path in filming.folder.iterdir() if path.is_file()] == []  # no frames are left behind
-    filming.film, filming.limits = "shot.tif", VisitorLimits(film_mb=0.01, files=5)
+    filming.film_name, filming.limits = "shot.tif", VisitorLimits(film_mb=0.01, files=5)
     with refused("app.too_large"):
         step.measure(filming, CAMERA, print)
     with refused("app.too_many_files"):

@@ -16,9 +16,9 @@ INPUT = "#upload input[type=file]"
 
 @pytest.fixture(scope="module")
 def served():
-    from cavirheo.app.server import running  # gradio takes seconds, which collecting tests need not wait for
+    from cavirheo.app.server import running_server  # gradio takes seconds, which collecting tests need not wait for
 
-    with running(limits=VisitorLimits(file_mb=1.0)) as (address, visitors):
+    with running_server(limits=VisitorLimits(file_mb=1.0)) as (address, visitors):
         yield address, visitors
 
 
@@ -79,7 +79,7 @@ def shown(page, name):
 
 def answered(page, shots):
     rows = "document.querySelectorAll('#answers .curves tbody tr')"
-    page.wait_for_function(f"{rows}.length === {shots} && !document.querySelector('#answers .soon')", timeout=180_000)
+    page.wait_for_function(f"{rows}.length === {shots} && !document.querySelector('#answers .busy')", timeout=180_000)
     page.wait_for_selector("#to-check:enabled")
 
 
@@ -91,14 +91,14 @@ def closed(page):
 def example(page):
     page.get_by_role("button", name="soft_gel.csv").click()
     page.wait_for_selector("#overview svg")
-    assert page.locator("#found tbody tr").count() == 5
+    assert page.locator("#shots-table tbody tr").count() == 5
 
 
 def take(page, folder):
     """The zip of the last step, unpacked."""
     page.get_by_role("tab", name="5 Export").click()
     with page.expect_download() as download:
-        page.click("#make")
+        page.click("#make-zip")
     download.value.save_as(folder / "result.zip")
     with zipfile.ZipFile(folder / "result.zip") as archive:
         archive.extractall(folder)
@@ -109,12 +109,12 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page = visit()
     example(page)
     page.click("#to-prepare")
-    page.wait_for_selector("#prepared svg.picture")
+    page.wait_for_selector("#prepared-curve svg.picture")
     for k in (2, 4, 5):
         page.get_by_label(f"soft_gel[{k}]", exact=True).uncheck()
     page.fill("#density input", "1050")
     page.press("#density input", "Tab")
-    page.wait_for_selector("#prepared li")
+    page.wait_for_selector("#prepared-curve li")
     page.click("#to-infer")
     page.get_by_label("neo-Hookean Kelvin-Voigt").check()
     page.click("#infer")
@@ -152,13 +152,13 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     huge.write_bytes(b"time_us,radius_um\n" + b"1,2\n" * 400_000)
     short.write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
     page.set_input_files(INPUT, bad)
-    page.wait_for_selector("#refused .failed-message:has-text('bad.mat')")
+    page.wait_for_selector("#file-errors .failed-message:has-text('bad.mat')")
     page.set_input_files(INPUT, huge)
     page.wait_for_selector(".toast-body.error")
     page.click("#clear")  # nothing is loaded that could be lost
-    page.wait_for_selector("#refused .failed-message", state="detached")
+    page.wait_for_selector("#file-errors .failed-message", state="detached")
     page.set_input_files(INPUT, short)
-    page.wait_for_selector("#found table")
+    page.wait_for_selector("#shots-table table")
     page.click("#infer-now")
     page.wait_for_selector("#answers .badge.failed")
     page.click("#to-check")
@@ -207,7 +207,7 @@ def test_the_page_has_one_state(visit):
     shown(page, "soft_gel[1]")  # of the new answers
 
     page.reload()
-    page.wait_for_selector("#found table")
+    page.wait_for_selector("#shots-table table")
     page.get_by_role("tab", name="3 Infer").click()
     answered(page, 5)
     assert closed(page) == []
@@ -220,15 +220,15 @@ def test_the_page_has_one_state(visit):
 
 def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
     _, visitors = served
-    kept = visitors.forgotten.__closure__[0].cell_contents.blocks.state_holder.session_data  # gradio's, with figures
+    kept = visitors.on_forget.__closure__[0].cell_contents.blocks.state_holder.session_data  # gradio's, with figures
     before = {*kept}
     page = visit()
     example(page)
     (mine,), link = {*kept} - before, page.url.partition("session=")[2]
-    monkeypatch.setattr(visitors, "limits", VisitorLimits(absent=0.05))
+    monkeypatch.setattr(visitors, "limits", VisitorLimits(absent_seconds=0.05))
     page.close()
     until(lambda: mine not in kept)
-    assert visitors.back("another page", link) is None
+    assert visitors.reopen("another page", link) is None
 
 
 @pytest.mark.slow
@@ -250,14 +250,14 @@ def test_a_recording_is_measured_looked_at_and_confirmed_on_a_phone(visit, tmp_p
     page.wait_for_selector("#film-frame .excluded")
     assert page.input_value("#film-excluded input") == "40"
     page.fill("#film-excluded input", "40-45")
-    page.wait_for_selector("#film-told :text('70 of 80')")
+    page.wait_for_selector("#film-summary :text('70 of 80')")
     assert page.evaluate(FITS)
     page.fill("#film-scale input", "5")
     page.click("#confirm")
     page.wait_for_selector("#film-scale :text('measure again')")
     page.fill("#film-scale input", "4")
     page.click("#confirm")
-    page.wait_for_selector("#found tbody tr")
+    page.wait_for_selector("#shots-table tbody tr")
     page.click("#infer-now")
     answered(page, 1)
     (record,) = json.loads((take(page, tmp_path) / "result.json").read_text())["curves"]

@@ -16,7 +16,7 @@ from cavirheo.physics.media import WATER, ZHU2025, Medium, medium
 from cavirheo.posterior import Evidence
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import OtherModel
-from cavirheo.reporting.citation import MEDIA, methods, of_law, references
+from cavirheo.reporting.citation import MEDIUM_KEYS, methods_paragraph, references_of_law, references
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.writing.document import Quantity, write_json
 
@@ -30,7 +30,7 @@ def document():
 def cited(document, *rows: dict, **changes) -> tuple[str, set[str]]:
     """The paragraph of the document, whose first curves have these values, and the keys of its sources."""
     curves = [curve.model_copy(update=row) for curve, row in zip_longest(document.curves, rows, fillvalue={})]
-    paragraph, sources = methods(document.model_copy(update={"curves": curves, **changes}))
+    paragraph, sources = methods_paragraph(document.model_copy(update={"curves": curves, **changes}))
     keys = {source.key for source in sources}
     assert len(keys) == len(sources)
     assert [key for key in keys if key not in paragraph] == []
@@ -44,7 +44,7 @@ def test_the_command_cites_only_what_was_used(run, document, tmp_path):
     assert keys == named
     assert {"Estrada2018", "Keller1980", "Bu2025"} <= keys
     failed = [curve.model_copy(update={"verdict": "failed"}) for curve in document.curves]
-    assert methods(document.model_copy(update={"curves": failed})) == ("", [])
+    assert methods_paragraph(document.model_copy(update={"curves": failed})) == ("", [])
     (tmp_path / "other.json").write_text('{"x": 1}')
     refusal(run("cite", "other.json"))
 
@@ -70,9 +70,9 @@ def test_sources_are_those_of_wall_laws_contents_and_comparison(document, source
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law_has_full_references(law, document):
     row = {"material": law, "bubble": REAL}
-    assert {source.key for source in of_law(law)} <= cited(document, row, row)[1]
-    assert len(of_law(law)) == len(re.findall("doi:", LAWS[law].__doc__ or ""))
-    for source in [*of_law(law), *(references()[key] for key in MEDIA.values())]:
+    assert {source.key for source in references_of_law(law)} <= cited(document, row, row)[1]
+    assert len(references_of_law(law)) == len(re.findall("doi:", LAWS[law].__doc__ or ""))
+    for source in [*references_of_law(law), *(references()[key] for key in MEDIUM_KEYS.values())]:
         assert source.bibtex.count("{") == source.bibtex.count("}")
         fields = dict(re.findall(r"^  (\w+) = \{(.+)\},?$", source.bibtex, re.MULTILINE))
         assert {"author", "title", "year"} < set(fields)
@@ -127,5 +127,5 @@ def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path
     assert (row.stretch_prior["mean"], free.stretch_prior) == (9.0, {})
     assert row.stretch_prior["std"] >= 0.4
     assert "stretch_prior.file" in [one.code for one in row.messages]
-    assert "9, taken as ±" in methods(load("cavirheo-result"))[0]
+    assert "9, taken as ±" in methods_paragraph(load("cavirheo-result"))[0]
     assert free.stretch.median != row.stretch.median

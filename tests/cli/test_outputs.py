@@ -26,7 +26,7 @@ from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reporting import pictures, read_json, write_report
 from cavirheo.workflow.store import Store, Unfinished
-from cavirheo.writing.document import LIST, LOCK, Claim, Outputs
+from cavirheo.writing.document import LIST_FILE, LOCK_FILE, Claim, Outputs
 
 VERBS = {  # what each writes first, and a call that is complete but for -o
     "result.csv": "infer shot.csv --verify none",
@@ -119,7 +119,7 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
     (tmp_path / "secret").write_text("x")
     (tmp_path / "out").mkdir()
     content = line.replace("%s", hashlib.sha256(b"x").hexdigest()) + '\n{"kind"'
-    (tmp_path / "out" / LIST).write_text(content, encoding="utf-8")
+    (tmp_path / "out" / LIST_FILE).write_text(content, encoding="utf-8")
     outputs = Outputs(tmp_path / "out", "r")
     outputs.write("r", Path.write_text, "new")
     outputs.finish()
@@ -131,7 +131,7 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
 def test_another_report_or_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch, solved):
     write_report(tmp_path, solved[:1], "first", ("png",))
     before = contents(tmp_path)
-    assert LOCK not in before
+    assert LOCK_FILE not in before
     for given in ((solved[:1], "second"), (solved[1:], "first")):
         assert code_of(write_report, tmp_path, *given, ("png",)) == "document.other_run"
     assert contents(tmp_path) == before
@@ -222,7 +222,7 @@ def test_ctrl_c_writes_what_was_answered(tmp_path, number):
     kept = len(list(out.glob("unfinished/[!.]*.npz")))
     assert 1 <= len(written["curves"]) <= kept + 1 < 40  # one may be interrupted while it is kept, or before it counts
     assert f"{len(written['curves'])} of 40" in written["notes"][0]
-    assert {path.name for path in out.iterdir()} == {"result.json", "result.csv", LIST, "unfinished"}
+    assert {path.name for path in out.iterdir()} == {"result.json", "result.csv", LIST_FILE, "unfinished"}
 
 
 def test_blas_has_one_thread_until_the_last_leaves():

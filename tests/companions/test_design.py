@@ -112,8 +112,7 @@ def test_the_best_setting_and_its_shots(quick):
 
 @pytest.mark.parametrize("best", [0, 1])
 def test_the_setting_with_the_fewest_shots_is_next(quick, monkeypatch, best):
-    """Where a shot of the other tells most but nearly all about G, and where mean gains differ by less than their
-    error."""
+    """Where a shot of the other tells nearly all about G, and where mean gains differ by less than their error."""
 
     def expected(draws, settings, workers, done):
         n = len(draws.law)
@@ -192,8 +191,7 @@ def test_answers_of_recordings_check_what_is_expected():
 
 
 def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
-    """Shots of 0.05 decades each that scatter by 0.15: as many as are asked for bring the material to its interval.
-    Those that do not count are counted for."""
+    """Shots of 0.05 decades each that scatter by 0.15: as many as are advised bring the material to its interval."""
     first = shots(8, 0.15, 0.05, seed=5)
     made = result([(bubble(f"shot {k}"), one) for k, one in enumerate(first)], "x")
     record = made.groups[0].population
@@ -202,7 +200,7 @@ def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
     spreads = [record.spreads_decades[name].median for name in NHKV.parameters]
     assert list(plan.spreads_decades.values()) == pytest.approx(spreads)
     assert plan.spread_decades == pytest.approx(np.sqrt(np.mean(np.square(spreads))))
-    more = record.still_needed(made.curves, 0.2)
+    more = record.shots_still_needed(made.curves, 0.2)
     assert plan.settings[0].shots == pytest.approx(more, abs=2)  # 0.05 and 0.025 decades of a shot, against 0.05
     assert cavirheo.design(made, spread=0.0, **one_setting).settings[0].shots < 0.5 * more
     truths = CENTRE + 0.15 * np.random.default_rng(4).standard_normal((more, 2))
@@ -212,5 +210,5 @@ def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
     half = max(0.5 * np.log10(high / low) for low, _, high in map(material.interval, NHKV.parameters))
     assert 0.6 < half / np.log10(1.2) < 1.25
     failed = [one.model_copy(update={"verdict": "failed"}) for one in made.curves]
-    assert record.still_needed([*made.curves, *failed], 0.2) == pytest.approx(2 * more, abs=1)
-    assert (record.still_needed(failed, 0.2), record.still_needed(made.curves, 0.95)) == (None, 0)
+    assert record.shots_still_needed([*made.curves, *failed], 0.2) == pytest.approx(2 * more, abs=1)
+    assert (record.shots_still_needed(failed, 0.2), record.shots_still_needed(made.curves, 0.95)) == (None, 0)

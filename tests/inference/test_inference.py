@@ -1,5 +1,4 @@
-"""The paper's network on shots of known truth, the true scale, and every way to fail; a warning on the recording or its
-settings decides the verdict and stands in the messages."""
+"""The paper's network on shots of known truth, the true scale, every way to fail, and input warnings."""
 
 import shutil
 from dataclasses import replace

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from cavirheo import load, population
 from cavirheo.inference.population.hierarchy import OUTLIERS, SPREAD, WIDE, likelihood
 from cavirheo.inference.verify.evidence import ranked
-from cavirheo.io.shots import LOG_SIZE, with_column
+from cavirheo.io.shots import LOG_R_MAX, with_column
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reporting import result
 from cavirheo.writing.document import write_json
@@ -255,7 +255,7 @@ def declared(path, text=TABLE, names=12, group="gel"):
 def with_slopes(curves, slopes, *, seed=3) -> list[Posterior]:
     """Shots whose log10 of G and mu have these slopes along the curves' column."""
     rng = np.random.default_rng(seed)
-    along = np.array([one.column.get("concentration", one.column.get(LOG_SIZE)) for one in curves])
+    along = np.array([one.column.get("concentration", one.column.get(LOG_R_MAX)) for one in curves])
     truths = CENTRE + np.outer(along - along.mean(), slopes) + 0.03 * rng.standard_normal((len(along), 2))
     return [seen(truth, 0.04, seed=i) for i, truth in enumerate(truths)]
 
@@ -287,11 +287,11 @@ def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     curves = [bubble(f"shot {i}", "gel", top=size) for i, size in enumerate(np.geomspace(1e-4, 4e-4, 12))]
     found = with_column([*curves, empty()], "R_max")
-    assert [one.column.get(LOG_SIZE) for one in found] == [*(np.log10(1e6 * one.max_radius) for one in curves), None]
+    assert [one.column.get(LOG_R_MAX) for one in found] == [*(np.log10(1e6 * one.max_radius) for one in curves), None]
     pairs = list(zip(found[:12], with_slopes(found[:12], [0.0, 0.5]), strict=True))
     about = result(pairs, "x").groups[0].population
     assert about.slopes_decades["viscosity"].q05 < 0.5 < about.slopes_decades["viscosity"].q95
-    assert about.column == LOG_SIZE
+    assert about.column == LOG_R_MAX
     apart = [one.with_group(one.name, "in") for one in curves]
     assert code_of(with_column, apart, "R_max") == "column.constant"
     (tmp_path / "R_max").write_text(TABLE)

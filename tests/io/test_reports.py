@@ -25,7 +25,7 @@ from cavirheo.reporting import group, html, result, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.panels import answer_panels, group_panels, preview_panels
-from cavirheo.reporting.pictures import stems_of
+from cavirheo.reporting.pictures import figure_stems
 from cavirheo.reporting.record import CurveAnswers
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Quantity, Spread
@@ -181,7 +181,7 @@ def test_only_what_is_trusted_counts_in_means_and_pictures(verdict, count, tmp_p
     assert one.n_trusted == one.population.n == one.shear_modulus_Pa.n == count
     counted = [row.shear_modulus_Pa.median for row in written.curves[5 - count :]]
     assert one.shear_modulus_Pa.mean == pytest.approx(np.mean(counted))
-    assert bool(one.preferred) == (verdict == "other_model_preferred")
+    assert bool(one.preferred_model) == (verdict == "other_model_preferred")
     assert len(panels_of_group(pairs, written)[1].layer("ring").x) == 5 - count
     assert len(population([made for _, made in pairs], only_trusted=False).shots) == 5
 
@@ -249,14 +249,14 @@ def test_other_models_have_means_and_slopes_where_all_shots_have_them():
     for each, preferred in ((1.0, False), (6.0, True)):  # e^6 each: no shot rejects the answer by itself
         pairs = [(c, replace(a, evidence=Evidence(0.0, 0.1), others=(beside(log=each),))) for c, a in growing(2.4)]
         (about,) = result(pairs, COMMAND).groups
-        assert (bool(about.preferred), bool(about.preferred_together)) == (False, preferred)
+        assert (bool(about.is_preferred), bool(about.jointly_preferred_models)) == (False, preferred)
 
 
 def test_numbers_show_the_digits_that_their_error_leaves():
     assert [digits.significant(value) for value in (6.4412, 9.996, 2e-6)] == ["6.44", "10.0", "2.00e-06"]
     intervals = {"6.1 [5.4, 6.9]": (5.4, 6.1, 6.9), "9.91 [9.60, 10.19]": (9.6, 9.91, 10.19)}
     intervals |= {"0.020 [0.00050, 0.300]": (0.0005, 0.02, 0.3), "1.00": (1.0, 1.0, 1.0)}
-    assert [digits.quantity(Quantity.of(*ends)) for ends in intervals.values()] == [*intervals]
+    assert [digits.quantity(Quantity.from_interval(*ends)) for ends in intervals.values()] == [*intervals]
     assert digits.quantity(Quantity(median=6440.0), 1e-3) == "6.44"
     assert digits.quantity(Quantity()) == digits.MISSING
     deviations = {"6.4 ± 1.6": (6.44, 1.64), "0.0200 ± 0.0090": (0.02, 0.009), "0.0200 ± 0": (0.02, 0.0)}
@@ -291,7 +291,7 @@ def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
 
 
 def panels_of_group(pairs, made):
-    return group_panels(pairs, made, *made.members()[0])
+    return group_panels(pairs, made, *made.indices_by_group()[0])
 
 
 def test_panels_are_the_measurement_the_simulation_and_the_residual(pairs):
@@ -321,7 +321,7 @@ def test_the_contour_of_a_material_is_that_of_modulus_and_viscosity_whatever_els
     pairs = zip(map(", ".join, combinations(of, 2)), (-0.9, 0.9, 0.0), strict=True)
     about = {"spreads_decades": {name: Quantity(median=0.1) for name in of}}
     about |= {"correlation": {pair: Quantity(median=value) for pair, value in pairs}}
-    about |= {"shear_modulus_Pa": Quantity.of(4e3, 5e3, 6e3), "viscosity_Pa_s": Quantity.of(0.03, 0.04, 0.05)}
+    about |= {"shear_modulus_Pa": Quantity.from_interval(4e3, 5e3, 6e3), "viscosity_Pa_s": Quantity.from_interval(0.03, 0.04, 0.05)}
     made = PopulationRecord(line="", model="", n=5, **about)
     assert np.corrcoef(np.log10(made.contour()).T)[0, 1] == pytest.approx(0.9, abs=0.01)
 
@@ -382,7 +382,7 @@ def test_report_escapes_everything_from_outside(tmp_path):
 @pytest.mark.needs("matplotlib")
 def test_files_have_safe_names_apart_and_the_same_bytes_each_time(tmp_path):
     names = ["../../etc/x[1]", "..", "a b", "A b", "report", "漢" * 82, "漢" * 82 + "b", "=" + "x" * 240]
-    stems = stems_of(names, ["shots"])
+    stems = figure_stems(names, ["shots"])
     assert {"etc_x_1", "curve", "a_b", "A_b-2", "report-2", "group-shots"} <= {*stems}
     assert len({stem.lower() for stem in stems}) == len(stems) == 9
     assert max(len(stem.encode()) for stem in stems) < 250

@@ -75,7 +75,7 @@ def test_draws_and_documents_are_tables_and_drawn(held, tmp_path):
     quantiles = drawn["viscosity_Pa_s"].quantile([0.05, 0.5, 0.95])
     assert quantiles.tolist() == pytest.approx(population.interval("viscosity"))
     assert drawn["viscosity_spread_decades"].median() == pytest.approx(population.scatter("viscosity")[1])
-    write_rows(tmp_path / "result.csv", *table.rows_of(held["document"]))
+    write_rows(tmp_path / "result.csv", *table.csv_rows(held["document"]))
     frame, read = held["document"].to_dataframe(), pandas.read_csv(tmp_path / "result.csv")
     assert list(frame.columns) == list(read.columns)
     assert frame["viscosity_Pa_s"].tolist() == pytest.approx(read["viscosity_Pa_s"].tolist(), rel=1e-5)

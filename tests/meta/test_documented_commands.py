@@ -184,8 +184,7 @@ def background(line: str) -> str:
 
 
 def run_page(scripts: list[str], kit: Path, folder: Path) -> str:
-    """What the scripts print in this folder, with the files of the kit that they read and did not write before; every
-    command must succeed and write its outputs."""
+    """What the scripts print in this folder, with the kit's files; every command must succeed and write its outputs."""
     program, made = ["set -m", END], set()
     for script in scripts:
         lines = [line for line in script.splitlines() if not line.startswith(tuple(NOT_RUN))]

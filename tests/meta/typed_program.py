@@ -1,5 +1,4 @@
-"""What type checkers say of a program that uses the package: mypy reads it with the sources (pyproject.toml), and an
-error that is no longer found is one, too."""
+"""A program that mypy checks with the sources (pyproject.toml); an expected error that it misses is one, too."""
 
 import cavirheo
 from cavirheo.reporting.laws import Laws

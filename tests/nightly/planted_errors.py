@@ -89,7 +89,7 @@ PLANTED = (
     Planted("a cell that begins with @", "errors.py", "'*[=+@", "'*[=+", ("test_reports",)),
     Planted("standard deviation over n", "writing/document.py", "ddof=1", "ddof=0", ("test_reports",)),
     Planted("a file of the user's is replaced", "writing/document.py",
-            "require(bool(self.holds(name)), foreign", "require(True, foreign", ("test_outputs",)),
+            "require(bool(self.listed_entry(name)), foreign", "require(True, foreign", ("test_outputs",)),
     Planted("another run's answers are replaced", "writing/document.py",
             "if self._claim and not self._claim.replace:", "if False:", ("test_outputs",)),
     Planted("interval of a slope too narrow", "reporting/group.py",

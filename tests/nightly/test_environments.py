@@ -1,5 +1,4 @@
-"""Surroundings that take something away: each command works, or says in one line what it lacks, and leaves no broken
-file. Every case is a process of its own, which a shell prepares."""
+"""In a poor environment each command works, or says in one line what it lacks, and leaves no broken file."""
 
 import os
 import shutil

@@ -15,7 +15,7 @@ from conftest import EXAMPLE
 from cavirheo import read_curves
 from cavirheo.io import write_csv
 from cavirheo.workflow.store import Store
-from cavirheo.writing.document import LIST
+from cavirheo.writing.document import LIST_FILE
 
 COMMANDS = {  # shots, kills, words
     "infer": (50, 8, ["infer", "shots", "--verify", "none", "-o", "out"]),
@@ -51,7 +51,7 @@ def documents(folder: Path) -> dict[str, object]:
     """Every document of numbers, without times and dates; of the others that they are there."""
     found: dict[str, object] = {}
     for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.name != LIST:
+        if path.is_file() and path.name != LIST_FILE:
             text = path.read_text().replace(str(folder.parents[1]), "") if path.suffix == ".json" else ""
             found[str(path.relative_to(folder))] = re.sub(r'"(seconds|date)": [^\n]*', "", text)
     return found

@@ -37,8 +37,7 @@ HOT = replace(WATER, temperature=350.0, name="hot")  # p_v = 0.41 p_inf
 
 
 def thinned(*choices):
-    """All combinations of one of each; most are slow (of two lists half, of three two thirds), but every choice is in
-    one that is not."""
+    """All combinations of one of each; most are slow, but every choice is in one that is not."""
     cases = []
     for case in product(*map(enumerate, choices)):
         places, values = zip(*case, strict=True)

@@ -13,10 +13,11 @@ from cavirheo.physics import cache
 
 KERNEL = """
 from cavirheo.physics.cache import compiled
+from one import ONE
 
 @compiled
 def one_more(x):
-    return x + 1
+    return x + ONE
 
 @compiled
 def twice(x):
@@ -30,8 +31,11 @@ def start(tmp_path, monkeypatch):
     monkeypatch.setattr(config, "CACHE_DIR", "")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
     (tmp_path / "kernel.py").write_text(KERNEL, encoding="utf-8")
+    (tmp_path / "one.py").write_text("ONE = 1", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
 
     def load() -> bool:
+        sys.modules.pop("one", None)
         cache._source.cache_clear()
         cache._say.cache_clear()
         spec = importlib.util.spec_from_file_location("kernel", tmp_path / "kernel.py")
@@ -57,10 +61,12 @@ def test_a_damaged_file_is_made_anew(start, tmp_path, kept, turned):
     assert (start(), start()) == (False, True)
 
 
-def test_code_of_another_source_is_not_used_and_removed(start, tmp_path):
+@pytest.mark.parametrize("changed", [{"kernel.py": KERNEL.replace("x + ONE", "ONE + x")}, {"one.py": "ONE = 1.0   "}])
+def test_code_of_another_source_or_constant_is_not_used_and_removed(start, tmp_path, changed):
     start()
     old = files(tmp_path)
-    (tmp_path / "kernel.py").write_text(KERNEL.replace("x + 1", "x + 1.0 "), encoding="utf-8")
+    for name, text in changed.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
     assert not start()
     assert (len(files(tmp_path)), files(tmp_path) & old) == (2, set())
 

@@ -416,8 +416,7 @@ def recorded(*given, **settings) -> RadiusCurve:
     ],
 )  # fmt: skip
 def test_the_density_of_a_proposal_is_normalised(law, bubble, given, integrated):
-    """Its integral over a mixture through its draws, by importance sampling, is 1: also where parameters are given, and
-    without the camera's, which come last."""
+    """Its integral by importance sampling is 1, also with known parameters and without the camera's."""
     here = experiment(recorded(noise=0.03), law, bubble, **given)
     prior = here.prior()
     prior = prior.of([name for name in prior.names if name not in CAMERA]) if integrated else prior

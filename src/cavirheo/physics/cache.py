@@ -63,10 +63,12 @@ class StoredCode(caching.NullCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         file = Path(inspect.getfile(function)).absolute()
-        caches = [getattr(value, "_cache", None) for value in function.__globals__.values()]
+        names, values = function.__code__.co_names, function.__globals__
+        caches = [getattr(value, "_cache", None) for value in values.values()]
         called = sorted({cached.source for cached in caches if isinstance(cached, StoredCode)})  # of its callees
+        constants = [f"{name} {values[name]!r}" for name in names if isinstance(values.get(name), int | float | tuple)]
         self.begin: str = f"{file.stem}.{function.__name__}"
-        self.source: str = _source(file, *called)
+        self.source: str = _source(file, *called, *constants)
         chosen, of_user = getattr(config, "CACHE_DIR", ""), AppDirs("numba", appauthor=False).user_cache_dir
         part = f"{file.parent.name}_{hashlib.sha256(str(file.parent).encode()).hexdigest()[:16]}"
         self.folders = [Path(chosen, part)] if chosen else []
@@ -108,10 +110,10 @@ class StoredCode(caching.NullCache):
 
 
 @cache
-def _source(file: Path, *called: str) -> str:
-    """Hash of the whole file, of the sources of the functions that it calls, which are compiled together with it, and
-    of this module, which sets the options."""
-    contents = [file.read_bytes(), Path(__file__).read_bytes(), *map(str.encode, called)]
+def _source(file: Path, *parts: str) -> str:
+    """Hash of the whole file, of the sources of the functions that it calls and of its global constants, which are
+    compiled together with it, and of this module, which sets the options."""
+    contents = [file.read_bytes(), Path(__file__).read_bytes(), *map(str.encode, parts)]
     return hashlib.sha256(b"".join(contents)).hexdigest()[:16]
 
 
